@@ -20,9 +20,9 @@ ANYWHERE = re.compile(
     r"is made of itself|leave it away|stands? still|what is there)\b",
     re.IGNORECASE,
 )
-ROOMS = ["cli", "codegen", "components", "dag", "design", "domains", "equations", "estimation"]
-ROOMS += ["export", "formulation", "graph", "linear", "lint", "plot", "program", "readers"]
-ROOMS += ["scene", "sensitivity", "solvers", "studies", "watch"]
+ROOMS = ["build", "cli", "codegen", "components", "dag", "design", "domains", "ensemble"]
+ROOMS += ["equations", "estimation", "export", "formulation", "graph", "linear", "lint", "model"]
+ROOMS += ["plot", "program", "readers", "scene", "sensitivity", "solvers", "studies", "watch"]
 FOLDERS = [ROOT / "src/cotree" / room for room in ROOMS]
 FOLDERS += [ROOT / "templates/c" / room for room in ("integrators", "lanes", "newton")]
 FOLDERS += [

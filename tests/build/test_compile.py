@@ -211,7 +211,7 @@ def test_compiler_reads_nothing_and_leaves_no_temporary_files(files, make_script
 
 
 def test_compiler_that_says_and_writes_nothing(files, make_script):
-    with pytest.raises(BuildError, match="exit status 0: it said nothing"):
+    with pytest.raises(BuildError, match="exit status 0: it printed nothing"):
         build(files, scripted(make_script("exit 0")))
 
 

@@ -155,7 +155,7 @@ def test_processes_that_never_begin_are_told(plan, monkeypatch):
     monkeypatch.setattr(executors, "_MOST_DEATHS", 3)
     with (
         forked(initializer=os._exit, initargs=(1,)) as pool,
-        pytest.raises(SolveError, match="die before they give anything"),
+        pytest.raises(SolveError, match="die before they return a block"),
     ):
         gathered(plan, pool, [(i, i + 1) for i in range(len(ROWS))])
 

@@ -357,7 +357,7 @@ def test_what_is_no_store_is_refused(model, tmp_path):
 def test_functions_of_python_are_refused(tmp_path):
     cart = cotree.load("cart-pole").compile()
     one, inputs = {cart.parameters[0]: [1.0]}, {cart.inputs[0]: lambda t: 0.0}
-    with pytest.raises(SolveError, match="is a function of Python, and nobody can tell"):
+    with pytest.raises(SolveError, match="is a function of Python, which cannot be compared"):
         cart.ensemble((0, 1), one, store=tmp_path / "runs.zarr", inputs=inputs, **SETTINGS)
 
 

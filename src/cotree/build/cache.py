@@ -53,7 +53,7 @@ _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
 #: pickled C text with what it was printed from.
 LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
 
-#: Whether texts are kept. Tests that change how they are formed must not find others' there.
+#: Whether texts are cached. Tests that change how texts are formed switch it off.
 KEEPS = True
 # No build takes as long, so the process of a private folder that has not changed for a day is gone.
 _ABANDONED_AFTER = 24.0 * 3600.0
@@ -156,11 +156,10 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
 
 
 def kept(of: object, make: Callable[[], _T]) -> _T:
-    """Return what a function makes of a value and of cotree's own files, from the folder if there.
+    """Return the result of a function, from the cache if possible.
 
-    Forming equations and printing C take longer than to load the library that was compiled of them.
-    ``of`` is all that the result follows from, None if unknown; it and the result are kept if they
-    can be pickled.
+    ``of`` determines the result together with cotree's own files; None if it is unknown. The result
+    is cached if both can be pickled.
     """
     data = pickled(of) if KEEPS and of is not None else None
     if data is None:
@@ -189,13 +188,13 @@ def pickled(value: object) -> bytes | None:
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        # Results of external functions are found by a function of Python, which may be anyone's.
+        # External functions are functions of Python, which may not be picklable.
         return None
 
 
 @cache
 def _sources() -> bytes:
-    """Describe cotree's own files: whatever is edited there makes everything anew."""
+    """Describe cotree's own files: cached texts are invalid if any of them changes."""
     # An array that one version of NumPy pickled may not be read by another.
     rows = [sys.version, np.__version__]
     for folder in (Path(__file__).parents[1], template_folder()):

@@ -1,8 +1,8 @@
 """Compile C text into a shared library, or find the library that the same text gave before.
 
-``-ffast-math`` is never among them: it breaks checks for NaN and the order of operations that
-the code generator chose. ``-ffp-contract`` is said aloud because compilers differ in its default,
-and the same model then gives different digits: off, unless the machine's own code is asked for.
+``-ffast-math`` is never used: it breaks checks for NaN and the order of operations that the code
+generator chose. ``-ffp-contract`` is explicit, since compilers differ in its default, which changes
+last digits: it is off, unless ``native`` is requested.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ _STATEMENT_LIMIT_CLANG = 20_000
 # the instructions of -O1 (panda with 70 parameters 16 for 30 thousand million), and what it makes
 # takes 0.9 to 1.2 of the time, long kernels as often less as more. For clang it is -O1.
 _LONG_FOR_GCC = 6_000
-# The number of equations stands behind a pointer: it is the same in each turn of a loop only where
-# types do not alias.
+# The number of equations is read through a pointer: it is constant in a loop only if types do not
+# alias.
 _LOOPS_GCC = (
     "-O1 -fstrict-aliasing -ftree-loop-vectorize -fvect-cost-model=dynamic "
     "-finline-small-functions -ftree-pre -funswitch-loops -ftree-slp-vectorize -fpeel-loops "
@@ -352,7 +352,7 @@ def _attempt(
             return None
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    # The private folder is gone by now, so the user gets sources of his own to look at.
+    # The private folder is removed: the sources are kept elsewhere for the user.
     source = keep_failed(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
@@ -409,14 +409,7 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
             f"The C compiler was stopped after {time_limit:g} s on '{source}'; raise the build "
             "option time_limit, or set optimize to '-O0'."
         )
-    return (
-        f"The C compiler failed on '{source}' with exit status {outcome.status}: "
-        f"{_first_complaint(outcome.output)}"
-    )
-
-
-def _first_complaint(output: str) -> str:
-    """Pick the first error line of a compiler's output."""
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    lines = [line.strip() for line in outcome.output.splitlines() if line.strip()]
     complaints = [line for line in lines if "error" in line.lower()]
-    return next(iter(complaints or lines), "it said nothing.")
+    shown = next(iter(complaints or lines), "it printed nothing.")
+    return f"The C compiler failed on '{source}' with exit status {outcome.status}: {shown}"

@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 
-# Ordinary models need a few hundred MiB; a compiler that wants more than this has run away.
+# Ordinary models need a few hundred MiB.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
-# How long the output of a command that was killed is waited for, [s].
+# Time limit for the output of a command that was killed, [s].
 _LAST_WORDS = 2.0
 
 
-# Commands that run, with the thread that each is for, and threads whose work nobody wants any more.
-# Threads are told apart by themselves: systems give the number of one that ended to another.
+# Running commands with the thread of each, and threads whose work is no longer needed. Threads are
+# identified by objects, since systems reuse the numbers of threads that ended.
 _running: dict[subprocess.Popen[bytes], threading.Thread] = {}
 _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
@@ -84,8 +84,8 @@ def run_limited(
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
-            # The pipe is emptied, and the killed process waited for; what left the group may hold
-            # the pipe open for as long as it likes.
+            # Read the rest of the output, with a limit: processes that left the group may keep the
+            # pipe open.
             try:
                 output, _ = process.communicate(timeout=_LAST_WORDS)
             except subprocess.TimeoutExpired as error:
@@ -101,7 +101,7 @@ def run_limited(
 
 
 def abandon(thread: threading.Thread) -> None:
-    """End what a thread compiles, and let it compile nothing else: the program is about to end."""
+    """Kill the compilers of a thread, which starts no others: the program is about to end."""
     _abandoned.add(thread)
     for process, owner in list(_running.items()):
         if owner is thread:
@@ -111,7 +111,7 @@ def abandon(thread: threading.Thread) -> None:
 
 def _check_wanted(thread: threading.Thread) -> None:
     if thread in _abandoned:
-        raise BuildError("nobody waits for the compiler any more")
+        raise BuildError("the result of the compiler is no longer needed")
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
@@ -138,7 +138,7 @@ def _kill_group(process: subprocess.Popen[bytes]) -> None:
 
 
 _NAMES = ("cc", "gcc", "clang")
-# A first call may wait for a network file system or a virus scanner, never for this long, [s].
+# Time limit of a first call, which may wait for a network file system or a virus scanner, [s].
 _ANSWER_TIME = 10.0
 
 
@@ -187,7 +187,7 @@ def _is_switched_off() -> bool:
 
 
 def _requested_toolchain(requested: str) -> Toolchain:
-    """Accept the compiler that the user names, or raise: never take another in its place."""
+    """Return the compiler of the environment variable CC; raise BuildError if it is not usable."""
     try:
         # CC may hold arguments, as in `ccache gcc`; they are part of every call.
         program, *arguments = _split(requested)

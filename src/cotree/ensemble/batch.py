@@ -65,11 +65,11 @@ if TYPE_CHECKING:
 WAITS, DONE, STOPPED, FAILED, REFUSED, UNSWEPT, STIFF = range(7)
 LEFT = 10  # the budgets that are spent stand between
 
-# Lanes do not look whether a member is stiff. Where that matters, one that takes so many steps is
-# left to a worker that does: most members take fewer, and of those that are stiff little is lost.
+# Lanes do not detect stiffness. A member that takes this many steps is left to a worker that does:
+# most members take fewer, and little of a stiff one is computed twice.
 _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
-# In Python, of members that were run by themselves.
+# Outcome of members that were run one at a time, from Python.
 RERUN = 100
 
 
@@ -85,7 +85,8 @@ def load_batch() -> LoadedLibrary:
 class BlockInC:
     """The members of a block, shared by the workers that run it.
 
-    ``ended`` says how members ended in C, and ``lanes`` in which they run, or why in none.
+    ``ended`` has the outcome of each member in C; ``lanes`` is their library, or the reason why
+    they run without lanes.
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
@@ -104,21 +105,19 @@ class BlockInC:
         return int(self.library.lib.cotree_batch_most_threads())
 
     def stop(self) -> None:
-        """Break off what is in work, and begin nothing else."""
+        """Interrupt running members, and start no others."""
         self.batch.is_stopped = 1
 
     def fail(self, member: int, message: str) -> None:
-        """Record a member that cannot begin."""
+        """Record a member that cannot start."""
         self.ended[member] = REFUSED
         self.results.fail(member, STATUS_FAILED, message)
 
-    def mark_budget_exceeded(self, member: int, message: str) -> None:
-        """Record a member whose budget is spent."""
-        self.results.steps[member] = self.n_steps[member]
-        self.results.fail(member, BUDGET_SPENT, message)
-
     def rerun_single(self, member: int, method: str = "", note: str = "") -> None:
-        """Run a member as ``simulate`` does, perhaps by another method; a success has the note."""
+        """Run a member by ``simulate``, with its own or another method.
+
+        The note is the message of a successful run.
+        """
         plan = self.pattern.plan
         if method:
             plan = replace(plan, settings=replace(plan.settings, method=method))
@@ -128,9 +127,9 @@ class BlockInC:
             self.results.messages[member] = note
 
     def check(self, member: int, problem: Problem) -> None:
-        """Run a member that is done once more, by itself, if that would report a failure.
+        """Run a finished member once more, one at a time, if that would report a failure.
 
-        Its times may be too late for its steps, or constraints may not have held it.
+        Its steps may be below the resolution of time, or its constraints may have drifted.
         """
         if self.ended[member] in (DONE, STOPPED):
             run = check_time_resolution(problem, self._trajectory(member))
@@ -173,7 +172,7 @@ class BlockInC:
     def _is_held(
         self, problem: Problem, run: Trajectory, constraints: Callable[[], HeldConstraints | None]
     ) -> bool:
-        """Return whether a run succeeded, and constraints held it."""
+        """Return whether a run succeeded, and constraints did not drift."""
         # Reactions that are not unique have no sensitivities.
         is_exact, redundant = problem.n_sensitivities > 0 and bool(self.pattern.plan.outputs), 0
         if is_exact or check_constraint_drift(problem, run, 1).status != 0:
@@ -183,7 +182,7 @@ class BlockInC:
         )
 
     def requeue_rejected(self) -> bool:
-        """Requeue members that lanes have left, for scalar runs; return whether there are any."""
+        """Requeue members that lanes rejected, for scalar runs; return whether there are any."""
         is_left = self.ended == LEFT
         if not is_left.any():
             return False
@@ -191,22 +190,16 @@ class BlockInC:
         self.batch.lanes, self.batch.next = self.library.ffi.NULL, 0
         return True
 
-    def buffer(self, pointer: Any) -> Any:
-        """Return the memory of an array that :meth:`pointer` was made of."""
-        ffi = self.library.ffi
-        address = ffi.cast("uintptr_t", pointer)
-        return next(ffi.buffer(p) for p in self._kept if ffi.cast("uintptr_t", p) == address)
-
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
         """Return a pointer to an array, and keep the array alive."""
-        # Where there is nothing to point to, C computes no address of it either.
+        # C never reads an empty array.
         array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
         pointer = self.library.ffi.from_buffer(f"{kind}[]", array)
         self._kept.append(pointer)
         return pointer
 
     def _set_shared(self) -> None:
-        """Fill in what members share."""
+        """Set the data that members share."""
         c, ffi, pattern = self.batch, self.library.ffi, self.pattern
         job, problem, engine = pattern.job.job, pattern.problem, pattern.engine.library
         c.pattern = ffi.cast("cotree_job *", int(engine.ffi.cast("uintptr_t", job)))
@@ -229,7 +222,7 @@ class BlockInC:
         self._set_given()
 
     def _set_start(self) -> None:
-        """Fill in what finds the starts of members."""
+        """Set the tables and the function of starts."""
         starts, ffi, problem = self.pattern.starts, self.library.ffi, self.pattern.problem
         if starts is None:
             return
@@ -242,7 +235,7 @@ class BlockInC:
             c.if_dependent = 2 if is_own else int(self.pattern.newton is None)
 
     def _set_given(self) -> None:
-        """Fill in the inputs in place of the scene's, at the wanted times."""
+        """Set the values of replaced inputs at the output times."""
         c, signals, times = self.batch, self.pattern.signals, self.pattern.problem.settings.t_eval
         assert times is not None  # a plan gives them
         by_position = signals.by_position
@@ -254,7 +247,7 @@ class BlockInC:
         c.given_values = self.pointer(np.array(values, dtype=float))
 
     def _set_own(self) -> None:
-        """Fill in what members have of their own."""
+        """Set parameters, initial values and tolerances of each member."""
         c, own = self.batch, own_values(self.pattern, self.rows)
         c.n_members, c.n_set = len(self.rows), len(own.states)
         c.p, c.set_values = self.pointer(own.p), self.pointer(own.values)
@@ -292,7 +285,7 @@ _NONE_LEFT, _TIME_OVER, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
 class Worker:
-    """Runs members in the thread that calls it; it is mutable."""
+    """Runs members in the calling thread."""
 
     def __init__(self, members: BlockInC) -> None:
         self._members, self._lib = members, members.library.lib
@@ -329,7 +322,7 @@ class Worker:
             self._grow_records()
 
     def advance(self, glance: float) -> bool:
-        """Run members until Python has to act, or for some time; return whether any is left."""
+        """Run members until Python has to act, at most ``glance`` s; return whether any is left."""
         c, members = self._worker, self._members
         members.batch.glance = glance
         result = self._lib.cotree_batch_work(c)
@@ -347,7 +340,7 @@ class Worker:
         return True
 
     def event_records(self) -> FloatArray:
-        """Return the events of the members that it ran: member, event, time and its derivatives."""
+        """Return the events of its members: member, event, time and its derivatives."""
         return self._happened[: int(self._worker.n_happened)]
 
     def _prepare_member(self, member: int) -> None:
@@ -361,7 +354,7 @@ class Worker:
             c.member = -1
             return
         if refusal(self._pattern.row.name, problem):
-            # A run by itself has another method that stands in.
+            # A single run takes another method.
             members.rerun_single(member)
             c.member = -1
             return
@@ -401,7 +394,8 @@ class Worker:
         kept = members.results.z[member, : members.n_kept[member]].copy()
         method = self._pattern.row.name
         said = budget_message(problem, method, c.job, ended, kept, self._last_point())
-        members.mark_budget_exceeded(member, said)
+        members.results.steps[member] = members.n_steps[member]
+        members.results.fail(member, BUDGET_SPENT, said)
 
     def _last_point(self) -> FloatArray:
         """Return the last point of the member in work."""
@@ -412,12 +406,12 @@ class Worker:
         return self._prepared[1] if self._prepared is not None else self._problem(member)
 
     def _run_stiff(self, member: int) -> bool:
-        """Run a stiff member with another method; return True if it goes on with its own."""
+        """Run a stiff member with another method; return True if it continues with its own."""
         c, members = self._worker, self._members
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
-            # Asking again costs eigenvalues: only after as many steps as were taken so far.
+            # The check computes eigenvalues: it is repeated after as many steps as so far.
             c.watched_from = 2 * int(job.n_steps)
             return True
         other = stiff_method(problem)
@@ -438,10 +432,10 @@ class Worker:
         return problem_of(plan, own.parameters, own.initial)
 
     def _grow_records(self) -> None:
-        """Enlarge the arrays of events; existing ones stay."""
+        """Enlarge the arrays of events, with their contents."""
         c = self._worker
         n_records = int(c.job.n_records)
-        # Both grow by what one of them lacks: the events of one member, and those of all.
+        # Both arrays grow together: the events of one member, and those of all.
         most = max(4 * self._at_once, 2 * n_records)
         records = np.zeros((most, self._width))
         if "records" in self._kept:
@@ -454,7 +448,7 @@ class Worker:
         c.happened, c.most_happened = self._point("happened", happened), len(happened)
 
     def _aligned(self, name: str, n_bytes: int) -> Any:
-        """Allocate memory that begins at a multiple of 64 bytes, as vectors need."""
+        """Allocate memory aligned to 64 bytes, as vectors need."""
         room = np.zeros(n_bytes // 8 + 8)
         first = -room.ctypes.data % 64 // 8
         return self._point(name, room[first:])
@@ -464,10 +458,10 @@ class Worker:
         return self._ffi.from_buffer("double[]", array)
 
 
-# How often the flag that stops an ensemble is looked at, [s].
+# Interval between checks whether the ensemble is stopped, [s].
 _INTERVAL = 0.05
 
-# What plans have in common with C, found at their first block.
+# Patterns of plans, found at their first block.
 _patterns: weakref.WeakKeyDictionary[Plan, Pattern | NotBatchable] = weakref.WeakKeyDictionary()
 
 
@@ -540,7 +534,7 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
             members.stop()
 
     halt_if_stopped()
-    # This thread works, too: where it only waited, systems would begin two others on one core and
+    # This thread works, too: if it only waited, systems would start two threads on one core and
     # move one of them some milliseconds later.
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:

@@ -1,10 +1,9 @@
 """Blocks of members on an executor: pools of threads or processes, dask, MPI.
 
-In: a plan, rows, ranges of them, and anything with ``submit`` as of ``concurrent.futures``. Out:
-blocks as they are done, each once. A bounded number is under way, so that neither the executor nor
-this process holds more. Blocks of a worker that dies are run once more, one at a time, so that one
-which kills its worker takes no others with it; the members of a block whose worker dies then, too,
-fail.
+In: a plan, rows, ranges of them, and an object with ``submit`` as in ``concurrent.futures``. Out:
+blocks as they finish, each once. The number of submitted blocks is bounded, and so is their memory.
+If a worker dies, its blocks are run once more, one at a time, so that a block that kills its worker
+affects no others. If the worker dies again, the members of the block fail.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# A worker that serves several ensembles in turn keeps their models; libraries stay loaded anyway.
+# Number of plans that a worker keeps if it serves several ensembles in turn.
 _MOST_PLANS = 8
 
 _plans: dict[str, Plan] = {}
@@ -45,7 +44,7 @@ class Parcel:
     """A pickled plan; most blocks come with its hash alone."""
 
     key: str  # hash of the bytes
-    data: bytes | None  # None where a worker presumably has the plan
+    data: bytes | None  # None if workers presumably have the plan
 
 
 def parcel_of(plan: Plan) -> Parcel:
@@ -65,8 +64,7 @@ def run_parcel(
 ) -> tuple[Block, float] | None:
     """Run members in a worker; return their results and the time, or None for an unknown plan.
 
-    Executors that know a call by its arguments, as dask does, would return the answer of the first
-    attempt for the second.
+    ``attempt`` makes repeated calls differ: dask would return the first answer for equal arguments.
     """
     plan = _load(parcel)
     return None if plan is None else run_here(plan, rows, threads)
@@ -75,7 +73,7 @@ def run_parcel(
 def run_here(
     plan: Plan, rows: FloatArray, threads: int, stop: threading.Event | None = None
 ) -> tuple[Block, float]:
-    """Run members in this process; return their results, and how long they took, [s]."""
+    """Run members in this process; return their results and the elapsed time, [s]."""
     begun = time.perf_counter()
     block = run_block(plan, rows, threads=threads, stop=stop)
     return block, time.perf_counter() - begun
@@ -103,32 +101,31 @@ def _load(parcel: Parcel) -> Plan | None:
 # travels.
 AHEAD = 2
 
-# How many workers in a row may die: more, and it is not their blocks that kill them.
+# If more workers than this die in a row, their blocks are not the cause.
 _MOST_DEATHS = 20
 
-# Between looks at whether the ensemble is stopped, [s]; answers are taken at once.
+# Interval between checks whether the ensemble is stopped, [s]; answers are processed at once.
 _PATIENCE = 0.1
 
-# Blocks that run when the ensemble is stopped may still end, [s].
+# Time in which running blocks may end after the ensemble is stopped, [s].
 _GRACE = 2.0
 
-# How long a count of workers is believed, [s]: clusters grow and shrink.
+# Interval between counts of workers, [s]: clusters grow and shrink.
 _COUNTED_FOR = 5.0
 
-#: Work of a block, [s]: Ctrl-C and the progress bar wait for no more than that, a kill loses no
-# more, and what a block costs beside its members is still nothing.
+#: Duration of a block, [s], which bounds the wait of Ctrl-C and of the progress bar, and the work
+# lost by a kill. The cost of a block besides its members is small in comparison.
 PIECE = 0.3
 
-# Growth of blocks from one to the next: the first may have waited for a compiler.
+# The largest ratio of successive sizes: the time of the first block may include a compiler's.
 _GROWTH = 8
 
-# Errors of executors that tell of a lost worker or message, by name: their packages need not be
-# there.
+# Errors of executors about lost workers or messages, by name, since their packages are optional.
 _LOST = {"KilledWorker", "CommClosedError", "FutureCancelledError", "FuturesCancelledError"}
 
 
 def read_executor(executor: Any) -> Any:
-    """Accept an executor, or a client of dask, which has one; None stays None."""
+    """Return the executor of an argument: an executor, a client of dask, or None."""
     if executor is None:
         return None
     if hasattr(executor, "get_executor"):
@@ -157,7 +154,7 @@ class AdaptiveRanges:
         left = self._n - self._first
         if left <= 0:
             raise StopIteration
-        # Towards the end all workers are to be done at about the same time.
+        # At the end all workers finish at about the same time.
         size = min(self._size, max(1, math.ceil(left / self.n_workers)))
         first, self._first = self._first, self._first + size
         return first, self._first
@@ -192,8 +189,7 @@ class ExecutorRun:
         self._n_workers, self._counted = 1, -math.inf
         self._deaths = 0  # since the last answer
         self._plan, self._rows, self._threads = plan, rows, threads
-        # Threads of this process share its memory. Other classes, even those derived from it, may
-        # have none in common.
+        # Only threads of this process certainly share its memory; subclasses may not.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether some worker has the plan
@@ -202,7 +198,7 @@ class ExecutorRun:
         self._again: deque[_Share] = deque()
 
     def run(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
-        """Return blocks as they are done; at the end a pool that was made here is shut down."""
+        """Yield blocks as they finish; a replaced pool is shut down at the end."""
         try:
             yield from self._blocks(ranges)
         finally:
@@ -237,7 +233,7 @@ class ExecutorRun:
             yield share.first, block
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
-        """Submit as many shares as are to be under way: one, if it may have killed a worker."""
+        """Submit shares up to the limit: one only, if it may have killed a worker."""
         n_workers = self._count()
         room = AHEAD * n_workers
         if hasattr(ranges, "n_workers"):
@@ -252,7 +248,7 @@ class ExecutorRun:
             try:
                 future = self._submit(share)
             except futures.BrokenExecutor:
-                # The pool broke meanwhile, as the answers of shares under way will say.
+                # The pool broke meanwhile: the answers of submitted shares report it, too.
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue
@@ -265,7 +261,7 @@ class ExecutorRun:
             if self._parcel is None:
                 found = submit(run_here, self._plan, rows, self._threads, self._stop)
             else:
-                # Until a first answer nobody has the plan.
+                # Before the first answer no worker has the plan.
                 is_sent = share.with_plan or not self._is_known
                 parcel = self._parcel if is_sent else replace(self._parcel, data=None)
                 found = submit(run_parcel, parcel, rows, self._threads, share.attempt)
@@ -280,7 +276,7 @@ class ExecutorRun:
         return sent
 
     def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
-        """Return the block of a share; None where it is submitted again, or left out."""
+        """Return the block of a share; None if it is submitted again, or left out."""
         error = futures.CancelledError() if future.cancelled() else future.exception()
         again = replace(share, with_plan=True, attempt=share.attempt + 1)
         if error is None:
@@ -330,8 +326,8 @@ class ExecutorRun:
         self._deaths += 1
         if self._deaths > _MOST_DEATHS:
             raise SolveError(
-                f"processes of the executor die before they give anything ({reason.rstrip('.')}): "
-                "look at what they print, and whether a script guards its own call with "
+                f"processes of the executor die before they return a block ({reason.rstrip('.')}): "
+                "read their output, and check that the script guards its own call with "
                 "if __name__ == '__main__'"
             )
         if self._is_own:
@@ -348,7 +344,7 @@ class ExecutorRun:
         )
 
     def _count(self) -> int:
-        """Count the workers, now and then."""
+        """Count the workers at intervals."""
         now = time.monotonic()
         if now - self._counted > _COUNTED_FOR:
             self._n_workers, self._counted = max(1, count_workers(self._executor)), now
@@ -356,7 +352,7 @@ class ExecutorRun:
 
 
 def count_workers(executor: Any) -> int:
-    """Count the workers of an executor; the processors of this machine where it does not tell."""
+    """Count the workers of an executor; the processors of this machine if it has no count."""
     client = getattr(executor, "_client", None)
     if client is not None:
         return int(sum(client.nthreads().values()))

@@ -1,8 +1,8 @@
-"""The two data structures of an ensemble: what all members share, and the results of some of them.
+"""The data structures of an ensemble: the plan of all members, and the results of some of them.
 
-In: a model, settings of a run and the names of what members differ in. Members themselves are rows
-of numbers. Whoever runs a block of rows, on lanes, threads or another machine, gets a ``Plan`` and
-these rows, and gives a ``Block``, whose numbers depend on nothing else.
+In: a model, settings of a run and the names of the values that differ between members. A member is
+a row of numbers. A block of rows is run from a ``Plan`` and these rows alone, in lanes, in threads
+or on another machine; its results are a ``Block``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, RunRecord
 
 
-#: Members for which the code of lanes is not compiled, where nobody asks for lanes.
+#: Ensembles with fewer members than this compile no code of lanes, unless lanes are requested.
 FEW = 100
 
 
@@ -28,17 +28,16 @@ class Plan:
     """Model and settings that all members of an ensemble share."""
 
     model: CompiledModel
-    #: Settings of each run; ``t_eval`` and ``method`` are given. A member's own values go before
-    #: the parameters and initial values here.
+    #: Settings of each run, with ``t_eval`` and ``method``. A member's own values replace the
+    #: parameters and initial values here.
     settings: Settings
     #: Parameters, and states by their initial values, that members set, in the order of a row.
     columns: tuple[str, ...]
     outputs: tuple[str, ...] = ()  # the outputs that are evaluated
     #: Members side by side in vectors: 1 for none, None for as many as the processor has.
     lanes: int | None = None
-    #: Whether the method was chosen for all members and not asked for, and some may become stiff: a
-    #: member that an explicit one finds stiff on its way is then run from its start with one for
-    #: stiff problems.
+    #: Whether the method was chosen automatically: a member that an explicit method finds stiff is
+    #: then run again with one for stiff problems.
     is_chosen: bool = False
 
     @property
@@ -50,12 +49,12 @@ class Plan:
 #: The status of a member that was not run, since the ensemble was stopped.
 NOT_RUN = -3
 
-#: What a member says then.
+#: The message of such a member.
 NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 
 class Block:
-    """Results of some members, in the order of their rows; members are put in in any order.
+    """Results of some members, in the order of their rows; members are added in any order.
 
     Attributes
     ----------
@@ -70,7 +69,7 @@ class Block:
         As of :class:`cotree.solvers.result.Trajectory`; -3 where the ensemble was stopped before
         the member had run.
     messages : list of str
-        A sentence for each member that failed or was not run, or that another method ran; empty for
+        A sentence for each member that failed, was not run, or was run by another method; empty for
         others.
     steps : ndarray of int64, shape (n_members,)
         Accepted steps.
@@ -95,12 +94,12 @@ class Block:
         self._parts: list[FloatArray] = []  # events, before the block is finished
 
     def fail(self, member: int, status: int, message: str) -> None:
-        """Put in a member that failed."""
+        """Add a member that failed."""
         self._blank(member)
         self.status[member], self.messages[member] = status, message
 
     def succeed(self, members: npt.NDArray[np.bool_]) -> None:
-        """Put in members whose values are all there."""
+        """Mark members as successful; their values are set already."""
         self.status[members] = 0
         if members.all():
             self.messages = [""] * len(members)
@@ -109,13 +108,13 @@ class Block:
             self.messages[member] = ""
 
     def put(self, plan: Plan, member: int, run: RunRecord) -> None:
-        """Put in a member that ran by itself."""
+        """Add a member from the record of its run."""
         self.steps[member] = run.statistics.n_steps
         self.fail(member, run.status, run.message if run.status != 0 else "")
         if run.status != 0:
             return
         n, m = len(plan.model.states), plan.n_sensitivities
-        # Where an event ends a run, its last point is that of the event, which nobody asked for.
+        # If an event ends a run, its last point is that of the event, not an output time.
         wanted = np.asarray(plan.settings.t_eval, dtype=float)
         k = min(len(run.t), len(wanted))
         reached = int(np.count_nonzero(run.t[:k] == wanted[:k]))
@@ -142,7 +141,7 @@ class Block:
         self._parts.append(rows)
 
     def finished(self) -> Block:
-        """Return the block, of which members that were not put in are blank."""
+        """Return the block; members that were not added are nan."""
         is_left = self.status == NOT_RUN
         if is_left.any():
             self._blank(is_left)

@@ -1,10 +1,10 @@
-"""Results of an ensemble in a folder, which survive the process that computes them.
+"""Results of an ensemble in a folder.
 
-``manifest.json`` says whose results they are and how many members a block has; ``coordinates.npz``
-holds the coordinates of the Dataset. A block of members is one file of the folder ``blocks``, an
-archive of numpy with an array for each variable and a checksum behind it. Files are written under
-another name and renamed. Several processes may write blocks of one store: each locks those that it
-runs, and a system frees the locks of a process that dies.
+``manifest.json`` identifies the ensemble and has the number of members of a block;
+``coordinates.npz`` has the coordinates of the Dataset. A block of members is a file of the folder
+``blocks``, an archive of numpy with an array for each variable, followed by a checksum. Files are
+written under another name and renamed. Several processes may write blocks of one store: each locks
+the blocks that it runs, and the system frees the locks of a process that dies.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ _LONGEST = 200
 
 
 def identity_of(plan: Plan) -> dict[str, Any]:
-    """Return what all members of a plan share, by name, as values of JSON.
+    """Return the common data of all members of a plan, by name, as values of JSON.
 
-    What members set, and the times, are coordinates of the results, and are compared there.
+    The columns of members, and the times, are compared as coordinates of the results.
     """
     model, settings = plan.model, plan.settings
     signals = read_signals(settings.inputs, model.inputs)
     for place in {*signals.by_position, *signals.sampled} - set(signals.tables):
         raise SolveError(
-            f"input '{model.inputs[place]}' is a function of Python, and nobody can tell whether "
-            "another call's is the same: with store=... give a table or an expression"
+            f"input '{model.inputs[place]}' is a function of Python, which cannot be compared with "
+            "that of another call: with store=... give a table or an expression"
         )
     p = model.parameter_array(settings.parameters).tolist()
     values = dict(zip(model.parameters, p, strict=True))
@@ -75,7 +75,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
 
 
 def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Return what differs first, as a sentence without a capital and an end, or an empty string."""
+    """Return the first difference as part of a sentence; empty if there is none."""
     for name, value in here.items():
         # What was written came through JSON.
         old, new = there.get(name), json.loads(json.dumps(value))
@@ -107,7 +107,7 @@ def _digest(text: str) -> str:
 
 @cache
 def _engine() -> str:
-    """Hash the C text of the methods, from which the same version may have been built twice."""
+    """Hash the C text of the methods, which may differ between builds of one version."""
     found = hashlib.sha256()
     for path in sorted(path for path in template_folder().rglob("*") if path.is_file()):
         found.update(path.name.encode() + b"\0" + path.read_bytes())
@@ -118,7 +118,7 @@ _ONE_FILE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".zip")
 
 
 def read_path(store: Any) -> Path:
-    """Accept the folder of a store."""
+    """Check the folder of a store; return its absolute path."""
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StoreError(f"store is {brief(repr(store))}: give a folder, such as 'runs'")
     path = Path(store)
@@ -141,7 +141,7 @@ def read_path(store: Any) -> Path:
 
 @contextlib.contextmanager
 def store_errors(path: Path) -> Iterator[None]:
-    """Raise a StoreError where the system refuses a read or a write."""
+    """Raise StoreError for an OSError of a read or a write."""
     try:
         yield
     except OSError as error:
@@ -191,7 +191,7 @@ def read_array(archive: Any, name: str) -> Any:
 
 
 def read_whole(path: Path) -> Any:
-    """Open an archive that is there and has the bytes that were written; None for any other."""
+    """Open an archive; None if it is missing or does not match its checksum."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -221,7 +221,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def block_path(path: Path, first: int) -> Path:
-    """Return the file of the block that begins with a member."""
+    """Return the file of the block with this first member."""
     return path / BLOCKS / f"{first:010}.npz"
 
 
@@ -231,7 +231,7 @@ class Store:
     Attributes
     ----------
     reasons : Reasons
-        How many members are there, and why some of them failed.
+        Number of stored members, and reasons of those that failed.
     members_of_a_block : int
         The number of members of a block, but for the last one.
     """
@@ -250,7 +250,7 @@ class Store:
             self._find_blocks()
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Lock and return the ranges of members that are neither there nor being run elsewhere."""
+        """Lock and yield the ranges of members that are neither stored nor run elsewhere."""
         for first in list(self._missing):
             with store_errors(self.path):
                 if first in self._missing and self._lock(first) and not self._take_file(first):
@@ -264,7 +264,7 @@ class Store:
         return bool(self._missing) and not stop.is_set()
 
     def take(self, first: int, block: Block) -> None:
-        """Write a block while the next one is computed; one that was broken off is left out."""
+        """Write a block while the next one is computed; an incomplete one is left out."""
         if np.any(block.status == NOT_RUN):
             return
         self._wait()
@@ -272,7 +272,7 @@ class Store:
         self._count(first, block.status, block.messages)
 
     def close(self) -> None:
-        """Write what is on its way, and unlock all blocks."""
+        """Finish writing, and unlock all blocks."""
         try:
             self._wait()
         finally:
@@ -281,14 +281,14 @@ class Store:
                 self._unlock(first)
 
     def dataset(self) -> Any:
-        """Open what is there; values are read when they are asked for."""
+        """Open the stored results; values are read on access."""
         from cotree.ensemble.store_backend import open_store
 
         with store_errors(self.path):
             return open_store(self.path)
 
     def _open(self, size: Callable[[], int]) -> int:
-        """Make the folder, or check that it is of the same ensemble; return the size of a block."""
+        """Create the folder, or check that its ensemble is the same; return the size of a block."""
         is_new = self._is_empty()
         empty = self._schema.dataset({})
         coordinates = {name: row.values for name, row in empty.coords.items()}
@@ -311,18 +311,18 @@ class Store:
         return int(there["block"])
 
     def _is_empty(self) -> bool:
-        """Return whether there is nothing but what kills leave."""
+        """Return whether the folder has no files but those of interrupted writes."""
         return not self.path.exists() or all(
             path.name.endswith((_DRAFT, _LOCK)) for path in self.path.iterdir()
         )
 
     @contextlib.contextmanager
     def _exclusive(self) -> Iterator[None]:
-        """Make the folder, and keep other processes from writing its manifest meanwhile."""
+        """Create the folder, and lock its manifest."""
         import filelock
 
         if not ((self.path / MANIFEST).is_file() or self._is_empty()):
-            yield  # a folder of something else, which is refused
+            yield  # not a store: an error follows
             return
         self.path.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(self.path / f"{MANIFEST}{_LOCK}")
@@ -372,12 +372,12 @@ class Store:
         return f"'{name}' has other values there and here"
 
     def _find_blocks(self) -> None:
-        """Take in blocks that are there, and remove damaged ones."""
+        """Count stored blocks, and remove damaged ones."""
         for first in list(self._missing):
             self._take_file(first)
 
     def _take_file(self, first: int) -> bool:
-        """Take in the block that begins with a member, if it is there and whole."""
+        """Count the block with this first member; return False if it is missing or damaged."""
         file = block_path(self.path, first)
         archive = read_whole(file)
         if archive is None:
@@ -405,7 +405,7 @@ class Store:
                 writing.result()
 
     def _lock(self, first: int) -> bool:
-        """Lock a block against other processes, if none of them has locked it."""
+        """Lock a block; return False if another process has locked it."""
         import filelock
 
         path = block_path(self.path, first).with_suffix(_LOCK)
@@ -428,7 +428,7 @@ class Store:
             lock.release()
 
 
-# How long is waited for blocks of other processes before these are looked for again, [s].
+# Interval between searches for blocks of other processes, [s].
 _PATIENCE = 0.5
 
 

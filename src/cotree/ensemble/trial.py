@@ -1,4 +1,4 @@
-"""Members that run by themselves, and trial runs before an ensemble.
+"""Members that run one at a time, and trial runs before an ensemble.
 
 Methods of SciPy, and inputs that functions of Python sample, have no loop over members in C.
 
@@ -44,11 +44,11 @@ def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -
 
 
 def run_member(plan: Plan, row: Sequence[float], block: Block, member: int) -> None:
-    """Run one member by itself, as ``simulate`` does, and put it into a block."""
+    """Run one member by ``simulate``, and add it to a block."""
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
-        with without_warnings():  # a message says the same
+        with without_warnings():  # messages have the same text
             block.put(plan, member, simulate(plan.model, settings))
     except Error as error:
         block.fail(member, FAILED, str(error))
@@ -72,24 +72,23 @@ def settings_of(
 #: Times of an ensemble that asks for none, evenly over the span.
 POINTS = 101
 
-# A trial goes on so many steps beyond those by which a method is chosen.
+# Number of steps of a trial beyond those by which a method is chosen.
 _TRIAL_STEPS = 10
 
-# Where no values are found that run, each member tells why it does not.
+# The method if no trial succeeds: each member then reports its own failure.
 _OTHERWISE = "dop853"
 
-# How many members are tried where the scene's own values do not run.
+# Number of members that are tried if the scene's own values fail.
 _TRIED = 3
 
 
 def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
-    """Try settings, and give them with times and the name of a method.
+    """Try settings; return them with the name of a method.
 
-    Members may fail, but wrong settings are refused before the first of them runs. Where the
-    method is ``auto``, it is chosen once for all of them: by the starts of runs at the values of
-    the scene, and of the members with the smallest and the largest value of each column. One that
-    is stiff decides, whatever the order of the members; those that become stiff later are found
-    when they run.
+    Wrong settings raise before any member runs. The method ``auto`` is chosen once for all members,
+    from the first steps of runs with the values of the scene, and with those of the members that
+    have the smallest and the largest value of each column. If one of them is stiff, the method is
+    one for stiff problems. Members that become stiff later are detected when they run.
     """
     settings = replace(settings, throw=False)
     if settings.method != "auto":
@@ -110,12 +109,12 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:
-    """Run the scene's own values, or the first members where those are refused.
+    """Run with the scene's own values, or with those of the first members if these fail.
 
     Raises
     ------
     ModelError, SolveError
-        If all of them are refused for the same reason, which then lies in the settings.
+        If all fail for the same reason, which is then in the settings.
     """
     try:
         return _heard(model, settings)
@@ -134,7 +133,7 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
 
 
 def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
-    """Run, and pass on the warnings that hold for members, too: all but that of the trial's end."""
+    """Run, and repeat its warnings except that of the end of the trial."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulate(model, settings)
@@ -147,7 +146,7 @@ def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
 def _extremes(members: Members) -> list[list[float]]:
     """Return the members with the smallest and the largest value of each column."""
     rows = members.rows
-    # Sorted by all columns first, so that of equal ones the same is taken in any order.
+    # Sorted, so that among equal values the choice does not depend on the order of members.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
     places = {*np.argmin(ordered, axis=0).tolist(), *np.argmax(ordered, axis=0).tolist()}
     found: list[list[float]] = ordered[sorted(places)].tolist()

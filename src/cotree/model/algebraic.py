@@ -1,8 +1,8 @@
 """Algebraic unknowns as functions of time and states: z(t, x) with 0 = g(t, x, z).
 
 In: rates and Jacobian of M y' = (f, g) with y = (x, z). Out: y with its z solved for, the reduced
-Jacobian and sensitivities. Close to a solution Newton's method with an old matrix goes on from
-there; from a poor guess :mod:`cotree.model.roots` looks for one.
+Jacobian and sensitivities. Close to a solution Newton's method continues with the last matrix; from
+a poor guess :mod:`cotree.model.roots` searches for one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Jacobian = Callable[[float, Array], Matrix]
 
 
 class Algebraic:
-    """Newton's method for algebraic unknowns; it keeps its last matrix.
+    """Newton's method for algebraic unknowns, which reuses its last matrix.
 
     ``rates(t, y)``, (n,), are x', then g; ``jacobian(t, y)``, (n, n), are their derivatives by y,
     full or compressed by rows. The last ``n_algebraic`` of y are unknowns. ``improve(t, y)``
@@ -51,8 +51,8 @@ class Algebraic:
 
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from values nearby; return the rates."""
-        # Exponentials may overflow on the way: what is not finite is told by the tests. As a
-        # decorator this would be one object of all threads before NumPy 2.
+        # Exponentials may overflow during the iteration, whose tests reject such points. As a
+        # decorator errstate would be shared by all threads before NumPy 2.
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._taken(t, y, root)
@@ -75,15 +75,14 @@ class Algebraic:
                 # free are singular everywhere.
                 points = (root.z, guess[self.cut :], *_aside(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
-                if not np.any(root.g):  # a double root: it holds, but nothing follows from it
+                if not np.any(root.g):  # a double root, at which derivatives are singular
                     self._check_index([equation.by_unknowns(root.z)])
             raise SolveError(str(error)) from None
 
     def _taken(self, t: float, y: Array, root: Root) -> Array:
         """Store a root's unknowns in y and keep its matrix; return its rates."""
         y[self.cut :] = root.z
-        # The next point is close to a root, and this matrix will do there; one of a failed search
-        # is of no use.
+        # The matrix of a root serves the next point nearby; that of a failed search does not.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
             raise UnsolvedError(self._complaint(t, root.g))
@@ -92,8 +91,8 @@ class Algebraic:
     def check_index(self, t: float, y: Array) -> None:
         """Raise SingularSystemError if equations do not determine unknowns at or near a solution.
 
-        Junctions that hardly conduct may leave a matrix that is singular but for the rounding of
-        larger entries, though they determine their voltages well.
+        One regular point suffices: junctions that hardly conduct determine their voltages, but the
+        matrix may be singular to rounding of larger entries.
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
@@ -118,9 +117,9 @@ class Algebraic:
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Return the Jacobian at a solution, and what solves with its last block.
+        """Return the Jacobian at a solution, and the factorised equations of its last block.
 
-        The Jacobian is a buffer that the next call may change.
+        The Jacobian is a buffer that the next call may overwrite.
         """
         matrix = self._jacobian(t, y)
         try:
@@ -144,7 +143,7 @@ class Algebraic:
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
-        """Refuse equations that leave unknowns undetermined at every point given."""
+        """Raise SingularSystemError if equations leave unknowns undetermined at all points."""
         involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
@@ -170,7 +169,7 @@ class Algebraic:
 
 
 def _aside(z: Array) -> tuple[Array, Array]:
-    """Return a point some way above and one below, the same at every call."""
+    """Return one larger and one smaller random point, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away

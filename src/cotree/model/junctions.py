@@ -2,9 +2,9 @@
 
 Exponents are unknowns of their own.
 
-1. A step that raises an exponent by more than a few units raises it by a logarithm instead, to
-   where the exponential has grown by what its tangent had promised: the limit of SPICE (pnjlim).
-2. Where that does not converge, exp(w) + c w stands in the place of exp(w), a conductance beside
+1. A step that raises an exponent by more than a few units is limited: the exponential then grows
+   by the amount that its tangent predicts, as in SPICE (pnjlim).
+2. If that does not converge, exp(w) is replaced by exp(w) + c w, a conductance in parallel with
    each junction, and c is lowered step by step.
 
 See J. Albersmeyer and M. Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010), and L. W.
@@ -28,16 +28,15 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
     from cotree.program.program import Program
 
-#: Exponents rise by the first number without a limit. A guess that makes one larger than the second
-#: number is not used for it.
+#: The largest unlimited increase of an exponent, and the largest exponent taken from a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
-#: Along a chain of junctions a change travels from one to the next, so the budget of steps grows
-#: with their number. What has settled to this share is polished by Newton's method.
+#: Number of limited steps, which grows with the number of junctions, since changes propagate along
+#: chains of them; and the relative step at which Newton's method takes over.
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
-#: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
-#: current of 1e-15 A is that of a wire. The last one vanishes beside what is wanted of junctions.
+#: The largest and the smallest conductance in parallel with junctions, in units of saturation
+#: current by thermal voltage: at 1e-15 A the largest is that of a wire, the smallest negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
 _FACTORS = (1.05, 10.0, 1e3)
 
@@ -72,20 +71,20 @@ class Junctions:
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
     def at(self, t: float, y: Array, p: Array, u: Array) -> FrozenSystem:
-        """Hold time, states, parameters and inputs.
+        """Return the equations at constant time, states, parameters and inputs.
 
         Parameters
         ----------
         t : float
             Time, [s].
         y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
-            States, of which the algebraic unknowns do not count, parameters and inputs.
+            States, whose algebraic unknowns are ignored, parameters and inputs.
         """
         return FrozenSystem(self, t, y, p, u)
 
 
 class FrozenSystem:
-    """The equations at a time, states, parameters and inputs; it belongs to one search."""
+    """The equations at constant time, states, parameters and inputs, for one search."""
 
     n_carried = 0
 
@@ -104,11 +103,11 @@ class FrozenSystem:
             if node.op == "symbol" and node not in self._free and node.data[0] != PIECE
         }
         moving = dependent(order, self._free)
-        # What does not depend on unknowns is evaluated once.
+        # Values that do not depend on unknowns are evaluated once.
         edge = {a for node in order if node in moving for a in node.args if a not in moving}
         fixed = list(edge.union(roots) - moving)
         self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
-        # What is fixed stands here once; evaluations only overwrite the entries in `_places`.
+        # Evaluations overwrite only the entries in `_places`.
         self._results = np.array([self._values.get(node, 0.0) for node in roots])
         self._places = [i for i, node in enumerate(roots) if node in moving]
         self._roots = [roots[i] for i in self._places]
@@ -116,24 +115,24 @@ class FrozenSystem:
         self._conductance, self._entries = 0.0, np.zeros(0)
 
     def search(self, z: Array) -> Array | None:
-        """Look for a root; return a point next to it, or None."""
+        """Search for a root; return a point next to it, or None."""
         m = len(self._free) - self._n
         if not m:
             return None
         exponents = self._evaluate(z, np.ones(m))[0][self._n :]
-        # Exponents that a poor guess makes huge begin at zero, as if there were no voltage.
+        # Huge exponents of a poor guess start at zero, as without a voltage.
         w = np.where(np.abs(exponents) < _FAR_OF_JUNCTIONS, exponents, 0.0)
         found = self._iterate(z, w, 0.0)
         return self._lower(z, np.zeros(m)) if found is None else found[0]
 
     def _lower(self, z: Array, w: Array) -> Array | None:
-        """Lower the conductance beside all junctions step by step, and leave it out at last."""
+        """Lower the conductance in parallel with all junctions step by step to zero."""
         conductance, (least, factor, most) = _LARGEST, _FACTORS
         while conductance > 0.0:
             lower = conductance / factor if conductance > _LEAST else 0.0
             found = self._iterate(z, w, lower)
             if found is not None:
-                # Each success lets the next factor be larger; a failure takes its root.
+                # A success squares the factor; a failure takes its square root.
                 (z, w), conductance, factor = found, lower, min(factor**2, most)
             elif factor < least:
                 return None
@@ -168,11 +167,11 @@ class FrozenSystem:
         return Linear(lambda g: solve_entries(rows, columns, entries, g), scale)
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Limit the growth of exponents to the logarithm of the wanted one."""
+        """Return the point after a step, with limited growth of exponents."""
         wanted, own = z + step, slice(self._n, None)
         base = np.maximum(z[own], 0.0)
         rise = np.maximum(wanted[own] - base, 0.0)
-        # A tangent promises exp(w) (1 + rise), which exp(w + log(1 + rise)) is.
+        # The tangent predicts exp(w) (1 + rise) = exp(w + log(1 + rise)).
         wanted[own] = np.where(rise > _FREE, base + np.log1p(rise), wanted[own])
         return wanted
 

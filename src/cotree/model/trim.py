@@ -550,7 +550,7 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
 
 
 def _point(search: _Search, z: Array) -> TrimPoint:
-    """Make the result from a solution."""
+    """Build the result from a solution."""
     at, y = search.point(z)
     model = at.model
     inverse, free = pseudo_inverse(search.slope(z))

@@ -31,7 +31,7 @@ _AGREE = 1e-6
 
 
 def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
-    """Refuse initial values of a run that contradict each other.
+    """Raise ParameterError if initial values of a run contradict each other.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
-            # Written so that nan is refused, too.
+            # Written so that nan raises, too.
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -84,7 +84,7 @@ _MOST_CHANGES = 50
 
 
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Set the modes that stand for jumps inside expressions to what these are at a point.
+    """Set the modes of jumps inside expressions to the values of these at a point.
 
     Parameters
     ----------
@@ -107,12 +107,12 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
         return y
     y = y.copy()
     for _ in range(_MOST_CHANGES * len(rows)):
-        # `jumps` gives what each event sets. An event whose value is beyond zero in its direction
-        # has the point on its side.
+        # `jumps` has the new values of each event. The point is beyond an event if its function has
+        # the sign of its direction.
         values, wanted = at.event_values(y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
-            # One jump at a time, since the others may look at what this one changes.
+            # One jump at a time, since others may depend on the state that it sets.
             if row.is_jump and row.direction * value > 0.0 and not changed:
                 (target,) = row.targets
                 changed = bool(y[target] != wanted[row.results.start])
@@ -130,7 +130,7 @@ def turned_back(at: EvaluationPoint) -> SolveError:
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
     return SolveError(
         f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
-        "turns back what it looks at"
+        "turns back its own condition"
     )
 
 
@@ -155,7 +155,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
-    # Asked for only after Newton's method has failed from the guess itself.
+    # Called only after Newton's method has failed from the guess.
     def improve(t: float, y: Array) -> Array | None:
         return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 
@@ -168,10 +168,10 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     )
 
 
-#: Runs and searches hold speeds and forces to their tolerances, which are rarely above this share.
+#: Relative tolerance of speeds and forces, which those of runs and searches rarely exceed.
 _CLOSE = 1e-6
 
-#: Modes while an edge sticks and while nothing presses it together.
+#: Modes of an edge that sticks and of one without a normal force.
 _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
@@ -186,7 +186,7 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
     y : ndarray, shape (n_states,)
         States that satisfy the equations with the modes that they hold.
     fixed : collection of str
-        Modes that stay.
+        Modes that are kept.
 
     Returns
     -------
@@ -208,34 +208,35 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 
 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
-    """Add the modes of dry friction to a guess, and on joints the forces that these need.
+    """Add the modes of dry friction to a guess, and the forces that they need on joints.
 
-    What sticks is an equilibrium where its force holds it: a search would move it otherwise.
+    An edge that sticks is in equilibrium at any point within its limits; without its mode a search
+    would move it.
 
     Parameters
     ----------
     at, y
         As for :func:`settle_friction`.
     given : collection of str
-        Modes that stay.
+        Modes that are kept.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y
     y = settle_friction(at, y, given)
     try:
         return solve_states(at, y)
-    except Error:  # the search says what is wrong
+    except Error:  # the search raises it again
         return y
 
 
 def check_friction(at: EvaluationPoint, y: Array) -> None:
-    """Refuse a point at which a mode of dry friction is not one of its equations' own.
+    """Check the modes of dry friction at a point.
 
     Raises
     ------
     SolveError
-        If an edge sticks beyond its limits or while it moves, slides against its mode, or is
-        engaged or not as its mode does not say.
+        If an edge sticks beyond its limits or while it moves, slides against its mode, or its mode
+        contradicts its normal force.
     """
     for place, speed in _speeds(at, y).items():
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
@@ -279,7 +280,7 @@ def _still(y: Array) -> float:
 
 
 def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
-    """Evaluate what one part of each edge's events looks at, by the place of its mode."""
+    """Evaluate one kind of event function of each edge, by the place of its mode."""
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
         return {}
@@ -296,6 +297,6 @@ def _speeds(at: EvaluationPoint, y: Array) -> dict[int, float]:
     moving = y.copy()
     for row in at.model.layout.events:
         if row.part == ModePart.SLIP:
-            # Its event looks at the speed times the mode.
+            # Its event function is the speed times the mode.
             moving[row.targets[0]] = 1.0
     return _values(at, moving, ModePart.SLIP)
