@@ -33,7 +33,7 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
  * other effect. */
 #define NARROW_SHARE COTREE_F(1e-8)
 
-/* Sweeps of the Gauss-Seidel method over the steep kinks at which a point rests. */
+/* Sweeps of the Gauss-Seidel method over the steep kinks whose values stay at zero. */
 #define MAX_SWEEPS 20
 
 /* Roots whose slopes are infinite on both sides drive a value to zero, away from it, or neither. */
@@ -97,8 +97,8 @@ static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_r
     return status;
 }
 
-/* Return whether the value of a steep kink rests at zero, now and shortly later, where its roots
- * are suppressed. */
+/* Return whether the value of a steep kink stays within its zero band over the span of the run at
+ * its present rate. Roots are suppressed there. */
 static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     return cotree_compute_curvature(e, t, w) == 0 &&
@@ -134,7 +134,8 @@ static int settle_at(cotree_events *e, int i, cotree_real t, cotree_real *w)
     return cotree_jumps_move_sensitivities(&e->jumps, i, e->sum, effect, t, w);
 }
 
-/* Settle the sensitivities at all steep kinks at which the point of the last selection rests. */
+/* Compute the sensitivities at the point of the last selection, if values of steep kinks stay at
+ * zero there. */
 void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);

@@ -116,7 +116,7 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     int k, status = count_event(e, i, t);
     if (status == 0 && e->run->n_blocks > 1 && !is_time_fixed) status = check_grazing(e, i, t, w);
     if (status != 0) {
-        /* Where no rate jumps, neither the time nor the number of crossings matters. */
+        /* If no rate jumps, neither the time nor the number of crossings matters. */
         if (status == COTREE_EVENTS_FAILED || !is_smooth) return status;
         is_time_fixed = 1;
         e->failure = 0;

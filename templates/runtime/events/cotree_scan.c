@@ -98,8 +98,8 @@ static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
     }
 }
 
-/* Set the entry of the midpoint of an interval. Second differences of its halves are a quarter
- * of its own; they may fall faster, but by no more than to a sixteenth in one bisection. */
+/* Set the entry of the midpoint of an interval. The second differences of both halves are a
+ * quarter of those of the interval; they may fall faster, but to no less than a sixteenth. */
 static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_real *right,
                             cotree_real *middle)
 {

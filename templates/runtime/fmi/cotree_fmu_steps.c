@@ -218,15 +218,15 @@ static int log_failure(fmu *m, const cotree_job *job, long n_events)
 static int log_events(const fmu *m, cotree_job *job)
 {
     const int width = COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES);
-    int i, n_told = 0;
+    int i, n_logged = 0;
     for (i = 0; i < job->n_records; ++i) {
         const cotree_event *const row = m->model->hybrid->events + (int)job->records[i * width + 1];
         if (row->kind == COTREE_JUMP) continue;
         fmu_log(m, FMU_OK, "event '%s' at t = %.10g", row->name, job->records[i * width]);
-        ++n_told;
+        ++n_logged;
     }
     job->n_records = 0;
-    return n_told;
+    return n_logged;
 }
 #endif
 
@@ -235,14 +235,14 @@ static int run_job(fmu *m, cotree_job *job, long *n_events)
 {
     int result = COTREE_JOB_MORE;
     while (result == COTREE_JOB_MORE) {
-        int has_told = 0;
+        int has_logged = 0;
         result = cotree_job_run(job, m->tables->most_steps - job->n_steps);
 #if COTREE_HAS_EVENTS
         *n_events += job->n_records;
-        has_told = log_events(m, job) > 0;
+        has_logged = log_events(m, job) > 0;
 #endif
         if (result != COTREE_JOB_MORE) break;
-        if (m->returns_early && has_told) {
+        if (m->returns_early && has_logged) {
             cotree_job_sync(job);
             break;
         }

@@ -90,10 +90,10 @@ typedef struct cotree_job {
     long n_evaluations;
     long n_jacobians;
     long n_factorisations;
-    int status;      /* of a failure: a cotree_status or a cotree_events_status */
+    int status; /* of a failure: a cotree_status or a cotree_events_status */
 #if COTREE_HAS_SUNDIALS
-    int flag;        /* of SUNDIALS, if status has no name for it */
-    int complaint;   /* status of the last kernel called by SUNDIALS */
+    int flag;      /* of SUNDIALS, if status has no name for it */
+    int complaint; /* status of the last kernel called by SUNDIALS */
 #endif
     int entry;       /* of a rate that was not finite, or -1 */
     int row, column; /* of an entry of the Jacobian that was not finite, or -1 */

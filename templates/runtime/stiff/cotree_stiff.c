@@ -157,9 +157,8 @@ static int solve(cotree_real *u, void *context)
         if (status != 0) return status;
         for (i = 0; i < newton->n_couplings; ++i) s[newton->places[i]] += stiff->couplings[i];
     }
-    cotree_solve_sensitivities(stiff, N_STATES, stiff->run->n_blocks - 1,
-                               MODEL->sensitivity_starts, MODEL->sensitivity_rows, s,
-                               stiff->residual);
+    cotree_solve_sensitivities(stiff, N_STATES, stiff->run->n_blocks - 1, MODEL->sensitivity_starts,
+                               MODEL->sensitivity_rows, s, stiff->residual);
     return 0;
 }
 

@@ -116,7 +116,7 @@ typedef struct cotree_sundials_aid {
     int corrector;     /* of separate sensitivity vectors: 1 simultaneous, 2 staggered */
 } cotree_sundials_aid;
 
-/* Return what takes the steps of a job; each in the text of its own library. */
+/* Return the stepper of a job. Each is defined in the library that is compiled for it. */
 COTREE_EXPORT const cotree_stepper *cotree_cvode_stepper(void);
 COTREE_EXPORT const cotree_stepper *cotree_cvodes_stepper(void);
 COTREE_EXPORT const cotree_stepper *cotree_ida_stepper(void);

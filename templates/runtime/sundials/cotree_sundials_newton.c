@@ -87,7 +87,7 @@ COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const
     return 0;
 }
 
-/* Write minus a factor times J; without the rows of rates if only_algebraic. */
+/* Write -share J to the matrix, without the rows of rates if only_algebraic. */
 static void write_jacobian(cotree_job *job, const cotree_lu *m, double share, int only_algebraic)
 {
     const cotree_model *const model = job->model;
