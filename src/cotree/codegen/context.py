@@ -53,6 +53,10 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
+#: Kind of an event that only friction on planes in space has, see ``cotree_event_kinds.h``.
+_TURN = 6
+
+
 @dataclass(frozen=True)
 class KernelContext:
     """One kernel."""
@@ -271,6 +275,7 @@ class ModelContext(KernelFile):
             constraints=bool(layout.constraints),
             events=bool(layout.events or layout.corners),
             modes=any(row.part > 1 for row in layout.events),
+            discs=any(row.part == _TURN for row in layout.events),
             moving_corners=False,
             implicit=False,
             helper=False,

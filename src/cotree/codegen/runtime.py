@@ -36,6 +36,7 @@ class Features:
     constraints: bool = True  # whether states are projected on constraints
     events: bool = True  # whether there are events, or kinks of rates whose times depend on states
     modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
+    discs: bool = True  # whether modes are those of friction on planes in space
     #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
     moving_corners: bool = True
     implicit: bool = True  # whether a method takes a Jacobian

@@ -345,24 +345,60 @@ def _slip(spot: int, end: str) -> Terminal:
     friction = Friction(
         most(1), most(-1), most(1), most(-1), presser=f"normal{end}", suffix=f"_{name}"
     )
+    return _sliding(spot, 0, end, friction)
+
+
+def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Terminal:
     return Terminal(
         "translational",
         Kind.FRICTION,
-        name,
+        slide_name(direction, end),
         is_passive=False,
         friction=friction,
-        touch=Touch(spot, "slip1", is_planar=True),
+        touch=Touch(spot, f"slip{direction + 1}"),
     )
 
 
-def _ports(n_spots: int, has_friction: bool) -> tuple[Terminal, ...]:
+def _disc(spot: int, end: str) -> list[Terminal]:
+    """Make the two directions of slip of a point on a plane in space."""
+    names = slide_name(0, end), slide_name(1, end)
+
+    def most() -> Any:
+        return -law_symbol("friction") * law_symbol(f"through_normal{end}")
+
+    def friction(name: str) -> Friction:
+        return Friction(
+            # The component of the direction of the slip is a field, which the scene adds.
+            Law.formed_by(lambda: most() * law_symbol(f"way_{name}")),
+            # In impacts: the slip is that after them, and the direction is that of the slip.
+            Law.formed_by(lambda: most() * law_symbol(f"direction_{name}")),
+            Law.formed_by(most),
+            None,
+            presser=f"normal{end}",
+            suffix=f"_{name}",
+            leader="" if name == names[0] else names[0],
+            follower=names[1] if name == names[0] else "",
+        )
+
+    return [_sliding(spot, i, end, friction(name)) for i, name in enumerate(names)]
+
+
+def _ports(n_spots: int, has_friction: bool, is_planar: bool = True) -> tuple[Terminal, ...]:
     found = []
     for spot in range(n_spots):
         end = suffix_of(spot, n_spots)
         found.append(_gap(spot, end))
-        if has_friction:
+        if has_friction and is_planar:
             found.append(_slip(spot, end))
+        elif has_friction:
+            found += _disc(spot, end)
     return tuple(found)
+
+
+def with_discs(component: Component) -> Component:
+    """Return a rigid contact with friction in space, by one of friction in a plane."""
+    n_spots = sum(terminal.kind is Kind.STOP for terminal in component.ports)
+    return replace(component, ports=_ports(n_spots, True, is_planar=False))
 
 
 def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:

@@ -64,7 +64,6 @@ class Touch:
 
     spot: int  # the point, from 0 on
     quantity: str  # ``gap``; or ``slip1``, ``slip2``, ...: a direction of slip
-    is_planar: bool = False  # whether its laws apply to planar systems only
 
 
 @dataclass(frozen=True)
@@ -92,6 +91,21 @@ class Friction:
     #: that is open, and takes part in its impacts. Empty if there is none.
     presser: str = ""
     suffix: str = ""  # the suffix of its modes among the fields
+    #: Of the second direction of a friction disc: the port of the first one, which has the mode of
+    #: both. The force along each is within a disc together with that along the other.
+    leader: str = ""
+    #: Of the first direction of a friction disc: the port of the second one.
+    follower: str = ""
+
+    @property
+    def is_disc(self) -> bool:
+        """Return whether its force is within a disc, with that along a second direction."""
+        return bool(self.leader or self.follower)
+
+    @property
+    def mode(self) -> str:
+        """The field of its mode."""
+        return f"mode_{self.leader}" if self.leader else f"mode{self.suffix}"
 
 
 @dataclass(frozen=True)

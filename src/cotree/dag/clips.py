@@ -53,6 +53,28 @@ SINGULAR: dict[str, Callable[..., Node | None]] = {
 }
 
 
+#: Operations with a finite derivative at any positive first argument.
+_OF_POSITIVE = frozenset({"sqrt", "log", "pow"})
+
+
+def _is_nonnegative(node: Node, *, is_strict: bool = False) -> bool:
+    """Return whether a value is a sum of squares and of constants above zero.
+
+    ``is_strict``: one of these constants is positive.
+    """
+    if node.value is not None:
+        return node.value > 0.0 or (node.value == 0.0 and not is_strict)
+    if node.op == "add":
+        a, b = node.args
+        return any(
+            _is_nonnegative(x, is_strict=is_strict) and _is_nonnegative(y)
+            for x, y in ((a, b), (b, a))
+        )
+    is_square = node.op == "mul" and node.args[0] is node.args[1]
+    is_even = node.op == "pow" and node.args[1].value == 2.0
+    return (is_square or is_even) and not is_strict
+
+
 def is_singular(op: str, args: Sequence[Node]) -> bool:
     """Return whether an operation certainly has no finite derivative at its arguments."""
     excess = SINGULAR[op](*args) if op in SINGULAR else None
@@ -133,6 +155,8 @@ class Clips:
     def _reached(self, node: Node) -> Node | None:
         """Form an expression that is zero or more at the singular argument of a constant branch."""
         form = SINGULAR[node.op]
+        if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
+            return None
         branches = [self._of(arg) for arg in node.args]
         if all(len(found) == 1 for found in branches):
             return None
@@ -141,6 +165,8 @@ class Clips:
 
     def _may_stand_still(self, node: Node) -> bool:
         """Return whether a branch that may be singular lacks a symbol that another one has."""
+        if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
+            return False
         branches = [self._of(arg) for arg in node.args]
         if all(len(found) == 1 for found in branches):
             return False

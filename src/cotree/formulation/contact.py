@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
 from cotree.dag.dual import function
-from cotree.errors import FormulationError
 from cotree.formulation.endpoints import Carried, Ends, Pull, carried_by, chord_ends, pull_in_place
 from cotree.formulation.fields import BoundEdge, plane_axes
 
@@ -332,11 +331,6 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])
     if touch.quantity == "gap":
         return Touching(ends, facing, surface, facing, rise)
-    if touch.is_planar and not motion.system.plane:
-        raise FormulationError(
-            f"edge '{edge.name}' has friction, which rigid contact supports in planar systems "
-            "only: remove it, or use a compliant contact"
-        )
     along = _directions(motion, edge)[int(touch.quantity.removeprefix("slip")) - 1]
     # No two fixed directions are perpendicular to that of the centres everywhere; the perpendicular
     # parts of three axes always span the tangential plane.

@@ -53,11 +53,14 @@ class ModePart(IntEnum):
     FORWARD_LIMIT = 3  # distance of the friction force to its forward limit
     BACKWARD_LIMIT = 4  # and to its backward limit
     ENGAGED = 5  # positive while a clutch is engaged
-    LOAD = 6  # load with the sign that the laws of its losses assume
-    UPPER_GAP = 7  # gap of a rigid stop at its upper limit
-    LOWER_GAP = 8  # and at its lower limit
-    FORCE = 9  # contact force of a closed stop, positive away from its limit
-    REBOUND = 10  # rebound speed in excess of the rest threshold
+    TURN = 6  # how far the direction of sliding on a plane may still turn
+    FIRST_IMPULSE = 7  # components of the friction in an impact on a plane
+    SECOND_IMPULSE = 8
+    LOAD = 9  # load with the sign that the laws of its losses assume
+    UPPER_GAP = 10  # gap of a rigid stop at its upper limit
+    LOWER_GAP = 11  # and at its lower limit
+    FORCE = 12  # contact force of a closed stop, positive away from its limit
+    REBOUND = 13  # rebound speed in excess of the rest threshold
 
 
 @dataclass(frozen=True)

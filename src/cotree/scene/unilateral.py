@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.components import Kind
 from cotree.components.component import Field
+from cotree.components.contact import with_discs
 from cotree.domains import DOMAINS
 from cotree.scene.events import Event, Mode, ModePart
 from cotree.scene.expressions import parse
+from cotree.scene.graphs import motion_spaces
 from cotree.scene.networks import Port, scalar_ports
 
 if TYPE_CHECKING:
@@ -52,12 +54,32 @@ def with_friction(scene: _Scene) -> _Scene:
 
 def with_stops(scene: _Scene) -> _Scene:
     """Add modes and events to rigid stops and to the friction at their contacts."""
+    scene = _with_discs(scene)
     ports = [
         port
         for port in scalar_ports(scene).values()
         if (laws := _laws(port)) is not None and f"mode{laws.suffix}" not in port.edge.fields
     ]
     return _with(scene, ports, _stop_modes, _stop_rows, "rigid contact of edge", is_jump=False)
+
+
+def _with_discs(scene: _Scene) -> _Scene:
+    """Extend the friction of rigid contacts to two directions of slip if the scene is spatial."""
+    rubbing = [
+        edge
+        for edge in scene.edges.values()
+        if any(terminal.friction and terminal.touch for terminal in edge.component.ports)
+    ]
+    if not rubbing or motion_spaces(scene.mechanics).plane:
+        return scene
+    made = copy.copy(scene)
+    made.edges = dict(scene.edges)
+    for edge in rubbing:
+        component = with_discs(edge.component)
+        # All points of a contact act between the same two nodes.
+        ports = (edge.ports[0],) * len(component.ports)
+        made.edges[edge.name] = replace(edge, component=component, ports=ports)
+    return made
 
 
 def _with(
@@ -77,9 +99,12 @@ def _with(
     for port in ports:
         edge, where = made.edges[port.edge.name], f"{what} '{port.edge.name}'"
         modes = modes_of(port)
+        ways = _ways(port)
         added = tuple(Field(field, "", doc, constant=False) for field, doc, _, _ in modes)
+        added += tuple(Field(field, "", _WAY, constant=False) for field in ways)
         component = replace(edge.component, fields=(*edge.component.fields, *added))
         fields = {field: parse(mode, where) for field, _, mode, _ in modes}
+        fields |= {field: parse(text, where) for field, text in ways.items()}
         made.edges[edge.name] = replace(edge, component=component, fields={**edge.fields, **fields})
         for _, _, mode, start in modes:
             made.modes[mode] = Mode(mode, parse(start, where), is_jump=is_jump)
@@ -151,7 +176,7 @@ def _stop_modes(port: Port) -> list[_ModeRow]:
     # disengaged; its impulse is zero between evaluations.
     is_stop = port.kind is Kind.STOP
     doc = "of the last impact" if is_stop else "asked for in an impact"
-    return [
+    rows = [
         (
             f"mode{laws.suffix}",
             "which of its laws holds",
@@ -160,10 +185,27 @@ def _stop_modes(port: Port) -> list[_ModeRow]:
         ),
         (f"impulse{laws.suffix}", doc, f"{holder}.impulse", "0"),
     ]
+    friction = port.terminal.friction
+    if friction is not None and friction.is_disc:
+        rows.append(
+            (
+                f"direction{laws.suffix}",
+                "component of the direction of sliding, when it was last set",
+                f"{holder}.direction",
+                "0" if friction.leader else "1",
+            )
+        )
+        if friction.leader:
+            rows = rows[1:]  # the mode is that of the first direction
+    return rows
 
 
 def _stop_rows(port: Port) -> list[_EventRow]:
-    rows = _limit_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
+    friction = port.terminal.friction
+    if friction is not None and friction.is_disc:
+        rows = _disc_rows(port) if friction.follower else []
+    else:
+        rows = _limit_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
     return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
 
 
@@ -224,4 +266,121 @@ def _pressed_rows(port: Port) -> list[_Row]:
             ModePart.BACKWARD_LIMIT,
             own,
         ),
+    ]
+
+
+#: The square of the tangent of the largest angle between the slip and the direction of sliding.
+_WIDEST = 3
+
+#: Speed below which the direction of sliding is that in which it began, [m/s].
+_SLOWEST = "1e-7"
+
+#: Slip at which the direction of sliding is set before it ends, [m/s].
+_SLOW = "1e-3"
+
+#: Added to squares under a root, whose slope is infinite at zero, [N] and [m/s].
+_TINY = "1e-30"
+
+_WAY = "component of the direction of the slip"
+
+
+@dataclass(frozen=True)
+class _Disc:
+    """Expressions of friction on a plane in space."""
+
+    holders: tuple[str, str]  # the names of both directions of slip, among modes
+    slip: tuple[str, str]
+    force: tuple[str, str]
+
+    @classmethod
+    def of(cls, port: Port) -> _Disc:
+        """Return the expressions of a disc by the port of its first direction."""
+        friction, row = port.terminal.friction, DOMAINS[port.terminal.domain]
+        assert friction is not None
+        ports = port.name, port.sibling(friction.follower)
+        return cls(
+            (_holder(port), _holder(port, friction.follower)),
+            (f"{ports[0]}.{row.across_symbol}", f"{ports[1]}.{row.across_symbol}"),
+            (f"{ports[0]}.{row.through_symbol}", f"{ports[1]}.{row.through_symbol}"),
+        )
+
+    @property
+    def directions(self) -> tuple[str, str]:
+        """The direction in which it began to slide, or turned last: modes."""
+        return f"{self.holders[0]}.direction", f"{self.holders[1]}.direction"
+
+    @property
+    def along(self) -> str:
+        """The slip along that direction."""
+        (v1, v2), (d1, d2) = self.slip, self.directions
+        return f"({v1}*{d1} + {v2}*{d2})"
+
+    @property
+    def beside(self) -> str:
+        """The slip across that direction."""
+        (v1, v2), (d1, d2) = self.slip, self.directions
+        return f"({v2}*{d1} - {v1}*{d2})"
+
+
+def _ways(port: Port) -> dict[str, str]:
+    """Return the fields of the direction of the slip.
+
+    The tangent of its angle to the direction in which it began is the same on both sides of rest,
+    so that the law continues smoothly through rest, as that of friction along a line does.
+    """
+    friction = port.terminal.friction
+    if friction is None or not friction.follower:
+        return {}
+    disc = _Disc.of(port)
+    d1, d2 = disc.directions
+    tangent = f"({disc.beside}*{disc.along}/({disc.along}**2 + {_SLOWEST}**2))"
+    length = f"sqrt(1 + {tangent}**2)"
+    return {
+        f"way{friction.suffix}": f"({d1} - {tangent}*{d2})/{length}",
+        f"way_{friction.follower}": f"({d2} + {tangent}*{d1})/{length}",
+    }
+
+
+def _disc_rows(port: Port) -> list[_Row]:
+    """Return the events of friction on a plane in space."""
+    friction = port.terminal.friction
+    assert friction is not None
+    disc = _Disc.of(port)
+    mode, presser = f"{disc.holders[0]}.mode", f"{_holder(port, friction.presser)}.mode"
+    (f1, f2), along = disc.force, disc.along
+    slides = f"{mode}*(4 - {mode}**2)*(9 - {mode}**2)/24"
+    is_sliding = f"{mode}**2*(4 - {mode}**2)*(9 - {mode}**2)/24"
+    stuck = f"(1 - {mode}**2)*(2 - {mode})*(3 - {mode})/6"
+    struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
+    force, speed = (f"sqrt({a}**2 + {b}**2 + {_TINY}**2)" for a, b in (disc.force, disc.slip))
+    limit = f"{port.name}.upper"
+    # The second target identifies the stop that presses.
+    own = {mode: mode, presser: presser}
+    # The direction of the slip; while it sticks it would begin to slide against its force.
+    directions = {
+        d: f"{is_sliding}*{v}/{speed} + {stuck}*{f}/{force}"
+        for d, v, f in zip(disc.directions, disc.slip, disc.force, strict=True)
+    }
+    first, second = (
+        {f"{holder}.impulse": f"-{v}"} for holder, v in zip(disc.holders, disc.slip, strict=True)
+    )
+    turned = f"({_WIDEST}*{along}**2 - {disc.beside}**2 + {_SLOWEST}**2)"
+    return [
+        ("stops", f"{slides}*{along}", ModePart.SLIP, own | first),
+        (
+            "slips",
+            f"{stuck}*({limit} - {force}) + {struck}*{limit}",
+            ModePart.FORWARD_LIMIT,
+            own | second,
+        ),
+        (
+            "turns",
+            f"{slides}*{turned}/({along}**2 + {disc.beside}**2 + {_SLOWEST}**2)",
+            ModePart.TURN,
+            own | directions,
+        ),
+        # Where the slip ends the direction has hardly changed since then.
+        ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
+        ("has an impulse along slide1", f"{struck}*{f1}", ModePart.FIRST_IMPULSE, own),
+        ("has an impulse along slide2", f"{struck}*{f2}", ModePart.SECOND_IMPULSE, own),
     ]

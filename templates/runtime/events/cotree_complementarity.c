@@ -231,7 +231,16 @@ static void compute_force_noise(cotree_events *e)
 /* Evaluate the trial: forces and accelerations, or impulses and speeds. */
 static int evaluate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
+#if COTREE_HAS_DISCS
+    int round, status, is_turned = 1;
+    for (round = 0; is_turned; ++round) {
+        status = e->is_impact ? cotree_evaluate_impact(e, t, w) : cotree_evaluate_motion(e, t, w);
+        is_turned = status == 0 && cotree_turn_discs(e, round);
+    }
+    return status;
+#else
     return e->is_impact ? cotree_evaluate_impact(e, t, w) : cotree_evaluate_motion(e, t, w);
+#endif
 }
 
 /* Evaluate the second-order conditions needed by the consistency test. */
@@ -388,6 +397,11 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
         if (!find_pivot(e, t, &changed, &to)) return COTREE_EVENTS_FOUND;
         if (changed < 0 && !find_untried_edge(e, &changed, &to)) break;
         cotree_copy(e->n_modes, e->modes, e->saved_modes);
+#if COTREE_HAS_DISCS
+        if (cotree_is_disc(e, changed) && to == COTREE_F(1.0) &&
+            cotree_begin_sliding(e, changed, t) != 0)
+            return e->failure;
+#endif
         set_mode(e, changed, to);
     }
     return COTREE_EVENTS_NONE;

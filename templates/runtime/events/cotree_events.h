@@ -175,8 +175,15 @@ typedef struct cotree_events {
     int n_contact_friction;
     int *contact_friction;   /* their places among all friction */
     int *normal_stop;        /* of each friction; -1: none */
-    cotree_real *slip_speed; /* before the impact */
+    cotree_real *slip_speed; /* before the impact: two components each */
     cotree_real *slip_sign;
+    int n_discs; /* friction on planes in space */
+#if COTREE_HAS_DISCS
+    int *disc;               /* of each friction: its number; -1: none */
+    int *direction_states;   /* 2 n_discs: the states of the directions of sliding */
+    cotree_real *directions; /* 2 n_discs: as tried */
+    cotree_real *last_turns; /* 5 n_discs: direction, slip and gain of the last iteration */
+#endif
     cotree_real *saved_modes;
     int is_impact;             /* 1: modes are chosen at impulse level */
     cotree_real impact_speed;  /* the largest speed before the impact */

@@ -73,8 +73,19 @@ enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 #define SHORTEN (-1) /* a result: repeat the step with a shorter length */
 
 /* Places of a mode: its state, then its events (the slip rate, the distances of the force to
- * both limits, the engagement of a clutch). -1: there is no such event. */
-enum { MODE_STATE, SLIP, FORWARD_LIMIT, BACKWARD_LIMIT, ENGAGED, N_PLACES };
+ * both limits, the engagement of a clutch; on planes in space the angle of the direction of sliding
+ * and the components of the impulse). -1: there is no such event. */
+enum {
+    MODE_STATE,
+    SLIP,
+    FORWARD_LIMIT,
+    BACKWARD_LIMIT,
+    ENGAGED,
+    TURN,
+    FIRST_IMPULSE,
+    SECOND_IMPULSE,
+    N_PLACES
+};
 
 #define PLACE(k, what) (e->places[(k)*N_PLACES + (what)])
 
@@ -197,6 +208,7 @@ COTREE_PRIVATE int cotree_first_stop(const cotree_events *e);
 COTREE_PRIVATE int cotree_count_contact_friction(const cotree_hybrid *h);
 COTREE_PRIVATE void cotree_list_stops(cotree_events *e, const cotree_hybrid *h);
 COTREE_PRIVATE int cotree_is_contact_friction(const cotree_events *e, int k);
+COTREE_PRIVATE int cotree_is_disc(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_load(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_variable(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_may_change(const cotree_events *e, int k);
@@ -217,6 +229,19 @@ COTREE_PRIVATE cotree_real cotree_stop_violation(cotree_events *e, int k, cotree
                                                  cotree_real *new_mode);
 COTREE_PRIVATE cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                                              cotree_real *new_mode);
+
+#if COTREE_HAS_DISCS
+/* cotree_discs.c */
+COTREE_PRIVATE int cotree_count_discs(const cotree_hybrid *h);
+COTREE_PRIVATE void cotree_list_discs(cotree_events *e);
+COTREE_PRIVATE void cotree_load_directions(cotree_events *e, const cotree_real *w);
+COTREE_PRIVATE void cotree_store_directions(const cotree_events *e, cotree_real *w);
+COTREE_PRIVATE void cotree_slip_vector(const cotree_events *e, int k, cotree_real *slip);
+COTREE_PRIVATE void cotree_friction_impulse(const cotree_events *e, int k, cotree_real *impulse);
+COTREE_PRIVATE cotree_real cotree_disc_speed(cotree_events *e, int k, cotree_real mode);
+COTREE_PRIVATE int cotree_begin_sliding(cotree_events *e, int k, cotree_real t);
+COTREE_PRIVATE int cotree_turn_discs(cotree_events *e, int round);
+#endif
 
 /* cotree_complementarity.c */
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);

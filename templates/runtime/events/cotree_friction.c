@@ -58,8 +58,14 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     const int n_stops = cotree_list_modes(h, COTREE_STOP_REBOUND, NULL);
     const int n_pressed = cotree_count_contact_friction(h);
     const int n_modes = n_frictions + cotree_list_modes(h, COTREE_FRICTION_LOAD, NULL) + n_stops;
+#if COTREE_HAS_DISCS
+    const int n_discs = cotree_count_discs(h);
+#else
+    const int n_discs = 0;
+#endif
     int i;
     e->n_frictions = n_frictions;
+    e->n_discs = n_discs;
     e->n_modes = n_modes;
     e->n_stops = n_stops;
     e->n_contact_friction = n_pressed;
@@ -90,17 +96,26 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->impact_role = cotree_arena_ints(arena, n_stops);
     e->ends_at_rest = cotree_arena_ints(arena, n_stops);
     e->restitution_event = cotree_arena_ints(arena, n_stops);
-    e->impact_events = cotree_arena_ints(arena, n_stops + n_pressed);
-    e->impulse_states = cotree_arena_ints(arena, n_stops + n_pressed);
-    e->force_events = cotree_arena_ints(arena, n_modes - n_frictions + 2 * n_pressed);
+    e->impact_events = cotree_arena_ints(arena, n_stops + n_pressed + n_discs);
+    e->impulse_states = cotree_arena_ints(arena, n_stops + n_pressed + n_discs);
+    e->force_events = cotree_arena_ints(arena, n_modes - n_frictions + 2 * n_pressed + n_discs);
     e->contact_friction = cotree_arena_ints(arena, n_pressed);
     e->normal_stop = cotree_arena_ints(arena, n_frictions);
-    e->slip_speed = cotree_arena_reals(arena, n_pressed);
+    e->slip_speed = cotree_arena_reals(arena, 2 * n_pressed);
+#if COTREE_HAS_DISCS
+    e->disc = cotree_arena_ints(arena, n_frictions);
+    e->direction_states = cotree_arena_ints(arena, 2 * n_discs);
+    e->directions = cotree_arena_reals(arena, 2 * n_discs);
+    e->last_turns = cotree_arena_reals(arena, 5 * n_discs);
+#endif
     e->slip_sign = cotree_arena_reals(arena, n_frictions);
     e->saved_modes = cotree_arena_reals(arena, n_modes);
     e->kernel_modes = cotree_arena_reals(arena, n_stops > 0 ? n_modes : 0);
     if (arena->base == NULL) return;
     list_frictions(e, h);
+#if COTREE_HAS_DISCS
+    cotree_list_discs(e);
+#endif
     cotree_list_stops(e, h);
     for (i = 0; i < e->n_events; ++i) {
         e->is_impact_event[i] = 0;
@@ -119,6 +134,9 @@ int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w
     int k, status;
     cotree_copy(e->n, w, e->trial);
     for (k = 0; k < e->n_modes; ++k) e->trial[PLACE(k, MODE_STATE)] = e->modes[k];
+#if COTREE_HAS_DISCS
+    cotree_store_directions(e, e->trial);
+#endif
     status = cotree_compute_values(e, t, e->trial);
     cotree_copy(e->n_events, e->jumps.values, e->samples);
     if (status == 0) status = cotree_update_scales(e, t, e->trial, e->samples);
@@ -146,6 +164,7 @@ cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cot
 /* Find the active friction constraints, and set the modes of the others. */
 static int find_active_friction(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
+    const int is_end = fired >= 0 && e->rows[fired].kind == COTREE_FRICTION_SLIP;
     int k, status;
     for (k = e->n_frictions; k < cotree_first_stop(e); ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
     for (; k < e->n_modes; ++k) e->modes[k] = COTREE_F(0.0);
@@ -154,10 +173,19 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
     for (k = 0; k < e->n_frictions; ++k) e->acceleration_scale[k] = e->jumps.rates[PLACE(k, SLIP)];
     for (k = 0; k < e->n_frictions; ++k) e->modes[k] = COTREE_F(1.0);
     if (status == 0) status = cotree_evaluate_motion(e, t, w);
+#if COTREE_HAS_DISCS
+    if (status == 0 && e->n_discs > 0 &&
+        cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0)
+        status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
+#endif
     for (k = 0; k < e->n_frictions && status == 0; ++k) {
         const int i = PLACE(k, SLIP), grip = PLACE(k, ENGAGED);
-        const cotree_real v = e->samples[i], rate = e->jumps.rates[i],
-                          mode = w[PLACE(k, MODE_STATE)];
+        const cotree_real rate = e->jumps.rates[i], mode = w[PLACE(k, MODE_STATE)];
+#if COTREE_HAS_DISCS
+        const cotree_real v = cotree_is_disc(e, k) ? cotree_disc_speed(e, k, mode) : e->samples[i];
+#else
+        const cotree_real v = e->samples[i];
+#endif
         cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                              cotree_spacing(t) * COTREE_FABS(rate));
         near = COTREE_FMAX(near, cotree_rounding_band(e, i));
@@ -169,6 +197,9 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
+        /* Slips of one body end together. */
+        if (is_end && cotree_is_disc(e, k))
+            near = COTREE_FMAX(near, e->rtol * e->value_scale[i] + e->atol);
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));
         e->is_active[k] = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
@@ -304,8 +335,14 @@ static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
 int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     int k, is_changed = 0, status;
+#if COTREE_HAS_DISCS
+    int is_turned = 0;
+#endif
     if (e->n_modes == 0) return 0;
     cotree_copy(e->run->n_full, e->jumps.before, e->saved_before);
+#if COTREE_HAS_DISCS
+    cotree_load_directions(e, w);
+#endif
     e->force_noise = COTREE_F(0.0);
     status = cotree_resolve_impacts(e, t, w, fired);
     if (status == 0) status = find_active_friction(e, t, w, fired);
@@ -314,9 +351,18 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
     for (k = 0; k < e->n_modes; ++k)
         is_changed = is_changed || e->modes[k] != w[PLACE(k, MODE_STATE)];
     update_zero_levels(e, t, fired);
+#if COTREE_HAS_DISCS
+    for (k = 0; k < 2 * e->n_discs; ++k)
+        is_turned = is_turned || e->directions[k] != w[e->direction_states[k]];
+    if (is_turned)
+        status = cotree_jumps_set_modes(&e->jumps, t, w, 2 * e->n_discs, e->direction_states, 1,
+                                        e->directions);
+#endif
     if (is_changed) {
         e->is_mode_changed = 1;
-        status = cotree_jumps_set_modes(&e->jumps, t, w, e->n_modes, e->places, N_PLACES, e->modes);
+        if (status == 0)
+            status =
+                cotree_jumps_set_modes(&e->jumps, t, w, e->n_modes, e->places, N_PLACES, e->modes);
     }
     if (e->n_stops > 0 ? fired >= 0 : is_changed)
         cotree_copy(e->run->n_full, e->saved_before, e->jumps.before);

@@ -19,6 +19,9 @@
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
+/* On planes in space friction in mode -1 has the direction of sliding that is stored. */
+#define KERNEL_SLIDES (-COTREE_F(1.0))
+
 /* Return whether a closed stop takes part in the impact. */
 static int takes_part(const cotree_events *e, int k)
 {
@@ -38,20 +41,32 @@ static cotree_impulse impact_of(cotree_events *e)
         /* The force of sticking friction elsewhere stays finite: it has no impulse. */
         if (k < e->n_frictions && mode == COTREE_F(0.0))
             e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
+        if (cotree_is_disc(e, k) && mode == COTREE_F(1.0)) e->kernel_modes[k] = KERNEL_SLIDES;
         if (own >= 0)
             e->impact_events[own] = mode != COTREE_F(0.0) ? e->restitution_event[own] : -1;
     }
     for (k = 0; k < e->n_contact_friction; ++k) {
         const int i = e->contact_friction[k];
-        e->impact_events[e->n_stops + k] = e->modes[i] == COTREE_F(0.0) ? PLACE(i, SLIP) : -1;
+        const int sticks = e->modes[i] == COTREE_F(0.0);
+        e->impact_events[e->n_stops + k] = sticks ? PLACE(i, SLIP) : -1;
+#if COTREE_HAS_DISCS
+        if (cotree_is_disc(e, i))
+            e->impact_events[e->n_stops + e->n_contact_friction + e->disc[i]] =
+                sticks ? PLACE(i, FORWARD_LIMIT) : -1;
+#endif
     }
     s.n_modes = e->n_modes;
     s.stride = N_PLACES;
     s.places = e->places;
     s.modes = e->kernel_modes;
-    s.n_edges = e->n_stops + e->n_contact_friction;
+#if COTREE_HAS_DISCS
+    s.n_directions = 2 * e->n_discs;
+    s.direction_states = e->direction_states;
+    s.directions = e->directions;
+#endif
+    s.n_edges = e->n_stops + e->n_contact_friction + e->n_discs;
     s.n_stops = e->n_stops;
-    s.n_forces = e->n_modes - e->n_frictions + 2 * e->n_contact_friction;
+    s.n_forces = e->n_modes - e->n_frictions + 2 * e->n_contact_friction + e->n_discs;
     s.impulse_states = e->impulse_states;
     s.speed_events = e->impact_events;
     s.force_events = e->force_events;
@@ -108,14 +123,40 @@ static cotree_real slip_after_impact(const cotree_events *e, int k)
     return -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
 }
 
+#if COTREE_HAS_DISCS
+/* Return the same as cotree_tangential_violation for a plane in space. */
+static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *new_mode)
+{
+    const cotree_real normal = e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)],
+                      radius = e->samples[PLACE(k, FORWARD_LIMIT)];
+    const cotree_real *const along = e->directions + 2 * e->disc[k];
+    cotree_real own[2], size;
+    if (e->modes[k] == COTREE_F(0.0)) {
+        cotree_friction_impulse(e, k, own);
+        size = COTREE_SQRT(own[0] * own[0] + own[1] * own[1]);
+        *new_mode = COTREE_F(1.0);
+        if (normal < COTREE_F(0.0)) return COTREE_F(1.0);
+        return size - radius > IMPULSE_RTOL * size ? (size - radius) / size : COTREE_F(0.0);
+    }
+    *new_mode = COTREE_F(0.0);
+    if (normal < COTREE_F(0.0)) return COTREE_F(0.0);
+    cotree_slip_vector(e, k, own);
+    size = own[0] * along[0] + own[1] * along[1];
+    return size < -ACCELERATION_RTOL * e->impact_speed ? -size / e->impact_speed : COTREE_F(0.0);
+}
+
+#endif
 /* Return by how much friction at a contact violates the impact law, as a share, and its new
  * mode: it sticks if its impulse is within the limits, and else slides in the direction of the
  * slip. */
 cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const cotree_real up = e->samples[PLACE(k, FORWARD_LIMIT)],
-                      down = e->samples[PLACE(k, BACKWARD_LIMIT)];
+                      down = cotree_is_disc(e, k) ? up : e->samples[PLACE(k, BACKWARD_LIMIT)];
     const cotree_real least = ACCELERATION_RTOL * e->impact_speed, speed = slip_after_impact(e, k);
+#if COTREE_HAS_DISCS
+    if (cotree_is_disc(e, k)) return disc_violation(e, k, new_mode);
+#endif
     if (e->modes[k] == COTREE_F(0.0)) {
         const cotree_real over = -COTREE_FMIN(up, down), width = up + down;
         *new_mode = up < down ? COTREE_F(1.0) : -COTREE_F(1.0);
@@ -126,6 +167,16 @@ cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_re
     *new_mode = COTREE_F(0.0);
     if (e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)] < COTREE_F(0.0)) return COTREE_F(0.0);
     return speed * e->modes[k] < -least ? -speed * e->modes[k] / e->impact_speed : COTREE_F(0.0);
+}
+
+/* Write both components of the slip after the impact. */
+static void find_slip(const cotree_events *e, int k, cotree_real *slip)
+{
+    slip[0] = slip_after_impact(e, k);
+    slip[1] = COTREE_F(0.0);
+#if COTREE_HAS_DISCS
+    if (cotree_is_disc(e, k)) cotree_slip_vector(e, k, slip);
+#endif
 }
 
 /* Return whether the impact gains energy, as Newton's law of impact allows with friction. */
@@ -142,10 +193,18 @@ static int gains_energy(const cotree_events *e)
     }
     for (k = 0; k < e->n_contact_friction; ++k) {
         const int i = e->contact_friction[k];
-        const cotree_real up = e->samples[PLACE(i, FORWARD_LIMIT)],
-                          down = e->samples[PLACE(i, BACKWARD_LIMIT)];
+        const cotree_real *const before = e->slip_speed + 2 * k;
+        cotree_real impulse[2] = {COTREE_F(0.0), COTREE_F(0.0)}, after[2];
         if (e->modes[e->normal_stop[i]] == COTREE_F(0.0) || e->modes[i] != COTREE_F(0.0)) continue;
-        work -= COTREE_F(0.25) * (down - up) * (e->slip_speed[k] + slip_after_impact(e, i));
+        find_slip(e, i, after);
+#if COTREE_HAS_DISCS
+        if (cotree_is_disc(e, i)) cotree_friction_impulse(e, i, impulse);
+#endif
+        if (!cotree_is_disc(e, i))
+            impulse[0] = COTREE_F(0.5) * (e->samples[PLACE(i, BACKWARD_LIMIT)] -
+                                          e->samples[PLACE(i, FORWARD_LIMIT)]);
+        work -= COTREE_F(0.5) *
+                (impulse[0] * (before[0] + after[0]) + impulse[1] * (before[1] + after[1]));
     }
     return work > ENERGY_RTOL * size;
 }
@@ -258,8 +317,9 @@ static void init_impact(cotree_events *e)
         e->is_active[i] = takes_part(e, e->normal_stop[i]);
         e->slip_sign[i] = COTREE_F(0.0);
         e->modes[i] = e->modes[e->normal_stop[i]] == COTREE_F(0.0) ? COTREE_F(2.0) : COTREE_F(0.0);
-        e->slip_speed[k] = slip_after_impact(e, i);
-        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->slip_speed[k]));
+        find_slip(e, i, e->slip_speed + 2 * k);
+        e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->slip_speed[2 * k]) +
+                                                           COTREE_FABS(e->slip_speed[2 * k + 1]));
     }
 }
 

@@ -37,6 +37,16 @@ static void list_contact_friction(cotree_events *e)
         e->impulse_states[e->n_stops + n] = row->targets[2];
         e->force_events[e->n_stops + 2 * n] = PLACE(k, FORWARD_LIMIT);
         e->force_events[e->n_stops + 2 * n + 1] = PLACE(k, BACKWARD_LIMIT);
+#if COTREE_HAS_DISCS
+        if (cotree_is_disc(e, k)) {
+            const int own = e->disc[k];
+            e->force_events[e->n_stops + 2 * n + 1] = PLACE(k, FIRST_IMPULSE);
+            e->force_events[e->n_modes - e->n_frictions + 2 * e->n_contact_friction + own] =
+                PLACE(k, SECOND_IMPULSE);
+            e->impulse_states[e->n_stops + e->n_contact_friction + own] =
+                e->rows[PLACE(k, FORWARD_LIMIT)].targets[2];
+        }
+#endif
         ++n;
     }
 }
@@ -70,6 +80,12 @@ void cotree_list_stops(cotree_events *e, const cotree_hybrid *h)
 int cotree_is_contact_friction(const cotree_events *e, int k)
 {
     return e->n_contact_friction > 0 && k < e->n_frictions && e->normal_stop[k] >= 0;
+}
+
+/* Return whether friction acts along two directions, on a plane in space. */
+int cotree_is_disc(const cotree_events *e, int k)
+{
+    return k < e->n_frictions && PLACE(k, TURN) >= 0;
 }
 
 int cotree_is_load(const cotree_events *e, int k)
@@ -277,7 +293,8 @@ cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_re
     if (cotree_moving_side(e, PLACE(e->normal_stop[k], CONTACT_FORCE), t, COTREE_F(0.0)) <
         COTREE_F(0.0)) {
         /* A sticking contact slides before its stop opens. */
-        *new_mode = e->samples[PLACE(k, FORWARD_LIMIT)] < e->samples[PLACE(k, BACKWARD_LIMIT)]
+        *new_mode = cotree_is_disc(e, k) || e->samples[PLACE(k, FORWARD_LIMIT)] <
+                                                e->samples[PLACE(k, BACKWARD_LIMIT)]
                         ? COTREE_F(1.0)
                         : -COTREE_F(1.0);
         return e->modes[k] == COTREE_F(0.0) ? COTREE_F(1.0) : COTREE_F(0.0);

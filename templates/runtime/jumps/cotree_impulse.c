@@ -71,6 +71,9 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
     cotree_real *const forces = j->impulse_forces, *const idle = forces + n_forces;
     int i, n, status;
     for (i = 0; i < s->n_modes; ++i) j->after[s->places[i * s->stride]] = s->modes[i];
+#if COTREE_HAS_DISCS
+    for (i = 0; i < s->n_directions; ++i) j->after[s->direction_states[i]] = s->directions[i];
+#endif
     set_required_changes(j, s, 1, j->after);
     status = evaluate_response(j, s, t, j->after, with, forces);
     set_required_changes(j, s, 0, j->after);
@@ -92,6 +95,10 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
         const int place = s->places[i * s->stride];
         j->after[place] = j->before[place];
     }
+#if COTREE_HAS_DISCS
+    for (i = 0; i < s->n_directions; ++i)
+        j->after[s->direction_states[i]] = j->before[s->direction_states[i]];
+#endif
     return 0;
 }
 
@@ -139,6 +146,11 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_
     /* The rates before the impact are part of the sensitivities already. */
     for (i = 0; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     return status == 0 ? cotree_complete_event(j, &no_event, t, w) : status;
+}
+
+cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target)
+{
+    return j->new_values[cotree_first_new_value(j, event) + target];
 }
 
 cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event)

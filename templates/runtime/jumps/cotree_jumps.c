@@ -6,7 +6,7 @@
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
- * contact. */
+ * contact, three on a plane in space. */
 static int count_impulse_forces(const cotree_hybrid *h)
 {
     int i, n = 0, n_loads = 0;
@@ -14,6 +14,7 @@ static int count_impulse_forces(const cotree_hybrid *h)
         const cotree_event *const row = h->events + i;
         n += row->kind == COTREE_STOP_REBOUND;
         if (row->kind == COTREE_FRICTION_SLIP && row->n_targets > 2) n += 2;
+        n += row->kind == COTREE_FRICTION_SECOND_IMPULSE;
         n_loads += row->kind == COTREE_FRICTION_LOAD;
     }
     return n > 0 ? n + n_loads : 0;

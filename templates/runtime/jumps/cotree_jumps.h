@@ -46,13 +46,19 @@ typedef struct cotree_jumps {
 /* An impulse at several constraints. */
 typedef struct cotree_impulse {
     int n_modes, stride;
-    const int *places;         /* of the modes, at each stride-th place */
-    const cotree_real *modes;  /* in the impact */
-    int n_edges, n_stops;      /* stops first, then friction at their contacts */
+    const int *places;        /* of the modes, at each stride-th place */
+    const cotree_real *modes; /* in the impact */
+#if COTREE_HAS_DISCS
+    int n_directions; /* numbers of directions of sliding on planes in space */
+    const int *direction_states;
+    const cotree_real *directions; /* in the impact */
+#endif
+    int n_edges, n_stops;      /* stops, friction at their contacts, its second components */
     const int *impulse_states; /* set to the change of speed */
     const int *speed_events;   /* whose last new value is the change of speed; -1: none */
     int n_forces;
-    const int *force_events; /* forces of stops, distances of friction from both limits, loads */
+    const int *force_events; /* forces of stops, distances of friction from both limits, loads, and
+                              * second components of friction on planes in space */
 } cotree_impulse;
 
 /* Initialise. The model must have events. */
@@ -122,6 +128,9 @@ int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *
  * that mode. */
 int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_real *w,
                        cotree_real *x, cotree_real *now, cotree_real *other);
+
+/* Return the new value of one of the targets of an event, as computed last. */
+cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target);
 
 /* Return the last new value of an event, a change of speed, and its rate. */
 cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event);

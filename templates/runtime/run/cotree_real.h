@@ -32,6 +32,9 @@
 #ifndef COTREE_HAS_MODES
 #define COTREE_HAS_MODES 1 /* events of dry friction, loads and rigid stops */
 #endif
+#ifndef COTREE_HAS_DISCS
+#define COTREE_HAS_DISCS 1 /* friction on planes in space */
+#endif
 #ifndef COTREE_HAS_MOVING_CORNERS
 #define COTREE_HAS_MOVING_CORNERS 1 /* time events that parameters of sensitivity move */
 #endif

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import cotree
-from cotree.errors import FormulationError, SceneError
+from cotree.errors import SceneError
 
 # What a run at this tolerance leaves of its states is measured as 1e-11 and less.
 TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
@@ -255,14 +255,8 @@ def test_a_point_that_touches_is_marked_in_animations():
     assert min(np.ptp(solid.mesh.points, axis=0).max() for solid in tip) <= 0.1
 
 
-def test_friction_in_space_and_on_a_ball_is_refused_by_name():
+def test_friction_on_a_ball_is_refused_by_name():
     scene = cotree.Scene("space", gravity=[0, 0, -G])
-    scene.edge("b", "rigid_body", "ground", "P", mass=1.0, initial={"z": 0.1})
-    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=0.1, friction=0.3)
-    with pytest.raises(
-        FormulationError, match="edge 'c' has friction, which rigid contact supports in planar"
-    ):
-        scene.compile()
     with pytest.raises(SceneError, match="edge 'd' has friction on a ball"):
         scene.edge("d", "rigid_contact", "ground", "P", ball=1.0, radius=0.1, friction=0.3)
 

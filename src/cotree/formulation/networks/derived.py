@@ -104,7 +104,7 @@ def friction_residual(terminal: Terminal) -> Law:
     """
     assert terminal.friction is not None
     own = terminal.friction
-    through, mode = law_symbol("through"), law_symbol(f"mode{own.suffix}")
+    through, mode = law_symbol("through"), law_symbol(own.mode)
     struck = impulse = 0
     if own.presser:
         impulse = law_symbol(f"impulse{own.suffix}")
@@ -140,7 +140,7 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
         return Law.of((held + struck) * multiplier), Law.of(held + struck), Law.of(jump)
     own = terminal.friction
     assert own is not None
-    mode = law_symbol(f"mode{own.suffix}")
+    mode = law_symbol(own.mode)
     jump = sympy.Integer(0)
     if own.presser:
         stuck, forward, backward, _, struck = pressed_weights(mode)

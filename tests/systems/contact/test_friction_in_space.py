@@ -1,0 +1,162 @@
+"""Friction on planes in space: closed forms, an independent integration, and transitions."""
+
+from __future__ import annotations
+
+from math import hypot
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import cotree
+
+G = 9.81
+TIGHT = {"rtol": 1e-10, "atol": 1e-12}
+
+
+def sphere(velocity, spin, height="R", restitution=0.0, friction=0.2):
+    """Throw a solid sphere on a horizontal plane."""
+    scene = cotree.Scene("sphere", gravity=[0, 0, -G])
+    for name, value in {"mu": friction, "m": 2.0, "R": 0.1, "e": restitution}.items():
+        scene.parameter(name, value)
+    initial = dict(zip(("vx", "vy"), velocity, strict=True)) | {"z": height}
+    initial |= dict(zip(("w1", "w2", "w3"), spin, strict=True))
+    scene.edge("b", "rigid_body", "ground", "P", mass="m", inertia=["2/5*m*R**2"] * 3,
+               initial=initial)  # fmt: skip
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius="R", friction="mu",
+               restitution="e")  # fmt: skip
+    return scene
+
+
+def rolling(velocity, spin, end, mu=0.2, radius=0.1):
+    """Return place and velocity: slip falls by 7/2 mu g in its own direction, then it rolls."""
+    slip = np.array(velocity) + radius * np.array([-spin[1], spin[0]])
+    way = slip / np.linalg.norm(slip)
+    t = min(end, 2 * np.linalg.norm(slip) / (7 * mu * G))
+    speed = velocity - mu * G * t * way
+    place = np.array(velocity) * t - mu * G * t * t / 2 * way + speed * (end - t)
+    # The time at which it rolls is inversely proportional to mu, the speed then is the same.
+    slope = -G * t * t / 2 * way
+    return place, speed, slope
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+@pytest.mark.parametrize(
+    ("velocity", "spin"),
+    [((2.0, 0.0), (0.0, 0.0, 0.0)), ((0.7, -1.1), (12.0, -5.0, 30.0)), ((0.4, 0.3), (0, 25.0, 0))],
+)
+def test_a_sphere_slides_then_rolls(velocity, spin, method):
+    model = sphere(velocity, spin).compile(["mu"])
+    result = model.simulate((0, 1.0), method=method, **TIGHT)
+    place, speed, slope = rolling(velocity, spin, 1.0)
+    # The direction of the slip is exact to the tolerance where it vanishes.
+    np.testing.assert_allclose([result["b.x"][-1], result["b.y"][-1]], place, atol=1e-9)
+    np.testing.assert_allclose([result["b.vx"][-1], result["b.vy"][-1]], speed, atol=1e-9)
+    assert result["c.slide1.mode"][-1] == 0.0
+    found = [result.sensitivity(name, "mu")[-1] for name in ("b.x", "b.y")]
+    # Sensitivities are those of the computed direction, 1e-10 over a slip of 1e-3.
+    np.testing.assert_allclose(found, slope, atol=1e-7)
+
+
+def bounces(velocity, spin, end, mu, e, radius=0.1, height=0.6):
+    """Return the place of a sphere that bounces, and sticks or slides in each impact."""
+    place, v = np.array([0.0, 0.0, height]), np.array([*velocity, 0.0])
+    w, t = np.array(spin, float), 0.0
+    while True:
+        gap = place[2] - radius if t == 0 else 0.0
+        step = (v[2] + np.sqrt(v[2] ** 2 + 2 * G * gap)) / G
+        last = min(step, end - t)
+        place = place + v * last - [0, 0, G * last**2 / 2]
+        v = v - [0, 0, G * last]
+        t += last
+        if last < step:
+            return place
+        place[2] = radius
+        slip = v[:2] + radius * np.array([-w[1], w[0]])
+        size = np.linalg.norm(slip)
+        pull = -slip / max(size, 1e-300) * min(mu * (1 + e) * -v[2], 2 / 7 * size)
+        v = np.array([*(v[:2] + pull), -e * v[2]])
+        w = w + np.cross([0, 0, -radius], [*pull, 0]) / (0.4 * radius**2)
+
+
+@pytest.mark.parametrize("mu", [0.04, 0.3])
+def test_impacts_stick_or_slide_in_the_direction_of_the_slip_after_them(mu):
+    velocity, spin, e = (1.2, -0.8), (14.0, 9.0, -20.0), 0.8
+    model = sphere(velocity, spin, 0.6, e, mu).compile(["mu", "e"])
+    result = model.simulate((0, 1.9), **TIGHT)
+    names = ["b.x", "b.y", "b.z"]
+    place = bounces(velocity, spin, 1.9, mu, e)
+    np.testing.assert_allclose([result[name][-1] for name in names], place, atol=1e-10)
+    h = 1e-6
+    for parameter, sides in {
+        "mu": [bounces(velocity, spin, 1.9, mu + d, e) for d in (h, -h)],
+        "e": [bounces(velocity, spin, 1.9, mu, e + d) for d in (h, -h)],
+    }.items():
+        found = [result.sensitivity(name, parameter)[-1] for name in names]
+        # Rounding of places over the step.
+        np.testing.assert_allclose(found, (sides[0] - sides[1]) / (2 * h), atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+def test_a_puck_breaks_away_in_the_direction_of_the_force_and_follows_a_curve(method):
+    mu, mass, rate, turn, end = 0.3, 0.5, 3.0, 3.0, 1.2
+    scene = cotree.Scene("puck", gravity=[0, 0, -G])
+    scene.parameter("mu", mu)
+    scene.edge("b", "rigid_body", "ground", "P", mass=mass, inertia=[0.01, 0.01, 0.01])
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], friction="mu")
+    force = [f"{rate}*t*cos({turn}*t)", f"{rate}*t*sin({turn}*t)", "0"]
+    scene.edge("push", "force", "ground", "P", force=force)
+
+    def place(mu):
+        start = mu * mass * G / rate
+
+        def rates(t, z):
+            pull = rate * t / mass * np.array([np.cos(turn * t), np.sin(turn * t)])
+            return [*z[2:], *(pull - mu * G * z[2:] / np.linalg.norm(z[2:]))]
+
+        way = [np.cos(turn * start), np.sin(turn * start)]
+        first = [0.0, 0.0, *(1e-12 * np.array(way))]
+        run = solve_ivp(rates, (start, end), first, method="Radau", rtol=1e-11, atol=1e-14)
+        return run.y[:2, -1]
+
+    result = scene.compile(["mu"]).simulate((0, end), method=method, rtol=1e-9, atol=1e-12)
+    # Global errors of a run at 1e-9, over some thousand steps.
+    np.testing.assert_allclose([result["b.x"][-1], result["b.y"][-1]], place(mu), atol=3e-8)
+    slope = (place(mu + 1e-5) - place(mu - 1e-5)) / 2e-5
+    found = [result.sensitivity(name, "mu")[-1] for name in ("b.x", "b.y")]
+    np.testing.assert_allclose(found, slope, atol=1e-7)
+
+
+def plate(spin, velocity=(1.0, 0.5), mu=0.3):
+    """Lay a plate on a plane, which it touches with its four corners."""
+    scene = cotree.Scene("plate", gravity=[0, 0, -G])
+    scene.parameter("mu", mu)
+    a, b, mass = 0.3, 0.2, 2.0
+    inertia = [mass / 12 * b * b, mass / 12 * a * a, mass / 12 * (a * a + b * b)]
+    initial = {"vx": velocity[0], "vy": velocity[1], "w3": spin}
+    scene.edge("b", "rigid_body", "ground", "P", mass=mass, inertia=inertia, initial=initial)
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], size=[a, b, 0], friction="mu")
+    scene.output("E", f"{mass}*(b.vx**2 + b.vy**2)/2 + {inertia[2]}*b.w3**2/2")
+    return scene
+
+
+@pytest.mark.slow
+def test_a_plate_slides_on_four_corners_to_rest():
+    result = plate(0.0).compile(["mu"]).simulate((0, 1), rtol=1e-9, atol=1e-11)
+    assert result.success, result.message
+    speed = hypot(1.0, 0.5)
+    way = np.array([1.0, 0.5]) / speed * speed**2 / (2 * 0.3 * G)
+    np.testing.assert_allclose([result["b.x"][-1], result["b.y"][-1]], way, rtol=1e-9)
+    found = [result.sensitivity(name, "mu")[-1] for name in ("b.x", "b.y")]
+    np.testing.assert_allclose(found, -way / 0.3, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_sliding_and_spinning_of_a_plate_end_together():
+    """All slips vanish at one time, also if a body slides and spins at first."""
+    result = plate(4.0).compile().simulate((0, 1), rtol=1e-9, atol=1e-11)
+    assert result.success, result.message
+    assert [result[f"c.slide1_{i}.mode"][-1] for i in (1, 2, 3, 4)] == [0.0] * 4
+    assert np.max(np.diff(result["E"])) <= 1e-12
+    # At rest, to the tolerance.
+    assert result["E"][-1] <= 1e-16
