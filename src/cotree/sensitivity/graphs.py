@@ -298,7 +298,7 @@ def _with_reactions(
 
 def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
     """Add the tangents of two sets of nodes."""
-    return {node: first[node] + second[node] for node in first.keys() & second.keys()}
+    return {node: first[node] + second[node] for node in first if node in second}
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:

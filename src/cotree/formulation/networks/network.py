@@ -437,13 +437,13 @@ def _is_linear(
     named: Collection[str],
 ) -> bool:
     """Return whether the forces on the mechanism are linear in the multipliers."""
-    multipliers = {row.multiplier for row in network.holding}
-    one = next(iter(multipliers)).dag.one
+    multipliers = [row.multiplier for row in network.holding]
+    one = multipliers[0].dag.one
     forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
     slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
     # Fields of the mechanism itself must not name a force that follows from them.
     acting = [observed[name] for name in named if name in observed]
-    return multipliers.isdisjoint(symbols_in([*slopes, *acting]))
+    return set(multipliers).isdisjoint(symbols_in([*slopes, *acting]))
 
 
 def _slopes(through: Node, system: System) -> dict[int, Node]:
