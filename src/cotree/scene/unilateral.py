@@ -354,6 +354,8 @@ def _disc_rows(port: Port) -> list[_Row]:
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
     force, speed = (f"sqrt({a}**2 + {b}**2 + {_TINY}**2)" for a, b in (disc.force, disc.slip))
     limit = f"{port.name}.upper"
+    # One in an impact of the stop, which doubles its mode.
+    hit = f"{presser}**2*({presser}**2 - 1)/12"
     # The second target identifies the stop that presses.
     own = {mode: mode, presser: presser}
     # The direction of the slip; while it sticks it would begin to slide against its force.
@@ -381,6 +383,6 @@ def _disc_rows(port: Port) -> list[_Row]:
         ),
         # Where the slip ends the direction has hardly changed since then.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
-        ("has an impulse along slide1", f"{struck}*{f1}", ModePart.FIRST_IMPULSE, own),
-        ("has an impulse along slide2", f"{struck}*{f2}", ModePart.SECOND_IMPULSE, own),
+        ("has an impulse along slide1", f"{hit}*{f1}", ModePart.FIRST_IMPULSE, own),
+        ("has an impulse along slide2", f"{hit}*{f2}", ModePart.SECOND_IMPULSE, own),
     ]

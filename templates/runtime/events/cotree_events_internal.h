@@ -258,6 +258,10 @@ COTREE_PRIVATE void cotree_record_impacts(cotree_events *e, cotree_real t, int f
 COTREE_PRIVATE int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w,
                                           int fired);
 
+#if COTREE_HAS_DISCS
+COTREE_PRIVATE int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w);
+#endif
+
 /* cotree_dispatch.c */
 COTREE_PRIVATE void cotree_write_record(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side);

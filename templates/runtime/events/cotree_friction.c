@@ -16,6 +16,10 @@
  * consequence. */
 #define ZERO_LEVEL_GROWTH COTREE_F(10.0)
 
+/* Slips below this speed end together with another one, [m/s]: ten times that below which the
+ * direction of sliding on a plane is not resolved. */
+#define UNRESOLVED_SLIP COTREE_F(1e-6)
+
 /* List the modes whose first event is of one kind. Return their number; nothing is written if
  * places is NULL. */
 int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
@@ -198,8 +202,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
         /* Slips of one body end together. */
-        if (is_end && cotree_is_disc(e, k))
-            near = COTREE_FMAX(near, e->rtol * e->value_scale[i] + e->atol);
+        if (is_end && cotree_is_disc(e, k)) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));
         e->is_active[k] = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
@@ -347,6 +350,9 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
     status = cotree_resolve_impacts(e, t, w, fired);
     if (status == 0) status = find_active_friction(e, t, w, fired);
     if (status == 0) status = cotree_select_modes(e, t, w);
+#if COTREE_HAS_DISCS
+    if (status == 0) status = cotree_end_slips(e, t, w);
+#endif
     if (status != 0) return status;
     for (k = 0; k < e->n_modes; ++k)
         is_changed = is_changed || e->modes[k] != w[PLACE(k, MODE_STATE)];

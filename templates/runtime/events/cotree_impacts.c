@@ -195,7 +195,8 @@ static int gains_energy(const cotree_events *e)
         const int i = e->contact_friction[k];
         const cotree_real *const before = e->slip_speed + 2 * k;
         cotree_real impulse[2] = {COTREE_F(0.0), COTREE_F(0.0)}, after[2];
-        if (e->modes[e->normal_stop[i]] == COTREE_F(0.0) || e->modes[i] != COTREE_F(0.0)) continue;
+        if (e->modes[e->normal_stop[i]] == COTREE_F(0.0)) continue;
+        if (!cotree_is_disc(e, i) && e->modes[i] != COTREE_F(0.0)) continue;
         find_slip(e, i, after);
 #if COTREE_HAS_DISCS
         if (cotree_is_disc(e, i)) cotree_friction_impulse(e, i, impulse);
@@ -355,6 +356,41 @@ static int check_independent(cotree_events *e, cotree_real t)
     }
     return 0;
 }
+
+#if COTREE_HAS_DISCS
+/* Return whether friction on a plane in space has just ended its slip. */
+static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
+{
+    return cotree_is_disc(e, k) && e->modes[k] == COTREE_F(0.0) &&
+           w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
+}
+
+/* Remove by an impulse the slip that is left where sliding on planes in space ends: its direction
+ * is not resolved at the lowest speeds, so that both components do not vanish at the same time. */
+int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
+{
+    cotree_impulse s;
+    int k, is_needed = 0;
+    for (k = 0; k < e->n_frictions; ++k) is_needed = is_needed || ends_slip(e, k, w);
+    if (!is_needed) return 0;
+    s = impact_of(e);
+    for (k = 0; k < s.n_edges; ++k) e->impact_events[k] = -1;
+    for (k = 0; k < e->n_modes; ++k) {
+        const int is_own = ends_slip(e, k, w);
+        /* Closed stops stay closed; all other speeds across edges that stick stay, too. */
+        e->kernel_modes[k] = is_own ? KERNEL_STICKS : e->modes[k];
+    }
+    for (k = 0; k < e->n_contact_friction; ++k) {
+        const int i = e->contact_friction[k];
+        if (!ends_slip(e, i, w)) continue;
+        e->impact_events[e->n_stops + k] = PLACE(i, SLIP);
+        e->impact_events[e->n_stops + e->n_contact_friction + e->disc[i]] = PLACE(i, FORWARD_LIMIT);
+    }
+    return cotree_jumps_apply_impulse(&e->jumps, &s, t, w) == 0
+               ? 0
+               : cotree_fail(e, PLACE(0, SLIP), t, COTREE_EVENTS_FAILED);
+}
+#endif
 
 /* Mark the events of an impact. */
 static void mark_impact_events(cotree_events *e)
