@@ -245,21 +245,23 @@ static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_r
 }
 
 /* Return the side of zero on which a value at zero is after a short step from w. Its rate at w
- * may be that of a branch that ends there; it counts if the value stays zero. */
+ * may be that of a branch that ends there; it counts if the value stays as close to zero, as at the
+ * end of a span. */
 cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
-    cotree_real far, rate, side, step = CURVATURE_STEP_SHARE * e->span;
+    cotree_real far, near, rate, step = CURVATURE_STEP_SHARE * e->span;
     if (cotree_compute_values(e, t, w) != 0 || cotree_compute_rates(e, t, w) != 0)
         return COTREE_F(0.0);
-    far = COTREE_F(2.0) * COTREE_FABS(e->jumps.values[i]) +
-          COTREE_F(4.0) * cotree_rounding_band(e, i);
+    near = COTREE_FMAX(COTREE_FABS(e->jumps.values[i]), cotree_rounding_band(e, i));
+    /* Beyond the rounding of the states, which the value may multiply. */
+    far = COTREE_FMAX(COTREE_F(4.0) * near, cotree_tolerance(e, i));
     rate = e->jumps.rates[i];
     if (far < step * COTREE_FABS(rate)) step = far / COTREE_FABS(rate);
     if (take_short_step(e, t, w, step, e->other) != 0) return COTREE_F(0.0);
     if (!is_stable_step(e, w, step)) return cotree_sign_of(rate);
     if (cotree_compute_values(e, t + step, e->other) != 0) return COTREE_F(0.0);
-    side = cotree_sign_of(e->jumps.values[i]);
-    return side != COTREE_F(0.0) ? side : cotree_sign_of(rate);
+    return COTREE_FABS(e->jumps.values[i]) > near ? cotree_sign_of(e->jumps.values[i])
+                                                  : cotree_sign_of(rate);
 }
 
 /* Compute the second time derivatives of all event functions by differences; only their sizes
