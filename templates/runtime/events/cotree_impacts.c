@@ -179,6 +179,12 @@ static void find_slip(const cotree_events *e, int k, cotree_real *slip)
 #endif
 }
 
+/* Return whether a stop has an impulse that is not rounding, as that of an unresolved gap is. */
+static int has_resolved_impulse(const cotree_events *e, int k)
+{
+    return e->modes[k] != COTREE_F(0.0) && cotree_closed_gap(e, k) != e->unresolved_gap;
+}
+
 /* Return whether the impact gains energy, as Newton's law of impact allows with friction. */
 static int gains_energy(const cotree_events *e)
 {
@@ -186,7 +192,7 @@ static int gains_energy(const cotree_events *e)
     int k;
     for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
         const cotree_real impulse =
-            e->modes[k] != COTREE_F(0.0) ? e->samples[PLACE(k, CONTACT_FORCE)] : COTREE_F(0.0);
+            has_resolved_impulse(e, k) ? e->samples[PLACE(k, CONTACT_FORCE)] : COTREE_F(0.0);
         work += COTREE_F(0.5) * impulse *
                 (e->opening_speed[k - cotree_first_stop(e)] + cotree_opening_speed(e, k));
         size += COTREE_FABS(impulse) * e->impact_speed;
@@ -195,7 +201,7 @@ static int gains_energy(const cotree_events *e)
         const int i = e->contact_friction[k];
         const cotree_real *const before = e->slip_speed + 2 * k;
         cotree_real impulse[2] = {COTREE_F(0.0), COTREE_F(0.0)}, after[2];
-        if (e->modes[e->normal_stop[i]] == COTREE_F(0.0)) continue;
+        if (!has_resolved_impulse(e, e->normal_stop[i])) continue;
         if (!cotree_is_disc(e, i) && e->modes[i] != COTREE_F(0.0)) continue;
         find_slip(e, i, after);
 #if COTREE_HAS_DISCS

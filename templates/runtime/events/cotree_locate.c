@@ -360,16 +360,17 @@ static cotree_real find_root(cotree_events *e, value_function f, int i, cotree_r
 cotree_real cotree_locate_root(cotree_events *e, int i, cotree_real a, cotree_real b,
                                cotree_real side)
 {
-    cotree_real from = a, width = b - a;
+    const cotree_real least = cotree_rounding_band(e, i), at_a = side * value_at(e, i, a);
+    cotree_real from = a, width = b - a, value = at_a;
     int n;
-    /* A value that starts at zero may have the wrong sign by rounding: move towards b. */
+    /* The sign of a value that starts at zero is rounding: move towards b. */
     for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
-        if (side * value_at(e, i, from) > COTREE_F(0.0))
-            return find_root(e, value_at, i, side, from, b);
+        if (value > least) return find_root(e, value_at, i, side, from, b);
         width *= COTREE_F(0.5);
         from = a + width;
+        value = side * value_at(e, i, from);
     }
-    return a;
+    return at_a > COTREE_F(0.0) ? find_root(e, value_at, i, side, a, b) : a;
 }
 
 cotree_real cotree_sample_time(const cotree_events *e, int k)
