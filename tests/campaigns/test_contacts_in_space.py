@@ -150,12 +150,22 @@ def cross(a):
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
-SEEDS = range(200)
+#: Corners that stick on one edge share their friction by least norm, which may exceed the disc of
+#: one where another share would not: the modes then alternate.
+CHATTERS = pytest.mark.xfail(reason="a share of friction beyond one disc", strict=True)
+
+
+def seeds(n):
+    """List seeds, of which a campaign has more."""
+    marks = {2: [CHATTERS]}
+    return [
+        pytest.param(seed, marks=marks.get(seed, []) + [pytest.mark.campaign] * (seed >= 8))
+        for seed in range(n)
+    ]
 
 
 @pytest.mark.slow
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(200))
 def test_bodies_thrown_on_planes(seed):
     body, ends = thrown(seed)
     result = body.scene.compile().simulate((0, 0.6), rtol=1e-9, atol=1e-11, time_limit=60)
