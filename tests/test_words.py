@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from cotree.components import COMPONENTS
+
 ROOT = Path(__file__).parents[1]
 
 # First words of a sentence about a function that does not say what it computes.
@@ -28,6 +30,8 @@ FOLDERS += [ROOT / "templates/c" / room for room in ("integrators", "lanes", "ne
 FOLDERS += [
     ROOT / "templates/runtime" / room for room in ("job", "jumps", "kernels", "run", "stiff")
 ]
+# The text of a field completes a table without the field's name: it is a noun phrase.
+FRAGMENT = re.compile(r"(about|at|between|by|for|from|in|of|on|plus|that|what|where|which|with)\b")
 
 
 def texts_of(path: Path) -> list[tuple[int, str]]:
@@ -50,3 +54,8 @@ def test_sentences_are_about_the_system(folder: Path):
             if found := FIRST.match(start) or ANYWHERE.search(text):
                 odd.append(f"{path.relative_to(ROOT)}:{line}: {found.group()}")
     assert odd == []
+
+
+def test_texts_of_fields_stand_alone():
+    rows = [(name, field) for name, row in COMPONENTS.items() for field in row.fields]
+    assert [(name, f.name, f.doc) for name, f in rows if FRAGMENT.match(f.doc)] == []

@@ -52,7 +52,7 @@ FAMILIES: Mapping[str, str] = {
 
 
 class Catalogue(MutableMapping[str, Component]):
-    """Component types by name; the module of a family is imported when one of it is asked for."""
+    """Component types by name; the module of a family is imported on first use."""
 
     def __init__(self) -> None:
         #: Each type, or the module that has it.
@@ -68,7 +68,7 @@ class Catalogue(MutableMapping[str, Component]):
         row = self._rows[name]
         if isinstance(row, str):
             family = import_module(f"{__name__}.{row}").COMPONENTS
-            # Rows that others have replaced meanwhile stay.
+            # Keep rows that were registered in the meantime.
             self._rows |= {own.name: own for own in family if self._rows.get(own.name) == row}
         found = self._rows[name]
         assert isinstance(found, Component)

@@ -29,23 +29,25 @@ _DOMAIN = "chemical"
 SPECIES = storage(
     _DOMAIN,
     "species",
-    "amount of a species in a well stirred volume",
-    value("volume", "m^3", "of the liquid"),
+    "amount of a species in a well-stirred volume",
+    value("volume", "m^3", "volume of the solution"),
     is_absolute=True,
 )
 
 CONCENTRATION_SOURCE = across_source(
     _DOMAIN,
     "concentration_source",
-    "given concentration: a species in excess, a bath",
-    value("concentration", "mol/m^3", "plus minus minus; the ground is at 0 mol/m^3", ""),
+    "prescribed concentration: a species in excess, a bath",
+    value(
+        "concentration", "mol/m^3", "concentration of the plus node; the ground is at 0 mol/m^3", ""
+    ),
 )
 
 MOLAR_FLOW_SOURCE = through_source(
     _DOMAIN,
     "molar_flow_source",
-    "given molar flow, from plus to minus inside",
-    value("flow", "mol/s", "from plus to minus inside", ""),
+    "prescribed molar flow",
+    value("flow", "mol/s", "molar flow inside the source, positive from plus to minus", ""),
 )
 
 
@@ -128,11 +130,20 @@ REACTION = Component(
     Role.NETWORK,
     "a reaction by the law of mass action",
     fields=(
-        Field("reactants", "1", "nodes of what it takes, each as often as it counts", Shape.NAMES),
-        Field("products", "1", "nodes of what it makes, each as often as it counts", Shape.NAMES),
-        value("rate", "any", "times the product of the reactants' concentrations", "nonnegative"),
-        optional("reverse_rate", "any", "the same of the products", None, "nonnegative"),
-        optional("volume", "m^3", "that it takes place in", 1.0, "positive"),
+        Field(
+            "reactants",
+            "1",
+            "nodes of the reactants, each repeated by its coefficient",
+            Shape.NAMES,
+        ),
+        Field(
+            "products", "1", "nodes of the products, each repeated by its coefficient", Shape.NAMES
+        ),
+        value("rate", "any", "rate constant of the forward reaction", "nonnegative"),
+        optional(
+            "reverse_rate", "any", "rate constant of the backward reaction", None, "nonnegative"
+        ),
+        optional("volume", "m^3", "volume of the solution", 1.0, "positive"),
     ),
     domains=(_DOMAIN,),
     adapt=_react,

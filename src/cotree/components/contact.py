@@ -60,6 +60,16 @@ BOUNDED = Demand(
 )
 
 
+RESTITUTION = optional(
+    "restitution", "1", "ratio of the speeds after and before an impact", 0.0, "nonnegative"
+)
+
+
+def _rest_speed(unit: str) -> Field:
+    doc = "rebound speed below which the contact stays closed"
+    return optional("rest_speed", unit, doc, 1e-3, "positive")
+
+
 def _stop(domain: str, length: str, unit: str) -> Component:
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         if "lower" not in given and "upper" not in given:
@@ -70,52 +80,56 @@ def _stop(domain: str, length: str, unit: str) -> Component:
 
     fields = (
         # A moving limit would push: nodes move, limits do not.
-        Field("lower", unit, f"least {length}; none where left out"),
-        Field("upper", unit, f"largest {length}; none where left out"),
-        optional("restitution", "1", "speed after an impact over that before", 0.0, "nonnegative"),
-        optional("rest_speed", f"{unit}/s", "after an impact, below it is held", 1e-3, "positive"),
+        Field("lower", unit, f"smallest {length}; unlimited if omitted"),
+        Field("upper", unit, f"largest {length}; unlimited if omitted"),
+        RESTITUTION,
+        _rest_speed(f"{unit}/s"),
     )
     both = {"lower": 0, "upper": 1}
     made = scalar(
-        f"{domain}_rigid_stop", "limits that hold what runs into them", fields, _port(domain, both)
+        f"{domain}_rigid_stop", "rigid stops at the ends of a motion", fields, _port(domain, both)
     )
     return replace(made, adapt=adapt)
 
 
 #: Fields of the shapes that may touch, which the laws of contact do not use.
 SHAPES = (
-    Field("normal", "1", "of the first node's plane, which points to the second", Shape.VECTOR),
-    Field("ball", "m", "radius of the first node's sphere, in place of a plane", sign="positive"),
+    Field("normal", "1", "normal of the first node's plane, towards the second node", Shape.VECTOR),
+    Field("ball", "m", "radius of the first node's sphere, instead of a plane", sign="positive"),
     Field(
         "radius",
         "m",
-        "of the second node's sphere, or of its disc where there is an axis; none of a point",
+        "radius of the second node's sphere, disc or cylinder; a point has none",
         sign="positive",
     ),
-    Field("axis", "1", "of the second node's disc or cylinder, in its axes", Shape.VECTOR),
-    Field("length", "m", "of the second node's cylinder", sign="positive"),
+    Field("axis", "1", "axis of the second node's disc or cylinder, in its frame", Shape.VECTOR),
+    Field("length", "m", "length of the second node's cylinder", sign="positive"),
     Field(
         "semiaxes",
         "m",
-        "of the second node's ellipsoid, along its axes",
+        "semi-axes of the second node's ellipsoid, along its axes",
         Shape.VECTOR,
         sign="positive",
     ),
     Field(
-        "size", "m", "edges of the second node's box, in its axes", Shape.VECTOR, sign="nonnegative"
+        "size",
+        "m",
+        "edge lengths of the second node's box, along its axes",
+        Shape.VECTOR,
+        sign="nonnegative",
     ),
 )
 
 #: Fields of friction.
 FRICTION = optional(
-    "friction", "1", "coefficient of friction; none where left out", None, "nonnegative"
+    "friction", "1", "coefficient of friction; no friction if omitted", None, "nonnegative"
 )
 
 #: The part of a contact that belongs to the multibody system.
 GEOMETRY = Component(
     "contact_geometry",
     Role.TOUCH,
-    "where two bodies may touch",
+    "shapes of two bodies that may touch",
     SHAPES,
     keeps_plane=Plane(within=("normal",), along=("axis",)),
 )
@@ -304,15 +318,26 @@ def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
 
 
 _LAWS = (
-    Field("stiffness", "", "force per depth to the exponent", required=True, sign="positive"),
     Field(
-        "exponent", "1", "of the depth: 1.5 of spheres, 1 of a linear spring; a number", default=1.5
+        "stiffness", "", "stiffness k in the force k depth^exponent", required=True, sign="positive"
+    ),
+    Field(
+        "exponent",
+        "1",
+        "exponent of the depth, a number: 1.5 for spheres (Hertz), 1 if linear",
+        default=1.5,
     ),
     optional(
-        "dissipation", "s/m", "loss in proportion to the speed of approach", 0.0, "nonnegative"
+        "dissipation",
+        "s/m",
+        "dissipation coefficient d: the force has a factor 1 + d times speed of approach",
+        0.0,
+        "nonnegative",
     ),
     FRICTION,
-    optional("transition", "m/s", "speed below which friction sets in", 1e-3, "positive"),
+    optional(
+        "transition", "m/s", "sliding speed below which friction is smoothed", 1e-3, "positive"
+    ),
 )
 
 CONTACT = scalar(
@@ -370,7 +395,7 @@ def _disc(spot: int, end: str) -> list[Terminal]:
         return Friction(
             # The component of the direction of the slip is a field, which the scene adds.
             Law.formed_by(lambda: most() * law_symbol(f"way_{name}")),
-            # In impacts: the slip is that after them, and the direction is that of the slip.
+            # In impacts the slip is that after the impact, and friction acts along it.
             Law.formed_by(lambda: most() * law_symbol(f"direction_{name}")),
             Law.formed_by(most),
             None,
@@ -396,7 +421,7 @@ def _ports(n_spots: int, has_friction: bool, is_planar: bool = True) -> tuple[Te
 
 
 def with_discs(component: Component) -> Component:
-    """Return a rigid contact with friction in space, by one of friction in a plane."""
+    """Extend a rigid contact with friction in a plane to friction in space."""
     n_spots = sum(terminal.kind is Kind.STOP for terminal in component.ports)
     return replace(component, ports=_ports(n_spots, True, is_planar=False))
 
@@ -422,8 +447,8 @@ RIGID_CONTACT = scalar(
     "rigid contact of two bodies, with impacts and dry friction",
     (
         *SHAPES,
-        optional("restitution", "1", "speed after an impact over that before", 0.0, "nonnegative"),
-        optional("rest_speed", "m/s", "after an impact, below it is held", 1e-3, "positive"),
+        RESTITUTION,
+        _rest_speed("m/s"),
         FRICTION,
     ),
     *_ports(1, True),

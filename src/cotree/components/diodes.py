@@ -58,14 +58,31 @@ def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Fie
     coefficient.
     """
     return (
-        optional(f"{prefix}_capacitance", "F", "of its charge at no voltage", 0.0, "nonnegative"),
-        optional(f"{prefix}_potential", "V", "built in", potential, "positive"),
-        optional(f"{prefix}_grading", "1", "exponent of the doping", grading, "nonnegative"),
+        optional(
+            f"{prefix}_capacitance",
+            "F",
+            "depletion capacitance at zero voltage",
+            0.0,
+            "nonnegative",
+        ),
+        optional(
+            f"{prefix}_potential", "V", "built-in potential of the junction", potential, "positive"
+        ),
+        optional(
+            f"{prefix}_grading",
+            "1",
+            "grading exponent: 0.5 for an abrupt junction, 0.33 for a linear one",
+            grading,
+            "nonnegative",
+        ),
     )
 
 
 FORWARD_SHARE = optional(
-    "forward_share", "1", "of the potential built in, above which the capacitance is linear", 0.5
+    "forward_share",
+    "1",
+    "fraction of the built-in potential above which capacitance is linear",
+    0.5,
 )
 
 
@@ -93,23 +110,33 @@ def is_absent(value: Any) -> bool:
 
 _DOMAIN = "electrical"
 
-_DOC = "Shockley diode: I (exp(v / V) - 1)"
+_DOC = "Shockley diode with the current I (exp(v / V) - 1)"
 _CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
 #: Optional fields that add a term to the laws, or a port.
 _EXTRAS = (
-    optional("leakage", "S", "beside the junction", 0.0, "nonnegative"),
-    optional("series_resistance", "ohm", "of the material and its contacts", 0.0, "nonnegative"),
-    optional("breakdown_voltage", "V", "backwards; none where left out", None, "positive"),
+    optional("leakage", "S", "conductance parallel to the junction", 0.0, "nonnegative"),
+    optional(
+        "series_resistance", "ohm", "resistance in series with the junction", 0.0, "nonnegative"
+    ),
+    optional(
+        "breakdown_voltage",
+        "V",
+        "reverse breakdown voltage; no breakdown if omitted",
+        None,
+        "positive",
+    ),
     _CAPACITANCE,
-    optional("transit_time", "s", "charge stored per current", 0.0, "nonnegative"),
+    optional("transit_time", "s", "transit time: diffusion charge per current", 0.0, "nonnegative"),
 )
 
 _FIELDS = (
-    value("saturation_current", "A", "I, what flows backwards"),
-    optional("thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"),
+    value("saturation_current", "A", "saturation current I"),
+    optional("thermal_voltage", "V", "V: k T / e times the ideality factor", 0.02585, "positive"),
     *_EXTRAS,
-    optional("breakdown_current", "A", "what flows at that voltage", 1e-3, "positive"),
+    optional(
+        "breakdown_current", "A", "reverse current at the breakdown voltage", 1e-3, "positive"
+    ),
     *_SHAPE,
     FORWARD_SHARE,
 )

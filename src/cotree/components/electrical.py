@@ -49,7 +49,7 @@ RESISTOR = resistance(
     _DOMAIN,
     "resistor",
     "linear resistance",
-    value("resistance", "ohm", "voltage per current", "nonzero"),
+    value("resistance", "ohm", "resistance R in v = R i", "nonzero"),
 )
 
 # i = C dv/dt also if C depends on states. If charge is a function of the voltage, the nonlinear
@@ -57,30 +57,30 @@ RESISTOR = resistance(
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
-    "linear capacitance, or one that depends on states",
-    value("capacitance", "F", "current per rate of voltage"),
+    "capacitor whose capacitance may depend on states",
+    value("capacitance", "F", "capacitance C in i = C dv/dt"),
 )
 
 INDUCTOR = storage(
     _DOMAIN,
     "inductor",
-    "linear inductance, or one that depends on states",
-    value("inductance", "H", "voltage per rate of current"),
+    "inductor whose inductance may depend on states",
+    value("inductance", "H", "inductance L in v = L di/dt"),
     Kind.THROUGH_STORAGE,
 )
 
 NONLINEAR_CAPACITOR = content_storage(
     _DOMAIN,
     "nonlinear_capacitor",
-    "charge by voltage",
-    value("charge", "C", "an expression of NAME.v", ""),
+    "capacitor whose charge is a function of its voltage",
+    value("charge", "C", "stored charge, an expression of the voltage NAME.v", ""),
 )
 
 NONLINEAR_INDUCTOR = content_storage(
     _DOMAIN,
     "nonlinear_inductor",
-    "flux linkage by current",
-    value("flux", "V s", "an expression of NAME.i", ""),
+    "inductor whose flux linkage is a function of its current",
+    value("flux", "V s", "flux linkage, an expression of the current NAME.i", ""),
     Kind.THROUGH_STORAGE,
 )
 
@@ -96,10 +96,10 @@ def _charge(port: str) -> Terminal:
 # symmetric, so that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
-    "two charges against a common terminal, each by both voltages",
+    "two charges against a common terminal, each a function of both voltages",
     (
-        value("charge_a", "C", "an expression of NAME.a.v and NAME.b.v", ""),
-        value("charge_b", "C", "another one", ""),
+        value("charge_a", "C", "charge at terminal a, an expression of NAME.a.v and NAME.b.v", ""),
+        value("charge_b", "C", "charge at terminal b, an expression of NAME.a.v and NAME.b.v", ""),
     ),
     _charge("a"),
     _charge("b"),
@@ -127,11 +127,11 @@ def _switch_current(across: Any, closed: Any, on_resistance: Any, off_resistance
 
 SWITCH = scalar(
     "switch",
-    "resistance between open and closed",
+    "switch with a finite resistance, open or closed",
     (
-        value("closed", "1", "open up to 0, closed from 1 on, between them in between", ""),
-        optional("on_resistance", "ohm", "where it is closed", 1e-3, "positive"),
-        optional("off_resistance", "ohm", "where it is open", 1e9, "positive"),
+        value("closed", "1", "0 if open, 1 if closed; log of resistance is linear between", ""),
+        optional("on_resistance", "ohm", "resistance of the closed switch", 1e-3, "positive"),
+        optional("off_resistance", "ohm", "resistance of the open switch", 1e9, "positive"),
     ),
     Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_switch_voltage), through=Law(_switch_current)),
 )
@@ -140,7 +140,7 @@ SWITCH = scalar(
 TRANSFORMER = ideal_coupling(
     "transformer",
     "ideal transformer: voltage of the primary is ratio times that of the secondary",
-    value("ratio", "1", "turns of the primary for each of the secondary", ""),
+    value("ratio", "1", "turns of the primary per turn of the secondary", ""),
     (_DOMAIN, "primary"),
     (_DOMAIN, "secondary"),
 )
@@ -148,8 +148,8 @@ TRANSFORMER = ideal_coupling(
 
 GYRATOR = ideal_gyration(
     "gyrator",
-    "current of each port in proportion to the voltage of the other, without losses",
-    value("conductance", "S", "current of the primary per voltage of the secondary", ""),
+    "lossless gyrator: the current of each port is proportional to the voltage of the other",
+    value("conductance", "S", "current of the primary per volt of the secondary", ""),
     (_DOMAIN, "primary"),
     (_DOMAIN, "secondary"),
 )
@@ -174,14 +174,18 @@ def _controlled(
     else:
         output = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law, is_passive=False)
     given, by = ("voltage", "current")[not gives_voltage], ("voltage", "current")[not by_voltage]
-    doc = f"{given} in proportion to a {by} elsewhere"
+    doc = f"{given} source controlled by a {by}"
     return scalar(name, doc, (value(*field, ""),), _VOLTMETER if by_voltage else _AMMETER, output)
 
 
-VCVS = _controlled("vcvs", True, True, ("gain", "1", "voltage per voltage"))
-VCCS = _controlled("vccs", True, False, ("transconductance", "S", "current per voltage"))
-CCVS = _controlled("ccvs", False, True, ("transresistance", "ohm", "voltage per current"))
-CCCS = _controlled("cccs", False, False, ("gain", "1", "current per current"))
+VCVS = _controlled("vcvs", True, True, ("gain", "1", "output voltage per control voltage"))
+VCCS = _controlled(
+    "vccs", True, False, ("transconductance", "S", "output current per control voltage")
+)
+CCVS = _controlled(
+    "ccvs", False, True, ("transresistance", "ohm", "output voltage per control current")
+)
+CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per control current"))
 
 
 # Infinite gain keeps voltage and current of the input zero; those of the output follow from the
@@ -198,28 +202,33 @@ _OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
 
 IDEAL_OP_AMP = scalar(
     "ideal_op_amp",
-    "operational amplifier of infinite gain, with feedback",
+    "ideal operational amplifier with feedback: infinite gain",
     (),
     replace(_INPUT, between=("plus", "minus")),
     replace(_OUTPUT, between=("output", "ground")),
     terminals=("plus", "minus", "output"),
 )
 
-NULLOR = scalar("nullor", "ideal amplifier whose output may float", (), _INPUT, _OUTPUT)
+NULLOR = scalar(
+    "nullor", "nullor: an ideal amplifier with a floating output port", (), _INPUT, _OUTPUT
+)
 
 
 #: Longer than any run, [s]: the period of a single pulse.
 _NEVER = 1e30
 
 VOLTAGE_SOURCE = across_source(
-    _DOMAIN, "voltage_source", "given voltage", value("voltage", "V", "plus minus minus", "")
+    _DOMAIN,
+    "voltage_source",
+    "prescribed voltage",
+    value("voltage", "V", "voltage of the plus node against the minus node", ""),
 )
 
 CURRENT_SOURCE = through_source(
     _DOMAIN,
     "current_source",
-    "given current, from plus to minus inside",
-    value("current", "A", "from plus to minus inside", ""),
+    "prescribed current",
+    value("current", "A", "current inside the source, positive from plus to minus", ""),
 )
 
 
@@ -259,23 +268,25 @@ def _pulse(
 
 def _sine_fields(unit: str) -> tuple[Field, ...]:
     return (
-        value("amplitude", unit, "half of what lies between the extremes", ""),
-        value("frequency", "Hz", "turns per second"),
-        optional("phase", "rad", "at the delay and before", 0.0),
-        optional("offset", unit, "mean value", 0.0),
-        optional("delay", "s", "before it nothing changes", 0.0),
+        value("amplitude", unit, "amplitude of the sine", ""),
+        value("frequency", "Hz", "frequency, in cycles per second"),
+        optional("phase", "rad", "phase of the sine until the end of the delay", 0.0),
+        optional("offset", unit, "value about which the sine oscillates", 0.0),
+        optional("delay", "s", "time at which the oscillation begins; constant before", 0.0),
     )
 
 
 def _pulse_fields(unit: str) -> tuple[Field, ...]:
     return (
-        optional("low", unit, "before, between and after", 0.0),
-        value("high", unit, "for its width", ""),
-        optional("delay", "s", "when the first edge begins", 0.0),
-        optional("rise", "s", "length of the first edge", 1e-9, "positive"),
-        optional("fall", "s", "length of the second edge", 1e-9, "positive"),
-        value("width", "s", "between the edges", "nonnegative"),
-        optional("period", "s", "from one pulse to the next; by default there is one", _NEVER),
+        optional("low", unit, "value before, between and after pulses", 0.0),
+        value("high", unit, "value during a pulse", ""),
+        optional("delay", "s", "time at which the first pulse begins", 0.0),
+        optional("rise", "s", "duration of the edge from low to high", 1e-9, "positive"),
+        optional("fall", "s", "duration of the edge from high to low", 1e-9, "positive"),
+        value("width", "s", "duration at high, without the edges", "nonnegative"),
+        optional(
+            "period", "s", "time from one pulse to the next; a single pulse by default", _NEVER
+        ),
     )
 
 
@@ -311,13 +322,13 @@ def _tabled(source: Component) -> Adapt:
 def _piecewise(source: Component) -> Component:
     """Make the source of a table over time."""
     given = source.fields[0]
-    name, doc = f"piecewise_{given.name}", "linear between given points"
+    name, doc = f"piecewise_{given.name}", "waveform that is linear between given points"
     fields = (
-        Field("times", "s", "that increase", Shape.NUMBERS, required=True),
+        Field("times", "s", "times of the points, ascending", Shape.NUMBERS, required=True),
         Field(
             "values",
             given.unit,
-            "at these times; constant outside them",
+            "values at these times; constant before and after them",
             Shape.NUMBERS,
             required=True,
         ),
@@ -389,7 +400,7 @@ def _demand(n: int) -> Demand:
 @lru_cache(maxsize=len(WINDINGS))
 def _windings(n: int) -> Component:
     every = range(1, n + 1)
-    doc = "mutual inductance, by the root of the product of the two"
+    doc = "coupling factor k: the mutual inductance is k times the root of the inductances' product"
     couplings: list[Field] = [value("coupling", "1", doc, "")]
     if n > 2:
         pairs = combinations(every, 2)
@@ -397,9 +408,9 @@ def _windings(n: int) -> Component:
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
     return scalar(
         "coupled_inductors",
-        "windings that share a part of their flux",
+        "inductors with mutual inductance",
         (
-            *(value(f"inductance{i}", "H", f"of {WINDINGS[i - 1]} alone") for i in every),
+            *(value(f"inductance{i}", "H", f"self-inductance of {WINDINGS[i - 1]}") for i in every),
             *couplings,
         ),
         *(_winding(i, n) for i in every),
@@ -433,8 +444,8 @@ COMPONENTS = (
     NULLOR,
     VOLTAGE_SOURCE,
     CURRENT_SOURCE,
-    *_waveforms("sine", "sine from a delay on", _sine_fields, _sine),
-    *_waveforms("pulse", "one pulse with straight edges, or many", _pulse_fields, _pulse),
+    *_waveforms("sine", "sine that begins after a delay", _sine_fields, _sine),
+    *_waveforms("pulse", "one trapezoidal pulse, or a train of them", _pulse_fields, _pulse),
     _piecewise(VOLTAGE_SOURCE),
     _piecewise(CURRENT_SOURCE),
     COUPLED_INDUCTORS,

@@ -20,18 +20,20 @@ _DOMAIN = "electrical"
 #: Faraday's constant, [C/mol], and the molar gas constant, [J/(mol K)]: exact since the SI of 2019.
 FARADAY, GAS = 96485.33212331, 8.31446261815324
 
-_TEMPERATURE = optional("temperature", "K", "of the cell", 298.15, "positive")
-_ELECTRONS = optional("electrons", "1", "that a turn of the reaction exchanges", 1.0, "positive")
+_TEMPERATURE = optional("temperature", "K", "absolute temperature", 298.15, "positive")
+_ELECTRONS = optional(
+    "electrons", "1", "electrons transferred per turnover of the reaction", 1.0, "positive"
+)
 
 #: State of charge, one when full: a positive current charges the cell.
 STATE_OF_CHARGE = Integral("soc", "1", Law(lambda through, capacity: through / capacity))
 
 OPEN_CIRCUIT_VOLTAGE = scalar(
     "open_circuit_voltage",
-    "voltage of a cell without current, with its state of charge",
+    "open-circuit voltage of a cell as a function of its state of charge",
     (
-        value("voltage", "V", "plus minus minus, by NAME.soc", ""),
-        value("capacity", "C", "charge from empty to full"),
+        value("voltage", "V", "open-circuit voltage, an expression of NAME.soc", ""),
+        value("capacity", "C", "charge between empty and full"),
     ),
     Terminal(
         _DOMAIN,
@@ -63,12 +65,12 @@ def _butler_volmer(
 
 BUTLER_VOLMER = scalar(
     "butler_volmer",
-    "current of an electrode by its overpotential",
+    "electrode kinetics: current as a function of the overpotential",
     (
-        value("exchange_current", "A", "both ways at equilibrium"),
-        optional(
-            "symmetry", "1", "share of the overpotential that drives oxidation", 0.5, "positive"
+        value(
+            "exchange_current", "A", "exchange current: forward and backward current at equilibrium"
         ),
+        optional("symmetry", "1", "charge transfer coefficient of the oxidation", 0.5, "positive"),
         _ELECTRONS,
         _TEMPERATURE,
     ),
@@ -77,10 +79,10 @@ BUTLER_VOLMER = scalar(
 
 DOUBLE_LAYER = scalar(
     "double_layer",
-    "capacitance of an electrode's surface",
+    "double-layer capacitance of an electrode",
     (
-        value("specific_capacitance", "F/m^2", "of a unit of the surface"),
-        value("area", "m^2", "of the surface"),
+        value("specific_capacitance", "F/m^2", "capacitance per area"),
+        value("area", "m^2", "area of the electrode"),
     ),
     Terminal(
         _DOMAIN,
@@ -103,11 +105,11 @@ def _nernst(
 
 NERNST = scalar(
     "nernst",
-    "equilibrium potential of an electrode by concentrations",
+    "equilibrium potential of an electrode as a function of concentrations",
     (
-        value("standard_potential", "V", "at equal activities", ""),
-        value("oxidised", "any", "activity or concentration of the oxidised side"),
-        value("reduced", "any", "the same of the reduced side"),
+        value("standard_potential", "V", "standard potential of the electrode", ""),
+        value("oxidised", "any", "activity or concentration of the oxidised species"),
+        value("reduced", "any", "activity or concentration of the reduced species"),
         _ELECTRONS,
         _TEMPERATURE,
     ),
@@ -156,14 +158,19 @@ def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
 
 def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
     own = [
-        value("open_circuit_voltage", "V", "by a table or an expression of NAME.soc", ""),
-        value("capacity", "C", "charge from empty to full"),
-        value("resistance", "ohm", "in series"),
+        value(
+            "open_circuit_voltage",
+            "V",
+            "open-circuit voltage, a table or an expression of NAME.soc",
+            "",
+        ),
+        value("capacity", "C", "charge between empty and full"),
+        value("resistance", "ohm", "series resistance"),
     ]
     for i in pairs:
-        for name, unit in ((f"resistance{i}", "ohm"), (f"capacitance{i}", "F")):
-            doc = f"of pair {i}; both or none"
-            own.append(Field(name, unit, doc, constant=False, sign="positive"))
+        for quantity, unit in (("resistance", "ohm"), ("capacitance", "F")):
+            doc = f"{quantity} of RC pair {i}; give both or none"
+            own.append(Field(f"{quantity}{i}", unit, doc, constant=False, sign="positive"))
     return tuple(own)
 
 
@@ -179,7 +186,7 @@ def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
 
 BATTERY_CELL = scalar(
     "battery_cell",
-    "open-circuit voltage by the state of charge, a resistance and up to three RC pairs",
+    "equivalent circuit of a cell: open-circuit voltage, resistance and up to three RC pairs",
     _fields(_EVERY),
     *_ports(_EVERY),
     terminals=("plus", "minus"),

@@ -113,26 +113,32 @@ def _curve(edge: str, field: str, given: Given, speed: str) -> dict[str, Any]:
 
 
 def _viscous(unit: str) -> Field:
-    return optional("damping", unit, "of viscous friction, while it slides", None, "nonnegative")
+    return optional(
+        "damping", unit, "coefficient of viscous friction in sliding", None, "nonnegative"
+    )
 
 
 def _stribeck(unit: str) -> Field:
-    doc = "speed over which the force falls from that at rest; at once where left out"
+    doc = "Stribeck speed, over which friction falls from its peak; at once if omitted"
     return optional("stribeck_speed", unit, doc, None, "positive")
 
 
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
     rubbing = _Rubbing(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
     fields = (
-        value(force, force_unit, "of dry friction, while it slides", "nonnegative"),
+        value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),
         optional(
-            "breakaway", force_unit, f"largest {force} at rest; `{force}`", None, "nonnegative"
+            "breakaway",
+            force_unit,
+            f"largest {force} at rest; by default `{force}`",
+            None,
+            "nonnegative",
         ),
         _stribeck(speed_unit),
         _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
     )
     return rubbing.component(
-        f"{domain}_dry_friction", "dry friction that sticks and slides", fields
+        f"{domain}_dry_friction", "dry friction with sticking and sliding", fields
     )
 
 
@@ -153,12 +159,19 @@ _BRAKED = replace(
 
 
 def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
-    radius = value("radius", "m", "mean radius of the faces, times their number")
+    radius = value("radius", "m", "mean radius of the friction faces times their number")
     return (
-        value("normal_force", "N", "that presses the faces together; none below zero", ""),
-        value("friction", "1", "coefficient in sliding", "nonnegative"),
+        value(
+            "normal_force",
+            "N",
+            "force that presses the faces together; no friction if negative",
+            "",
+        ),
+        value("friction", "1", "coefficient of sliding friction", "nonnegative"),
         *((radius,) if torque else ()),
-        optional("peak", "1", "coefficient at rest over that in sliding; 1", None, "positive"),
+        optional(
+            "peak", "1", "ratio of static to sliding friction; by default 1", None, "positive"
+        ),
         _stribeck(speed_unit),
     )
 
@@ -190,14 +203,19 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
         integral=Integral("z", length, Law.formed_by(rate)),
     )
     fields = (
-        value(force, force_unit, "of dry friction in steady sliding", "positive"),
-        value("breakaway", force_unit, f"{force} that bristles bear at most", "positive"),
-        value("stribeck_speed", speed_unit, "speed over which one becomes the other", "positive"),
-        value("stiffness", f"{force_unit}/{length}", "of the bristles"),
-        optional("damping", slope_unit, "of the bristles", 0.0, "nonnegative"),
-        optional("viscous", slope_unit, "of viscous friction", 0.0, "nonnegative"),
+        value(force, force_unit, f"{force} of dry friction in steady sliding", "positive"),
+        value("breakaway", force_unit, f"largest {force} at rest", "positive"),
+        value(
+            "stribeck_speed",
+            speed_unit,
+            "Stribeck speed, over which friction falls from its peak",
+            "positive",
+        ),
+        value("stiffness", f"{force_unit}/{length}", "stiffness of the bristles"),
+        optional("damping", slope_unit, "damping of the bristles", 0.0, "nonnegative"),
+        optional("viscous", slope_unit, "coefficient of viscous friction", 0.0, "nonnegative"),
     )
-    return scalar(f"{domain}_lugre", "friction of bristles that bend and slip", fields, port)
+    return scalar(f"{domain}_lugre", "LuGre friction: bristles that bend and slip", fields, port)
 
 
 def _toothed(given: Given) -> Component:
@@ -258,16 +276,28 @@ def _adapt_gear(edge: str, nodes: Nodes, given: Given) -> Adapted:
     return _toothed(given), nodes, given
 
 
-_RATIO = value("ratio", "1", "speed of input per speed of output", "")
+_RATIO = value("ratio", "1", "speed of the input per speed of the output; may be negative", "")
 
 _GEAR = scalar(
     "lossy_gear",
-    "gear with losses in teeth and bearings, which may lock it",
+    "gear with losses in teeth and bearings; it may be self-locking",
     (
         _RATIO,
-        value("efficiency", "1", "of the teeth, where the input drives", "positive"),
-        optional("back_efficiency", "1", "where the output drives; `efficiency`", None, "positive"),
-        optional("torque", "N m", "of friction in the bearings, at the input", None, "nonnegative"),
+        value("efficiency", "1", "efficiency of the teeth if the input drives", "positive"),
+        optional(
+            "back_efficiency",
+            "1",
+            "efficiency if the output drives; by default `efficiency`",
+            None,
+            "positive",
+        ),
+        optional(
+            "torque",
+            "N m",
+            "friction torque of the bearings, referred to the input",
+            None,
+            "nonnegative",
+        ),
     ),
     terminals=("input", "output"),
     adapt=_adapt_gear,
@@ -280,12 +310,12 @@ COMPONENTS = (
     _dry("rotational", "torque", "N m", "rad/s"),
     _bristles("translational", "force", "N", "m"),
     _bristles("rotational", "torque", "N m", "rad"),
-    _PRESSED.component("clutch", "clutch between two shafts", _pressed("rad/s", True)),
-    _PRESSED.component("brake", "brake of a shaft", _pressed("rad/s", True)),
-    _BRAKED.component("translational_brake", "brake of a mass", _pressed("m/s", False)),
+    _PRESSED.component("clutch", "friction clutch between two shafts", _pressed("rad/s", True)),
+    _PRESSED.component("brake", "brake on a shaft", _pressed("rad/s", True)),
+    _BRAKED.component("translational_brake", "brake on a mass", _pressed("m/s", False)),
     replace(_PRESSED, is_one_way=True).component(
         "one_way_clutch",
-        "clutch that turns freely one way, and locks the other",
+        "overrunning clutch: turns freely in one direction, locks in the other",
         _pressed("rad/s", True),
     ),
 )

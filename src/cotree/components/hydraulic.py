@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 _DOMAIN = "hydraulic"
 
 # Water; oils have 850 to 900 kg/m^3.
-_DENSITY = optional("density", "kg/m^3", "of the liquid", 1000.0, "positive")
+_DENSITY = optional("density", "kg/m^3", "density of the liquid", 1000.0, "positive")
 
 RESISTOR = resistance(
     _DOMAIN,
     "hydraulic_resistor",
-    "linear resistance: laminar flow",
-    value("resistance", "Pa s/m^3", "pressure per flow", "nonzero"),
+    "linear resistance to laminar flow",
+    value("resistance", "Pa s/m^3", "pressure drop per flow", "nonzero"),
 )
 
 
@@ -56,22 +56,24 @@ def _valve(
 
 
 # Sharp-edged openings contract the jet to about 0.62 of their area.
-_COEFFICIENT = optional("coefficient", "1", "of discharge", 0.62, "positive")
-_TRANSITION = optional("transition", "Pa", "below it the law is smoothed", 1.0, "positive")
+_COEFFICIENT = optional("coefficient", "1", "discharge coefficient", 0.62, "positive")
+_TRANSITION = optional(
+    "transition", "Pa", "pressure drop below which the law is smoothed", 1.0, "positive"
+)
 
 ORIFICE = scalar(
     "orifice",
-    "turbulent flow through an opening",
-    (value("area", "m^2", "of the opening"), _COEFFICIENT, _DENSITY, _TRANSITION),
+    "turbulent flow through a fixed opening",
+    (value("area", "m^2", "area of the opening"), _COEFFICIENT, _DENSITY, _TRANSITION),
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_orifice)),
 )
 
 VALVE = scalar(
     "valve",
-    "an orifice that opens and closes",
+    "orifice with a variable opening",
     (
-        value("area", "m^2", "of the opening, when it is open"),
-        value("opening", "1", "share of the area that is open", "nonnegative"),
+        value("area", "m^2", "area of the fully open valve"),
+        value("opening", "1", "open fraction of the area, 0 to 1", "nonnegative"),
         _COEFFICIENT,
         _DENSITY,
         _TRANSITION,
@@ -82,11 +84,11 @@ VALVE = scalar(
 
 TANK = scalar(
     "tank",
-    "open tank of upright walls: pressure at its bottom",
+    "open tank with vertical walls; the pressure is that at its bottom",
     (
-        value("area", "m^2", "of its surface"),
+        value("area", "m^2", "area of the liquid's surface"),
         _DENSITY,
-        optional("gravity", "m/s^2", "acceleration of free fall", 9.81, "positive"),
+        optional("gravity", "m/s^2", "gravitational acceleration", 9.81, "positive"),
     ),
     # p = rho g h and A dh/dt = Q, so that Q = A / (rho g) dp/dt.
     Terminal(
@@ -99,15 +101,15 @@ TANK = scalar(
 ACCUMULATOR = storage(
     _DOMAIN,
     "accumulator",
-    "elastic volume",
-    value("capacity", "m^3/Pa", "volume taken up per pressure"),
+    "elastic volume, such as a gas-loaded accumulator",
+    value("capacity", "m^3/Pa", "volume stored per pressure"),
 )
 
 INERTANCE = storage(
     _DOMAIN,
     "inertance",
-    "inertia of a liquid column",
-    value("inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length by area"),
+    "inertia of the liquid in a pipe",
+    value("inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length over area"),
     Kind.THROUGH_STORAGE,
 )
 
@@ -134,11 +136,19 @@ def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
 
 PIPE = scalar(
     "pipe",
-    "liquid column with friction, elastic where a capacity is given",
+    "pipe with inertia and friction, elastic if it has a capacity",
     (
-        optional("resistance", "Pa s/m^3", "pressure per flow", 0.0, "nonnegative"),
-        value("inertance", "Pa s^2/m^3", "pressure per rate of flow"),
-        optional("capacity", "m^3/Pa", "volume per pressure, half at each end", None, "positive"),
+        optional("resistance", "Pa s/m^3", "pressure drop per flow", 0.0, "nonnegative"),
+        value(
+            "inertance", "Pa s^2/m^3", "pressure per rate of flow: density times length over area"
+        ),
+        optional(
+            "capacity",
+            "m^3/Pa",
+            "volume stored per pressure, half of it at each end",
+            None,
+            "positive",
+        ),
     ),
     _PIPE,
     terminals=("plus", "minus"),
@@ -164,24 +174,29 @@ def _pump_rise(through: Any, pressure: Any, resistance: Any, quadratic: Any) -> 
 
 PUMP = scalar(
     "pump",
-    "a pump by its curve, which raises the pressure from minus to plus",
+    "pump with a quadratic curve; it raises the pressure from minus to plus",
     (
-        value("pressure", "Pa", "rise without flow", ""),
-        value("resistance", "Pa s/m^3", "linear fall of the curve"),
-        optional("quadratic", "Pa s^2/m^6", "quadratic fall of the curve", 0.0, "nonnegative"),
+        value("pressure", "Pa", "pressure rise at zero flow", ""),
+        value("resistance", "Pa s/m^3", "linear coefficient of the fall of pressure with flow"),
+        optional(
+            "quadratic", "Pa s^2/m^6", "quadratic coefficient of that fall", 0.0, "nonnegative"
+        ),
     ),
     Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_pump_rise), through=Law(_pump)),
 )
 
 PRESSURE_SOURCE = across_source(
-    _DOMAIN, "pressure_source", "given pressure", value("pressure", "Pa", "plus minus minus", "")
+    _DOMAIN,
+    "pressure_source",
+    "prescribed pressure",
+    value("pressure", "Pa", "pressure of the plus node above the minus node", ""),
 )
 
 FLOW_SOURCE = through_source(
     _DOMAIN,
     "flow_source",
-    "given flow, from plus to minus inside",
-    value("flow", "m^3/s", "from plus to minus inside", ""),
+    "prescribed volume flow",
+    value("flow", "m^3/s", "volume flow inside the source, positive from plus to minus", ""),
 )
 
 COMPONENTS = (

@@ -61,7 +61,7 @@ _ROTATION = _Motion("rotational", "torque", "N m", "angle", "rad")
 
 
 def _damper(m: _Motion) -> Component:
-    field = value("damping", m.damping_unit, f"{m.force} per relative speed", "nonzero")
+    field = value("damping", m.damping_unit, f"damping {m.force} per relative speed", "nonzero")
     terminal = Terminal(
         m.domain,
         Kind.DISSIPATOR,
@@ -76,7 +76,9 @@ def _stiffness(m: _Motion) -> Field:
 
 
 def _free(m: _Motion) -> Field:
-    return optional(f"free_{m.length}", m.length_unit, f"{m.length} at rest", 0.0)
+    return optional(
+        f"free_{m.length}", m.length_unit, f"{m.length} at which the {m.force} is zero", 0.0
+    )
 
 
 def _linear(m: _Motion) -> Terminal:
@@ -93,8 +95,7 @@ def _linear(m: _Motion) -> Terminal:
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Use an expression instead of a spring's stiffness."""
-    # The expression may have any slope, so it is not passive, and ``storage`` needs a constant
-    # increase of force with stretch, which it has not.
+    # The expression may have any slope, so that it is not passive and has no constant ``storage``.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m), required=True)
@@ -115,11 +116,16 @@ def _by_expression(spring: Component, m: _Motion) -> Adapt:
 def _spring(m: _Motion) -> Component:
     made = scalar(
         m.name("spring"),
-        "linear spring, or a spring by an expression",
+        "linear spring, or a spring with any characteristic",
         (
             replace(_stiffness(m), required=False),
             _free(m),
-            optional(m.force, m.force_unit, "in place of stiffness: an expression", None),
+            optional(
+                m.force,
+                m.force_unit,
+                f"{m.force} in tension, instead of stiffness: an expression of the stretch",
+                None,
+            ),
         ),
         _linear(m),
     )
@@ -151,16 +157,16 @@ def _stop_law(
 def _stop(m: _Motion) -> Component:
     return scalar(
         m.name("stop"),
-        "elastic stops at either side of a gap",
+        "elastic stops at both ends of a free travel",
         (
-            value("lower", m.length_unit, f"{m.length} at which the lower stop begins", ""),
-            value("upper", m.length_unit, f"{m.length} at which the upper stop begins", ""),
+            value("lower", m.length_unit, f"{m.length} below which the lower stop acts", ""),
+            value("upper", m.length_unit, f"{m.length} above which the upper stop acts", ""),
             value("stiffness", m.stiffness_unit, f"{m.force} per {m.length} in contact"),
-            optional("damping", m.damping_unit, "in contact", 0.0, "nonnegative"),
+            optional("damping", m.damping_unit, "damping in contact", 0.0, "nonnegative"),
             optional(
                 "transition",
                 m.length_unit,
-                f"{m.length} over which contact sets in",
+                f"{m.length} over which the stiffness sets in smoothly",
                 1e-6,
                 "positive",
             ),
@@ -174,10 +180,16 @@ def _stop(m: _Motion) -> Component:
 def _backlash(m: _Motion) -> Component:
     """Make a backlash between two elastic limits, either of which may be absent."""
     fields = (
-        optional("lower", m.length_unit, f"{m.length} below which it is compressed", None),
-        optional("upper", m.length_unit, f"{m.length} above which it is stretched", None),
+        optional("lower", m.length_unit, f"{m.length} below which it acts in compression", None),
+        optional("upper", m.length_unit, f"{m.length} above which it acts in tension", None),
         _stiffness(m),
-        optional("damping", m.damping_unit, "in contact; it never pulls", 0.0, "nonnegative"),
+        optional(
+            "damping",
+            m.damping_unit,
+            "damping in contact; the contact never pulls",
+            0.0,
+            "nonnegative",
+        ),
     )
 
     def port(has_lower: bool, has_upper: bool) -> Terminal:
@@ -205,9 +217,7 @@ def _backlash(m: _Motion) -> Component:
         own = replace(made, ports=(port(has_lower, has_upper),), demands=apart)
         return own, nodes, given
 
-    made = scalar(
-        m.name("backlash"), "play between elastic limits, with corners", fields, port(True, True)
-    )
+    made = scalar(m.name("backlash"), "play between two elastic limits", fields, port(True, True))
     return replace(made, adapt=adapt)
 
 
@@ -224,26 +234,40 @@ def _friction(m: _Motion) -> Component:
     arguments = ("across", m.force, "damping", "transition")
     return scalar(
         m.name("friction"),
-        "dry friction, smooth about rest, with viscous friction",
+        "smoothed dry friction with viscous friction",
         (
-            value(m.force, m.force_unit, "of dry friction", "nonnegative"),
-            optional("damping", m.damping_unit, "of viscous friction", 0.0, "nonnegative"),
-            optional("transition", m.speed_unit, "speed below which it sets in", 1e-3, "positive"),
+            value(m.force, m.force_unit, f"{m.force} of dry friction", "nonnegative"),
+            optional(
+                "damping", m.damping_unit, "coefficient of viscous friction", 0.0, "nonnegative"
+            ),
+            optional(
+                "transition",
+                m.speed_unit,
+                "speed below which dry friction is smoothed",
+                1e-3,
+                "positive",
+            ),
         ),
         Terminal(m.domain, Kind.DISSIPATOR, through=Law.taking(arguments, law), is_passive=False),
     )
 
 
 def _force_source(m: _Motion) -> Component:
-    field = value(m.force, m.force_unit, "on the second node", "")
-    doc = f"given {m.force} on the second node"
+    field = value(m.force, m.force_unit, f"{m.force} on the second node", "")
+    doc = f"prescribed {m.force} on the second node"
     return through_source(m.domain, f"{m.force}_source", doc, field, acts_on_head=True)
 
 
 def _speed_source(m: _Motion, name: str) -> Component:
-    field = value(name, m.speed_unit, "second node less first", "")
-    made = across_source(m.domain, f"{name}_source", f"given {name}", field)
-    place = Field("joint", "", "whose velocity is given", Shape.EXPRESSION, required=True)
+    field = value(name, m.speed_unit, f"{name} of the second node relative to the first", "")
+    made = across_source(m.domain, f"{name}_source", f"prescribed {name}", field)
+    place = Field(
+        "joint",
+        "",
+        "joint of a mechanism to drive, instead of nodes",
+        Shape.EXPRESSION,
+        required=True,
+    )
     # On a joint the velocity is that of the mechanism: a constraint prescribes it, and its
     # multiplier is the effort.
     held = Component(
@@ -268,8 +292,8 @@ PACED = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")
 MASS = storage(
     "translational",
     "translational_mass",
-    "mass that moves along a line",
-    value("mass", "kg", "of the body"),
+    "mass in translation along a line",
+    value("mass", "kg", "mass of the body"),
     # Inertial forces refer to an inertial frame, so an inertia must end at the ground.
     is_absolute=True,
 )
@@ -277,8 +301,8 @@ MASS = storage(
 INERTIA = storage(
     "rotational",
     "rotational_inertia",
-    "inertia that turns about an axis",
-    value("inertia", "kg m^2", "about the axis"),
+    "moment of inertia in rotation about an axis",
+    value("inertia", "kg m^2", "moment of inertia about the axis"),
     is_absolute=True,
 )
 
@@ -289,7 +313,7 @@ SHAFT = scalar(
     "elastic shaft with damping",
     (
         _stiffness(_ROTATION),
-        value("damping", _ROTATION.damping_unit, "torque per relative speed"),
+        value("damping", _ROTATION.damping_unit, "damping torque per relative speed"),
         _free(_ROTATION),
     ),
     Terminal(
@@ -310,16 +334,26 @@ SHAFT = scalar(
 
 LEVER = ideal_coupling(
     "lever",
-    "ideal lever, at small angles",
-    value("ratio", "1", "velocity of input per velocity of output; negative about a pivot", ""),
+    "ideal lever at small angles",
+    value(
+        "ratio",
+        "1",
+        "velocity of the input per velocity of the output; negative if the pivot is between",
+        "",
+    ),
     ("translational", "input"),
     ("translational", "output"),
 )
 
 IDEAL_GEAR = ideal_coupling(
     "ideal_gear",
-    "ideal gear",
-    value("ratio", "1", "speed of input per speed of output; negative where they turn against", ""),
+    "ideal gear without losses",
+    value(
+        "ratio",
+        "1",
+        "speed of the input per speed of the output; negative if they turn oppositely",
+        "",
+    ),
     ("rotational", "input"),
     ("rotational", "output"),
 )
@@ -335,7 +369,7 @@ RACK_AND_PINION = ideal_coupling(
 _SET = ideal_coupling(
     "planetary_gear",
     "ideal planetary gear: a sun, a ring, and planets on a carrier",
-    value("ratio", "1", "teeth of the ring per teeth of the sun", "positive"),
+    value("ratio", "1", "number of teeth of the ring over that of the sun", "positive"),
     ("rotational", "sun"),
     ("rotational", "ring"),
     reverses=True,

@@ -54,11 +54,11 @@ RIGID_BODY = Component(
     Role.BODY,
     "inertia of a body whose centre of mass is the second node; the first node is ground",
     fields=(
-        Field("mass", "kg", "mass", required=True, sign="nonnegative"),
+        Field("mass", "kg", "mass of the body", required=True, sign="nonnegative"),
         Field(
             "inertia",
             "kg m^2",
-            "about the centre of mass, in the second node's axes; not modelled where absent",
+            "inertia about the centre of mass, in the second node's axes; a particle if omitted",
             Shape.INERTIA,
             sign="nonnegative",
         ),
@@ -69,7 +69,7 @@ RIGID_BODY = Component(
 _ROTATION = Field(
     "rotation",
     "rad",
-    "of the second node: roll, pitch and yaw about the first node's axes, or a matrix",
+    "orientation of the second node: roll, pitch and yaw about the first node's axes, or a matrix",
     Shape.ROTATION,
 )
 
@@ -78,9 +78,15 @@ _ROTATION = Field(
 ARM = Component(
     "arm",
     Role.ARM,
-    "a vector fixed in a body, from the first node to the second",
+    "constant vector in a body, from the first node to the second",
     fields=(
-        Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),
+        Field(
+            "vector",
+            "m",
+            "vector to the second node, in the first node's axes",
+            Shape.VECTOR,
+            required=True,
+        ),
         _ROTATION,
     ),
     keeps_plane=Plane(within=("vector",)),
@@ -89,7 +95,7 @@ ARM = Component(
 WELD = Component(
     "weld",
     Role.ARM,
-    "holds the second node to the first",
+    "rigid connection of two nodes",
     fields=(_ROTATION,),
     keeps_plane=Plane(),
 )
@@ -113,15 +119,17 @@ def _direction(name: str, doc: str) -> Field:
     return Field(name, "1", doc, Shape.VECTOR, required=True)
 
 
-_AXIS = _direction("axis", "direction in the first node's axes")
-_AXIS2 = _direction("axis2", "second direction, in the axes that the first turn has moved")
-_NORMAL = _direction("normal", "normal of the plane, in the first node's axes")
-_MOTION = Field("motion", "rad or m", "prescribes the coordinate as a function of time", timed=True)
+_AXIS = _direction("axis", "direction of the axis, in the first node's frame")
+_AXIS2 = _direction(
+    "axis2", "direction of the second axis, in the frame that the first rotation has turned"
+)
+_NORMAL = _direction("normal", "normal of the plane, in the first node's frame")
+_MOTION = Field("motion", "rad or m", "prescribed coordinate as a function of time", timed=True)
 _TURN_EFFORTS = (
-    _effort("stiffness", "N m/rad", "of a torsional spring in the joint"),
-    _effort("free_angle", "rad", "angle at which that spring is at rest"),
-    _effort("damping", "N m s/rad", "of a torsional damper in the joint"),
-    _effort("torque", "N m", "drives the second node about the axis"),
+    _effort("stiffness", "N m/rad", "stiffness of a torsional spring in the joint"),
+    _effort("free_angle", "rad", "angle at which that spring is unloaded"),
+    _effort("damping", "N m s/rad", "coefficient of a torsional damper in the joint"),
+    _effort("torque", "N m", "torque on the second node about the axis"),
 )
 _ABOUT_AXIS = Plane(along=("axis",))
 
@@ -141,10 +149,10 @@ PRISMATIC = Component(
     "translation of the second node along an axis through the first",
     fields=(
         _AXIS,
-        _effort("stiffness", "N/m", "of a spring in the joint"),
-        _effort("free_length", "m", "coordinate at which that spring is at rest"),
-        _effort("damping", "N s/m", "of a damper in the joint"),
-        _effort("force", "N", "drives the second node along the axis"),
+        _effort("stiffness", "N/m", "stiffness of a spring in the joint"),
+        _effort("free_length", "m", "coordinate at which that spring is unloaded"),
+        _effort("damping", "N s/m", "coefficient of a damper in the joint"),
+        _effort("force", "N", "force on the second node along the axis"),
         _MOTION,
     ),
     motion_space=(Freedom("s", "m", rotates=False, axis="axis"),),
@@ -168,7 +176,7 @@ CYLINDRICAL = Component(
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
-    "rotation about an axis of the first node, then about one that it has turned",
+    "rotation about an axis of the first node, then about a second axis that turns with it",
     fields=(_AXIS, _AXIS2),
     motion_space=(
         Freedom("theta1", "rad", rotates=True, axis="axis"),
@@ -179,7 +187,7 @@ UNIVERSAL = Component(
 SPHERICAL = Component(
     "spherical",
     Role.JOINT,
-    "every rotation of the second node about a point that both share",
+    "any rotation of the second node about a common point",
     motion_space=(FreeRotation(),),
 )
 
@@ -200,7 +208,7 @@ PLANAR = Component(
 FREE = Component(
     "free",
     Role.JOINT,
-    "every motion of the second node: no reaction",
+    "any motion of the second node, without reactions",
     motion_space=body_space("", is_particle=False),
 )
 
@@ -209,10 +217,10 @@ FREE = Component(
 SCREW = Component(
     "screw",
     Role.JOINT,
-    "rotation about an axis with a translation along it in proportion",
+    "rotation about an axis with a proportional translation along it",
     fields=(
         _AXIS,
-        Field("pitch", "m/rad", "translation for each radian", required=True),
+        Field("pitch", "m/rad", "translation per radian", required=True),
         *_TURN_EFFORTS,
         _MOTION,
     ),
@@ -225,8 +233,12 @@ SCREW = Component(
 DISTANCE = Component(
     "distance",
     Role.CONSTRAINT,
-    "a massless rod: holds the distance between two nodes",
-    fields=(Field("length", "m", "the distance", required=True, timed=True, sign="positive"),),
+    "massless rod: constant distance between two nodes",
+    fields=(
+        Field(
+            "length", "m", "distance between the nodes", required=True, timed=True, sign="positive"
+        ),
+    ),
     domains=("translation",),
     keeps_plane=Plane(),
 )
@@ -234,12 +246,12 @@ DISTANCE = Component(
 SLOT = Component(
     "slot",
     Role.CONSTRAINT,
-    "holds the second node on a line through the first",
+    "second node on a line through the first",
     fields=(
         Field(
             "axis",
             "1",
-            "direction of the line in the first node's axes; may depend on time",
+            "direction of the line, in the first node's frame; may depend on time",
             Shape.VECTOR,
             required=True,
             timed=True,
@@ -254,12 +266,12 @@ SLOT = Component(
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
-    "holds the velocity of the second node, against the first, across a blade at zero",
+    "knife edge: zero velocity of the second node across a blade, relative to the first",
     fields=(
         Field(
             "axis",
             "1",
-            "direction across the blade, in the second node's axes",
+            "direction across the blade, in the second node's frame",
             Shape.VECTOR,
             required=True,
         ),
@@ -272,11 +284,19 @@ KNIFE_EDGE = Component(
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,
-    "a thin disc about the second node rolls without slip on a plane through the first",
+    "thin disc at the second node that rolls without slip on a plane through the first",
     fields=(
-        Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
-        Field("axis", "1", "of the disc, in the second node's axes", Shape.VECTOR, required=True),
-        Field("radius", "m", "of the disc", required=True, sign="positive"),
+        Field(
+            "normal",
+            "1",
+            "normal of the plane, in the first node's frame",
+            Shape.VECTOR,
+            required=True,
+        ),
+        Field(
+            "axis", "1", "axis of the disc, in the second node's frame", Shape.VECTOR, required=True
+        ),
+        Field("radius", "m", "radius of the disc", required=True, sign="positive"),
     ),
     keeps_plane=Plane(along=("axis",), within=("normal",)),
 )
@@ -284,13 +304,19 @@ ROLLING_DISC = Component(
 ROLLING_ELLIPSOID = Component(
     "rolling_ellipsoid",
     Role.CONSTRAINT,
-    "an ellipsoid about the second node rolls without slip on a plane through the first",
+    "ellipsoid at the second node that rolls without slip on a plane through the first",
     fields=(
-        Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
+        Field(
+            "normal",
+            "1",
+            "normal of the plane, in the first node's frame",
+            Shape.VECTOR,
+            required=True,
+        ),
         Field(
             "semiaxes",
             "m",
-            "along the second node's axes, positive",
+            "semi-axes along the axes of the second node",
             Shape.VECTOR,
             required=True,
             sign="positive",
@@ -304,12 +330,29 @@ ROLLING_ELLIPSOID = Component(
 GEAR = Component(
     "gear",
     Role.CONSTRAINT,
-    "couples two coordinates: coordinate1 = ratio * coordinate2 + phase",
+    "linear relation of two coordinates: coordinate1 = ratio * coordinate2 + phase",
     fields=(
-        Field("coordinate1", "rad or m", "such as j1.theta", Shape.EXPRESSION, required=True),
-        Field("coordinate2", "rad or m", "such as j2.theta", Shape.EXPRESSION, required=True),
-        Field("ratio", "1, m or 1/m", "negative for wheels that mesh outside", required=True),
-        Field("phase", "rad or m", "coordinate1 where coordinate2 is zero", default=0.0),
+        Field(
+            "coordinate1",
+            "rad or m",
+            "driven coordinate, such as j1.theta",
+            Shape.EXPRESSION,
+            required=True,
+        ),
+        Field(
+            "coordinate2",
+            "rad or m",
+            "other coordinate, such as j2.theta",
+            Shape.EXPRESSION,
+            required=True,
+        ),
+        Field(
+            "ratio",
+            "1, m or 1/m",
+            "ratio of the coordinates; negative for external gears",
+            required=True,
+        ),
+        Field("phase", "rad or m", "value of coordinate1 if coordinate2 is zero", default=0.0),
     ),
     domains=(),
     keeps_plane=Plane(),
@@ -318,8 +361,10 @@ GEAR = Component(
 CONSTRAINT = Component(
     "constraint",
     Role.CONSTRAINT,
-    "holds an expression of coordinates, node positions, parameters and t at zero",
-    fields=(Field("expression", "", "what stays zero", Shape.EXPRESSION, required=True),),
+    "expression of coordinates, node positions, parameters and t that stays zero",
+    fields=(
+        Field("expression", "", "expression that stays zero", Shape.EXPRESSION, required=True),
+    ),
     domains=(),
     keeps_plane=Plane(),
 )
@@ -330,7 +375,10 @@ def _three(name: str, unit: str, doc: str) -> Field:
 
 
 AXIS = Field(
-    "axis", "1", "acts along it, fixed in the first node's axes; else along the line", Shape.VECTOR
+    "axis",
+    "1",
+    "direction of the force, in the first node's frame; by default the line of the nodes",
+    Shape.VECTOR,
 )
 
 
@@ -347,11 +395,11 @@ def _damper(rate: Any, damping: Any) -> Any:
 SPRING = Component(
     "spring",
     Role.LINE,
-    "linear spring, with a damper beside it where damping is given",
+    "linear spring, with a parallel damper if damping is given",
     fields=(
         AXIS,
-        value("stiffness", "N/m", "force per length", ""),
-        optional("free_length", "m", "length at rest", 0.0),
+        value("stiffness", "N/m", "force per elongation", ""),
+        optional("free_length", "m", "length at which the force is zero", 0.0),
         optional("damping", "N s/m", "force per rate of length", 0.0),
     ),
     domains=("translation",),
@@ -372,8 +420,8 @@ DAMPER = Component(
 FORCE = Component(
     "force",
     Role.FORCE,
-    "given force on the second node",
-    fields=(replace(_three("force", "N", "components in the first node's axes"), required=True),),
+    "prescribed force on the second node",
+    fields=(replace(_three("force", "N", "components in the first node's frame"), required=True),),
     domains=("translation",),
     keeps_plane=Plane(within=("force",)),
 )
@@ -381,9 +429,9 @@ FORCE = Component(
 TORQUE = Component(
     "torque",
     Role.TORQUE,
-    "given torque on the second node",
+    "prescribed torque on the second node",
     fields=(
-        replace(_three("torque", "N m", "components in the first node's axes"), required=True),
+        replace(_three("torque", "N m", "components in the first node's frame"), required=True),
     ),
     domains=("rotation",),
     keeps_plane=Plane(along=("torque",)),
@@ -393,13 +441,13 @@ TORQUE = Component(
 LINE_FORCE = Component(
     "line_force",
     Role.LAW,
-    "force along the line of its nodes, or an axis, by an expression of length and rate",
+    "force along the line of its nodes or an axis, a function of length and rate",
     fields=(
         AXIS,
         Field(
             "force",
             "N",
-            "on the second node: an expression of length, rate, t, inputs and coordinates",
+            "force on the second node, an expression of length, rate, t, inputs and coordinates",
             Shape.EXPRESSION,
             required=True,
         ),
@@ -416,10 +464,10 @@ BUSHING = Component(
     Role.BUSHING,
     "springs and dampers along and about the three axes of the first node",
     fields=(
-        _three("stiffness", "N/m", "along each axis"),
-        _three("damping", "N s/m", "along each axis"),
-        _three("rotation_stiffness", "N m/rad", "about each axis"),
-        _three("rotation_damping", "N m s/rad", "about each axis"),
+        _three("stiffness", "N/m", "stiffness along each axis"),
+        _three("damping", "N s/m", "damping along each axis"),
+        _three("rotation_stiffness", "N m/rad", "torsional stiffness about each axis"),
+        _three("rotation_damping", "N m s/rad", "torsional damping about each axis"),
     ),
 )
 

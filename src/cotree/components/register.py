@@ -39,7 +39,7 @@ def make_component(
     name : str
         Its ``type`` in scenes.
     law : callable
-        Takes SymPy symbols and gives the force on the second node, [N]. Its arguments are
+        Takes SymPy symbols and returns the force on the second node, [N]. Its arguments are
         ``length`` and ``rate`` (``along="line"``: of the line from the first node to the second,
         or along the field ``axis``) or ``speed`` (``along="velocity"``: of the second node
         against the first; the force acts along the velocity), the time ``t``, and any others:
@@ -179,13 +179,13 @@ def make_network_component(
     domain : str
         The graph of its ports: ``electrical``, ``hydraulic``, ``thermal``, ...
     gives : {'', 'across', 'through', 'content'}, or mapping of str to these
-        What laws give, or that of each port by its name. It follows from the arguments for all but
-        sources, which are functions of none of these, and storages by content: these give what
-        they hold as a function of ``across``, as a charge of a voltage, or of ``through``, as a
-        flux linkage of a current, and may be functions of the same variable of other ports. What
-        they hold must not jump.
+        The variable that the laws return, or that of each port by its name. It follows from the
+        arguments except for sources, whose laws have none of these arguments, and storages by
+        content. The law of a content, such as a charge as a function of ``across`` or a flux
+        linkage as a function of ``through``, may depend on the same variable of other ports. It
+        must be continuous.
     terminals : sequence of str
-        Names of its nodes, where ports share them; else each port has two of its own.
+        Names of its nodes if ports share them; otherwise each port has two nodes of its own.
     between : mapping of str to pair of str
         With ``terminals``: from which to which node each port runs.
     units : mapping of str to str, optional
@@ -250,7 +250,7 @@ def _places(
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Return the variable that the law of each port gives, if it is specified."""
+    """Return the variable that the law of each port returns, if it is specified."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:

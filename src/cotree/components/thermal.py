@@ -17,15 +17,15 @@ STEFAN_BOLTZMANN = 5.670374419e-8
 HEAT_CAPACITOR = storage(
     _DOMAIN,
     "heat_capacitor",
-    "heat capacity of one temperature",
-    value("capacity", "J/K", "heat per temperature"),
+    "lumped heat capacity",
+    value("capacity", "J/K", "heat stored per kelvin"),
 )
 
 RESISTOR = resistance(
     _DOMAIN,
     "thermal_resistor",
     "conduction",
-    value("resistance", "K/W", "temperature per heat flow"),
+    value("resistance", "K/W", "temperature difference per heat flow"),
 )
 
 # Newton's law of cooling.
@@ -33,8 +33,8 @@ CONVECTION = scalar(
     "convection",
     "heat transfer between a surface and a fluid",
     (
-        value("coefficient", "W/(m^2 K)", "heat flow per area and temperature"),
-        value("area", "m^2", "of the surface"),
+        value("coefficient", "W/(m^2 K)", "heat transfer coefficient"),
+        value("area", "m^2", "area of the surface"),
     ),
     Terminal(
         _DOMAIN,
@@ -58,8 +58,8 @@ RADIATION = scalar(
     "radiation",
     "radiation between grey surfaces",
     (
-        value("area", "m^2", "of the surface, times its view factor"),
-        optional("emissivity", "1", "of the pair of surfaces", 1.0, "positive"),
+        value("area", "m^2", "area of the surface times its view factor"),
+        optional("emissivity", "1", "effective emissivity of the two surfaces", 1.0, "positive"),
     ),
     # The slopes by both temperatures differ, so its equations are not symmetric.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
@@ -69,15 +69,20 @@ RADIATION = scalar(
 TEMPERATURE_SOURCE = across_source(
     _DOMAIN,
     "temperature_source",
-    "given temperature",
-    value("temperature", "K", "plus minus minus; the ground is at 0 K", ""),
+    "prescribed temperature",
+    value(
+        "temperature",
+        "K",
+        "temperature of the plus node above the minus node; the ground is at 0 K",
+        "",
+    ),
 )
 
 HEAT_SOURCE = through_source(
     _DOMAIN,
     "heat_source",
-    "given heat flow, from plus to minus inside",
-    value("heat_flow", "W", "from plus to minus inside", ""),
+    "prescribed heat flow",
+    value("heat_flow", "W", "heat flow inside the source, positive from plus to minus", ""),
 )
 
 COMPONENTS = (

@@ -55,8 +55,8 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
         is_passive=False,
     )
     fields = (
-        value("resistance", "ohm", "of the winding"),
-        optional("inductance", "H", "of the winding; none where absent", None, "positive"),
+        value("resistance", "ohm", "resistance of the winding"),
+        optional("inductance", "H", "inductance of the winding; zero if omitted", None, "positive"),
         constant,
     )
     made = scalar(name, doc, fields, winding, output, loss=_LOSS)
@@ -75,7 +75,7 @@ DC_MOTOR = _motor(
     "direct current motor or generator with a constant field",
     "rotational",
     "shaft",
-    value("constant", "N m/A", "torque per current, and voltage per speed", ""),
+    value("constant", "N m/A", "motor constant: torque per current, and voltage per speed", ""),
 )
 
 VOICE_COIL = _motor(
@@ -83,21 +83,21 @@ VOICE_COIL = _motor(
     "linear motor or generator with a constant field: a coil in the gap of a magnet",
     "translational",
     "coil",
-    value("constant", "N/A", "force per current, and voltage per velocity", ""),
+    value("constant", "N/A", "motor constant: force per current, and voltage per velocity", ""),
 )
 
 HYDRAULIC_CYLINDER = ideal_gyration(
     "hydraulic_cylinder",
-    "ideal cylinder: pressure pushes the rod out with a force of pressure times area",
-    value("area", "m^2", "of the piston"),
+    "ideal cylinder: pressure times area pushes the rod out",
+    value("area", "m^2", "area of the piston"),
     ("hydraulic", "chamber"),
     ("translational", "rod"),
 )
 
 HYDRAULIC_MACHINE = ideal_gyration(
     "hydraulic_machine",
-    "ideal pump or motor: pressure turns the shaft with a torque of pressure times displacement",
-    value("displacement", "m^3/rad", "volume for each radian", ""),
+    "ideal pump or motor: pressure times displacement turns the shaft",
+    value("displacement", "m^3/rad", "volume per radian", ""),
     ("hydraulic", "chamber"),
     ("rotational", "shaft"),
 )
@@ -129,10 +129,10 @@ SOLENOID = scalar(
     "solenoid",
     "coil that pulls a plunger in: inductance L(s) = leakage + inductance / (1 + s/gap)",
     (
-        value("resistance", "ohm", "of the coil"),
-        value("inductance", "H", "of the air gap where it is closed, s = 0"),
-        value("gap", "m", "opening at which that inductance is halved"),
-        optional("leakage", "H", "inductance that no motion changes", 0.0, "nonnegative"),
+        value("resistance", "ohm", "resistance of the coil"),
+        value("inductance", "H", "inductance with closed gap (s = 0), without the leakage"),
+        value("gap", "m", "gap at which that inductance is halved"),
+        optional("leakage", "H", "leakage inductance, independent of position", 0.0, "nonnegative"),
     ),
     Terminal(
         "electrical",

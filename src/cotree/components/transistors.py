@@ -1,7 +1,7 @@
 """Transistors: bipolar ones by the Gummel-Poon model, and field-effect ones.
 
-With no more than gains they are those of Ebers and Moll. Currents of the junctions, with
-f = I (exp(vbe / (nf V)) - 1) and r the same of vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
+With gains only, the model is that of Ebers and Moll. Currents of the junctions, with
+f = I (exp(vbe / (nf V)) - 1) and r the same for vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
 q2)), q1 = 1 / (1 - vbc/Vf - vbe/Vr), q2 = f/If + r/Ir:
 
     collector to emitter (f - r) / qb, base to emitter f / bf, base to collector r / br,
@@ -43,33 +43,67 @@ _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
 #: Optional fields that add a term to the laws, or a port.
 _EXTRAS = (
-    optional("forward_ideality", "1", "factor of V forwards", 1.0, "positive"),
-    optional("reverse_ideality", "1", "factor of V backwards", 1.0, "positive"),
-    optional("forward_early_voltage", "V", "infinite where left out", None, "positive"),
-    optional("reverse_early_voltage", "V", "infinite where left out", None, "positive"),
-    optional("forward_knee_current", "A", "infinite where left out", None, "positive"),
-    optional("reverse_knee_current", "A", "infinite where left out", None, "positive"),
-    optional("be_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
-    optional("bc_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
-    optional("leakage", "S", "beside each junction", 0.0, "nonnegative"),
-    optional("base_resistance", "ohm", "between terminal and junctions", 0.0, "nonnegative"),
-    optional("collector_resistance", "ohm", "the same of the collector", 0.0, "nonnegative"),
-    optional("emitter_resistance", "ohm", "the same of the emitter", 0.0, "nonnegative"),
+    optional("forward_ideality", "1", "forward ideality factor", 1.0, "positive"),
+    optional("reverse_ideality", "1", "reverse ideality factor", 1.0, "positive"),
+    *(
+        optional(f"{way}_{name}", unit, f"{way} {what}; infinite if omitted", None, "positive")
+        for name, unit, what in (
+            ("early_voltage", "V", "Early voltage"),
+            ("knee_current", "A", "knee current of high injection"),
+        )
+        for way in ("forward", "reverse")
+    ),
+    *(
+        optional(f"{junction}_recombination", "A", doc, 0.0, "nonnegative")
+        for junction, doc in (
+            ("be", "saturation current of recombination at the base-emitter junction"),
+            ("bc", "saturation current of recombination at the base-collector junction"),
+        )
+    ),
+    optional("leakage", "S", "conductance parallel to each junction", 0.0, "nonnegative"),
+    *(
+        optional(f"{end}_resistance", "ohm", f"resistance of the {end}", 0.0, "nonnegative")
+        for end in ("base", "collector", "emitter")
+    ),
     _FORWARD[0],
     _REVERSE[0],
-    optional("forward_transit_time", "s", "charge per current forwards", 0.0, "nonnegative"),
-    optional("reverse_transit_time", "s", "charge per current backwards", 0.0, "nonnegative"),
+    optional(
+        "forward_transit_time",
+        "s",
+        "forward transit time: base charge per current",
+        0.0,
+        "nonnegative",
+    ),
+    optional(
+        "reverse_transit_time",
+        "s",
+        "reverse transit time: base charge per current",
+        0.0,
+        "nonnegative",
+    ),
     _SUBSTRATE[0],
 )
 
 FIELDS = (
-    value("saturation_current", "A", "of both junctions"),
-    value("forward_gain", "1", "collector current per base current"),
-    optional("reverse_gain", "1", "the same with collector and emitter exchanged", 1.0),
-    optional("thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"),
+    value("saturation_current", "A", "transport saturation current I"),
+    value("forward_gain", "1", "forward current gain: collector over base current"),
+    optional("reverse_gain", "1", "reverse current gain: emitter over base current", 1.0),
+    optional("thermal_voltage", "V", "thermal voltage V = k T / e", 0.02585, "positive"),
     *_EXTRAS,
-    optional("be_recombination_ideality", "1", "factor of V for it", 1.5, "positive"),
-    optional("bc_recombination_ideality", "1", "factor of V for it", 2.0, "positive"),
+    optional(
+        "be_recombination_ideality",
+        "1",
+        "ideality factor of recombination at the junction",
+        1.5,
+        "positive",
+    ),
+    optional(
+        "bc_recombination_ideality",
+        "1",
+        "ideality factor of recombination at the junction",
+        2.0,
+        "positive",
+    ),
     *_FORWARD[1:],
     *_REVERSE[1:],
     *_SUBSTRATE[1:],
@@ -330,8 +364,8 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     return replace(plain, adapt=bipolar(name, doc, sign, plain))
 
 
-BJT_NPN = _bipolar("bjt_npn", "bipolar transistor after Ebers and Moll, npn", 1)
-BJT_PNP = _bipolar("bjt_pnp", "bipolar transistor after Ebers and Moll, pnp", -1)
+BJT_NPN = _bipolar("bjt_npn", "npn bipolar transistor by the Gummel-Poon model", 1)
+BJT_PNP = _bipolar("bjt_pnp", "pnp bipolar transistor by the Gummel-Poon model", -1)
 
 
 #: Arguments of the law of a channel.
@@ -341,8 +375,8 @@ _CHANNEL = ("across", "across_gs", "factor", "threshold", "modulation", "leakage
 def _mosfet(name: str, doc: str, sign: int) -> Component:
     """Make a field-effect transistor; ``sign`` is -1 for one with a channel of holes.
 
-    Drain and source may change places: i = k/2 (a^2 - b^2) (1 + l |vds|), where a and b are what
-    the gate is above the threshold, against source and drain.
+    Drain and source may change places: i = k/2 (a^2 - b^2) (1 + l |vds|), where a and b are the
+    excess voltages of the gate over the threshold, against source and drain, or zero.
     """
 
     def law(
@@ -356,8 +390,8 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         # and b together.
         at_source = vgs - sign * threshold
         a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
-        # Where both ends conduct a - b is vds, which their difference has no digits of if it is
-        # small: that of two volts would leave a current of 1e-18 A or so at no voltage.
+        # If both ends conduct, a - b equals vds, but the difference cancels for small vds: at 2 V
+        # rounding would leave a current of about 1e-18 A at zero voltage.
         is_open = sympy.Min(at_source, at_source - vds) > 0
         across_channel = sympy.Piecewise((vds, is_open), (a - b, True))
         channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
@@ -367,12 +401,22 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         name,
         doc,
         (
-            value("factor", "A/V^2", "of the square law: mobility, oxide, width by length"),
-            value("threshold", "V", "of the gate against the source", ""),
-            optional("modulation", "1/V", "of the channel's length", 0.0, "nonnegative"),
-            optional("leakage", "S", "between drain and source", 1e-12, "nonnegative"),
-            optional("body_effect", "V^0.5", "of the bulk's voltage", 0.0, "nonnegative"),
-            optional("surface_potential", "V", "of the channel at threshold", 0.6, "positive"),
+            value(
+                "factor",
+                "A/V^2",
+                "k in the current k/2 (vgs - vth)^2: mobility times oxide capacitance times W/L",
+            ),
+            value("threshold", "V", "threshold voltage of the gate against the source", ""),
+            optional("modulation", "1/V", "channel-length modulation", 0.0, "nonnegative"),
+            optional("leakage", "S", "conductance between drain and source", 1e-12, "nonnegative"),
+            optional("body_effect", "V^0.5", "body effect coefficient", 0.0, "nonnegative"),
+            optional(
+                "surface_potential",
+                "V",
+                "surface potential of the channel at threshold",
+                0.6,
+                "positive",
+            ),
         ),
         Terminal(
             _DOMAIN,
@@ -405,8 +449,8 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
 def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     """Add the fourth node of a field-effect transistor if a scene names it.
 
-    The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is what the bulk is above the
-    lower of source and drain; forwards the root is continued linearly, as in SPICE.
+    The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is the voltage of the bulk against
+    the lower of source and drain. For v > 0 the root is continued linearly, as in SPICE.
     """
 
     def shifted() -> Any:
@@ -415,7 +459,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
         vds, vbs = sign * symbol("across"), sign * symbol("across_bs")
         effect, potential = symbol("body_effect"), symbol("surface_potential")
         v = vbs - sympy.Min(vds, 0)
-        # The root is never taken of what is not positive, whichever branch is evaluated.
+        # The argument of the root is positive in every branch.
         straight = sympy.Max(v, 0) / (2 * sympy.sqrt(potential))
         root = sympy.Max(0, sympy.sqrt(potential - sympy.Min(v, 0)) - straight)
         raised = sign * effect * (root - sympy.sqrt(potential))
@@ -445,7 +489,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     return adapt
 
 
-MOSFET_N = _mosfet("mosfet_n", "field-effect transistor by the square law, n channel", 1)
-MOSFET_P = _mosfet("mosfet_p", "field-effect transistor by the square law, p channel", -1)
+MOSFET_N = _mosfet("mosfet_n", "n-channel MOSFET by the square law (SPICE level 1)", 1)
+MOSFET_P = _mosfet("mosfet_p", "p-channel MOSFET by the square law (SPICE level 1)", -1)
 
 COMPONENTS = (DIODE, BJT_NPN, BJT_PNP, MOSFET_N, MOSFET_P)
