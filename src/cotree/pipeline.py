@@ -233,7 +233,13 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
         standing = standing_scene(scene, wanted, jump_values(scene))
         program, _ = generate(formulate(standing, given, None)[1])
     except Error as error:
-        raise type(error)(f"the operating point: {error}") from None
+        hint = ""
+        if isinstance(error, TopologyError):
+            hint = (
+                "; storages are at rest at the operating point, so only a resistance helps, or "
+                "initial values without start = \"operating point\" ('uic' in a netlist)"
+            )
+        raise type(error)(f"the operating point: {error}{hint}") from None
     return text_of(program, model_context(program))
 
 

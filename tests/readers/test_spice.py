@@ -216,7 +216,12 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("D1 a 0 m\n.model m NPN", 2, "is not for elements D"),
         ("R1 a 0 1\n.include x.lib", 3, "would read another file"),
         ("R1 a 0 1\n.lib x.lib", 3, "would read another file"),
-        ("R1 a 0 1\n.func f(x)=1", 3, "unknown statement '.func'"),
+        ("R1 a 0 1\n.func f(x)", 3, ".func is written as"),
+        ("R1 a 0 1\n.func f(2) {1}", 3, "must be names"),
+        ("R1 a 0 1\n.func f(x) {x}\n.func F(y) {y}", 4, "a second .func 'F'"),
+        (".func f(x) {f(x)}\nR1 a 0 {f(1)}", 3, "within more than 20 others"),
+        (".func f(x) {x}\nR1 a 0 {f(1, 2)}", 3, "gives f 2 arguments, not 1"),
+        ("V1 a 0 PWL(0 0 1 1 0.5 2 0.5 3)", 2, "must not decrease"),
         ("X1 a 0 s", 2, "no subcircuit 's'"),
         ("X1 a s\n.subckt s a b\nR1 a b 1\n.ends", 2, "has 1 nodes, and subcircuit 's' 2 pins"),
         (".subckt s a b\nR1 a b 1", 2, "has no .ends"),
@@ -703,3 +708,35 @@ def test_a_negative_resistance_is_read():
     circuit.output("b", "b.v")
     model = circuit.compile()
     assert model.output_values(0.0, model.start().y)[0] == pytest.approx(-12.0, rel=1e-12)
+
+
+def test_functions_of_a_netlist_and_nodes_of_all_circuits():
+    """Three currents at 1 kohm meet: (6 - x) - x - x**2 = 0; ngspice 39 prints 1.645751."""
+    circuit = read(
+        "title\n.param Vs=3 g=2\n.func sq(x) {x*x}\n.func lim(a,b) {min(sq(a), b)+g}\n"
+        ".global vdd\nV1 vdd 0 {lim(Vs, 4)}\nXa out cell\nR2 out 0 1k\n"
+        ".subckt cell o\n.func half(x) = 'x/2'\nR1 vdd o {sq(10)*half(20)}\n"
+        "B1 o 0 I=sq(V(o))/1000\n.ends\n"
+    )
+    circuit.output("o", "out.v")
+    model = circuit.compile(["Vs", "g"])
+    start = model.start()
+    assert model.output_values(0.0, start.y)[0] == pytest.approx(7**0.5 - 1, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        # Two values at 1 s are a jump, as on an oscilloscope.
+        ("PWL(0 1 1 1 1 2 2 3)", [1.0, 1.0, 2.5, 3.0]),
+        ("PWL(0 0 {T/2} {A} {T} 0)", [2.0, 2.0, 0.0, 0.0]),
+        ("PULSE(0 1 0 1 1 0.1 4 0)", [0.5, 0.6, 0.0, 0.5]),
+    ],
+)
+def test_waveforms_of_points_and_parameters(text, values):
+    scene = read(f"title\n.param T=1 A=4\nV1 a 0 {text}\nR1 a 0 1k\n.tran {{T/100}} {{9*T}}\n")
+    scene.output("a", "a.v")
+    model = scene.compile()
+    times = [0.25, 0.75, 1.5, 2.0] if "PULSE" not in text else [0.5, 1.5, 3.0, 4.5]
+    result = model.simulate((0, 5), [0.0, *times])
+    assert result["a"][1:] == pytest.approx(values, abs=1e-12)

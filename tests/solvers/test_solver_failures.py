@@ -187,3 +187,22 @@ def test_shapes_of_callables_are_checked():
         integrate(oscillator(rhs=lambda t, z: z[:2]), "RK45")
     with pytest.raises(SolveError, match=r"Jacobian has shape \(3, 3\)"):
         integrate(oscillator(jacobian=lambda t, y: np.eye(3)), "BDF")
+
+
+def test_a_body_whose_mass_is_rounding_is_named():
+    """Its accelerations are the constraint forces' rounding errors, divided by its mass."""
+    scene = cotree.Scene("ladder", gravity=[0, -9.81, 0])
+    scene.edge("b", "planar", "ground", "P", normal=[0, 0, 1])
+    scene.edge("rod", "rigid_body", "ground", "P", mass=1.0, inertia=0.1)
+    scene.edge("u", "prismatic", "ground", "U", axis=[1, 0, 0], initial={"s": 0.8})
+    scene.edge("dust", "rigid_body", "ground", "U", mass=1e-12)
+    for name, expression in {
+        "cx": "P.x - u.s + 0.25*u.s/sqrt(1 + u.s**2)",
+        "cy": "P.y - u.s**2/2 - 0.25/sqrt(1 + u.s**2)",
+        "ct": "b.theta + sin(u.s)",
+    }.items():
+        scene.edge(name, "constraint", "ground", "P", expression=expression)
+    model = scene.compile()
+    with pytest.warns(RuntimeWarning, match=r"[Mm]ass of edge 'dust' is 1e-12"):
+        result = model.simulate((0, 3), rtol=1e-9, method="dop853")
+    assert result.status < 0

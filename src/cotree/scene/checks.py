@@ -286,8 +286,9 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
             yield (
                 name,
                 f"mass of edge '{name}' is {mass:.3g}, {mass / masses[heaviest]:.1g} of that of "
-                f"'{heaviest}': rounding errors of forces accelerate it, and steps become short; "
-                "give it more mass, or leave the body out where constraints hold its motion",
+                f"'{heaviest}': rounding errors of forces accelerate it, so steps become short and "
+                "projections fail; give it more mass, or leave the body out where constraints "
+                "hold its motion",
             )
 
 

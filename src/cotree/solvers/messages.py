@@ -17,6 +17,7 @@ from cotree.codegen.statuses import SENTENCES
 from cotree.errors import listed
 from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.callbacks import Rescue
+from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
@@ -312,6 +313,18 @@ _LEAST = 1e3
 # that has grown a thousandfold grows as the power of 7.7 at its end.
 _LEAST_POWER = 7.0
 
+# Endings that rounding errors of forces cause, too.
+_OF_ROUNDING = tuple(
+    SENTENCES[name]
+    for name in (
+        "STEP_TOO_SMALL",
+        "PROJECTION_FAILED",
+        "NOT_PROJECTED",
+        "ERROR_TEST_FAILED",
+        "NOT_CONVERGED",
+    )
+)
+
 # The least factor by which a slope that becomes infinite exceeds its size shortly before.
 _STEEPER = 100.0
 
@@ -328,6 +341,12 @@ def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
         if sentence := cause(problem, trajectory):
             return replace(trajectory, message=f"{trajectory.message} {sentence}")
     return trajectory
+
+
+def is_of_rounding(trajectory: Trajectory) -> bool:
+    """Return whether rounding errors of forces may have ended a run."""
+    message = trajectory.message
+    return trajectory.status == BUDGET_SPENT or any(text in message for text in _OF_ROUNDING)
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:

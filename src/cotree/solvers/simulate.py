@@ -16,8 +16,7 @@ from cotree.model.signals import read_signals
 from cotree.quiet import level_of_user, without_warnings
 from cotree.records import deferred, filled
 from cotree.solvers.engine import sweep
-from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.messages import with_growth
+from cotree.solvers.messages import is_of_rounding, with_growth
 from cotree.solvers.prepare import Preparation, Run, prepared
 from cotree.solvers.problem import check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
@@ -128,8 +127,8 @@ def run_values(
         trajectory = check_constraint_drift(problem, trajectory, redundant)
     if trajectory.status != 0:
         trajectory = with_growth(problem, trajectory)
-        if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
-            trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
+        if model.slow_causes and is_of_rounding(trajectory):
+            trajectory = replace(trajectory, message=f"{trajectory.message} {model.slow_causes}")
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())

@@ -20,6 +20,8 @@ _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 #: An expression in braces or quotes, an equals sign, or a word.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
 _ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_FUNCTION = re.compile(r"\S+\s+([A-Za-z_]\w*)\s*\(([^(){}]*)\)\s*=?\s*(\S.*)", re.ASCII)
 _BETWEEN = re.compile(r"[\s(),]*")
 
 
@@ -148,6 +150,14 @@ class ModelCard:
     at: SourceLine
 
 
+@dataclass(frozen=True)
+class UserFunction:
+    """A ``.func``: its arguments in lower case, and its expression as written."""
+
+    arguments: tuple[str, ...]
+    body: str
+
+
 @dataclass
 class Circuit:
     """The main circuit, or a subcircuit."""
@@ -163,6 +173,8 @@ class Circuit:
     circuits: dict[str, Circuit] = field(default_factory=dict)
     #: Names and values as written, and lines.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
+    #: By name in lower case.
+    functions: dict[str, UserFunction] = field(default_factory=dict)
 
 
 @dataclass
@@ -173,6 +185,7 @@ class Netlist:
     transient: Line | None = None  # its ``.tran``
     held: list[Line] = field(default_factory=list)  # its ``.ic``
     options: list[Line] = field(default_factory=list)  # its ``.options`` and ``.temp``
+    shared: list[str] = field(default_factory=list)  # nodes of ``.global``, in lower case
     passed_over: list[str] = field(default_factory=list)  # ignored statements
 
 
@@ -190,6 +203,8 @@ class _Parser:
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,
             ".param": self._parameters,
+            ".func": self._function,
+            ".global": self._global,
             ".subckt": self._begin,
             ".ends": self._finish,
             ".tran": self._transient,
@@ -244,6 +259,22 @@ class _Parser:
     def _parameters(self, line: Line) -> None:
         rows = [(name, value, line.at) for name, value in assignments(line).values()]
         self.open[-1].parameters += rows
+
+    def _function(self, line: Line) -> None:
+        match = _FUNCTION.fullmatch(line.text)
+        if match is None:
+            raise line.at.error(".func is written as .func name(a, b) {expression of a and b}")
+        name, arguments = match[1], tuple(match[2].lower().replace(",", " ").split())
+        if name.lower() in self.open[-1].functions:
+            raise line.at.error(f"there is a second .func '{brief(name)}'")
+        if not all(_NAME.fullmatch(word) for word in arguments):
+            raise line.at.error(f"arguments of .func '{brief(name)}' must be names")
+        body = match[3].strip()
+        body = body[1:-1] if body[:1] in ("{", "'") and body[-1:] in ("}", "'") else body
+        self.open[-1].functions[name.lower()] = UserFunction(arguments, body)
+
+    def _global(self, line: Line) -> None:
+        self.netlist.shared += [word.lower() for word in line.words[1:]]
 
     def _begin(self, line: Line) -> None:
         if len(self.open) > _DEEPEST:

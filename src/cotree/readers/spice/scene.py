@@ -54,11 +54,13 @@ class Writer(Sheet[_Scene]):
     def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
         super().__init__(scene_type(scene_name(Path(file).stem[:40], "netlist")), file)
         self.netlist = netlist
+        self.shared = frozenset(netlist.shared)
         self.count = 0
 
     def write(self) -> _Scene:
         """Write the whole netlist."""
-        whole, top = self.netlist.circuit, Scope()
+        whole = self.netlist.circuit
+        top = Scope(functions=whole.functions)
         # Values, waveforms and initial states of elements depend on options, parameters, times and
         # initial voltages, which are read first.
         for line in self.netlist.options:
@@ -144,7 +146,7 @@ class Writer(Sheet[_Scene]):
             self.uses_initial, words = True, words[:-1]
         if not 2 <= len(words) <= 4:
             raise line.at.error(".tran needs a step and an end time")
-        step, stop, *_ = (scope.number(word, line.at) for word in words)
+        step, stop, *_ = (self.number(word, scope, line.at) for word in words)
         if not (step > 0.0 and stop > 0.0):
             raise line.at.error("step and end time of .tran must be positive")
         self.times = Times(step, stop)
@@ -213,7 +215,7 @@ class Writer(Sheet[_Scene]):
             # A pin is a node of the outer circuit.
             self.nodes[path, pin.lower()] = outer.node(node)
         # Names refer to the circuit in which the subcircuit is defined.
-        inner = Scope({}, home.scope)
+        inner = Scope({}, home.scope, circuit.functions)
         place = Instance(self, circuit, inner, path, home)
         # As in ngspice, values of the instance take precedence over ``.param`` of the subcircuit,
         # and these over defaults.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -38,6 +39,7 @@ class Sheet(Generic[_Scene]):
         self.voltages: dict[str, Value] = {}  # those of ``.ic``, by node
         #: Nodes whose voltages are used: names in the scene and as written, and lines.
         self.named: list[tuple[str, str, SourceLine]] = []
+        self.shared: frozenset[str] = frozenset()  # nodes of ``.global``
         self._shorts: dict[str, str] = {}
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
@@ -64,6 +66,14 @@ class Sheet(Generic[_Scene]):
         except ExpressionError:
             return None
 
+    def number(self, word: str, scope: Scope, at: SourceLine) -> float:
+        """Read a number; expressions are evaluated with the parameters of the netlist."""
+        value = scope.value(word, at)
+        number = self.amount(value) if isinstance(value, str) else value
+        if number is None or not math.isfinite(number):
+            raise at.error(f"'{brief(word)}' must be a number, or an expression of parameters")
+        return number
+
     def join(self, nodes: Sequence[str]) -> bool:
         """Join two nodes by a short; return False if shorts join them already."""
         first, second = map(self._joined, nodes)
@@ -80,6 +90,8 @@ class Sheet(Generic[_Scene]):
         key = (path, name.lower())
         if name.lower() in ("0", "gnd"):
             return "ground"
+        if key not in self.nodes and name.lower() in self.shared:
+            path, key = "", ("", name.lower())
         if key not in self.nodes:
             self.nodes[key] = self.names.give("node", f"{path}{name}".replace(".", "_"))
         return self.nodes[key]

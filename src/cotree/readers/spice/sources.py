@@ -6,6 +6,7 @@ Numbers that are absent or zero have the defaults of ngspice.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import brief
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 # Largest number of values of each waveform.
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
+_MOST_PIECES = 50  # points of a PWL waveform that is written as an expression
 _DEGREE = "0.017453292519943295"  # rad
 
 
@@ -102,24 +104,47 @@ class _Numbers:
 def _waveform(
     key: str, words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine
 ) -> Source:
+    if len(words) == 8 and key == "pulse" and is_zero(scope.value(words[7], at)):
+        words = words[:7]
     if len(words) > _WAVEFORMS[key]:
         raise at.error(f"{key.upper()} has more than {_WAVEFORMS[key]} numbers")
     if key == "pwl":
-        return _piecewise([scope.number(word, at) for word in words], at)
+        return _piecewise([scope.value(word, at) for word in words], at)
     values = [scope.value(word, at) for word in words]
     if len(values) < 2:
         raise at.error(f"{key.upper()} needs two numbers and more")
     return _MADE[key](_Numbers(values, times, at))
 
 
-def _piecewise(numbers: list[float], at: SourceLine) -> Source:
+def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
     # A single point is a constant.
     if len(times) == 1:
-        return Source("", {"value": values[0]}, is_constant=True)
-    return Source("piecewise", {"times": times, "values": values})
+        return Source("", {"value": values[0]}, is_constant=isinstance(values[0], float))
+    known = [time for time in times if isinstance(time, float)]
+    if len(set(known)) == len(known) and not any(isinstance(number, str) for number in numbers):
+        return Source("piecewise", {"times": times, "values": values})
+    if len(times) > _MOST_PIECES:
+        raise at.error(
+            "PWL with parameters, or with two values at one time, has more than "
+            f"{_MOST_PIECES} points"
+        )
+    points = list(zip(times, values, strict=True))
+    steps = [_step(*begin, *end, at) for begin, end in pairwise(points)]
+    return Source("", {"value": " + ".join([text_of(values[0]), *steps])})
+
+
+def _step(begin: Value, low: Value, end: Value, high: Value, at: SourceLine) -> str:
+    """Return the change of a PWL waveform between two of its points, as a function of time."""
+    change, since = f"({text_of(high)} - {text_of(low)})", f"t - {text_of(begin)}"
+    if begin == end:
+        return f"where({since} >= 0, {change}, 0)"
+    if isinstance(begin, float) and isinstance(end, float) and end < begin:
+        raise at.error(f"the times of PWL must not decrease: {end:.6g} comes after {begin:.6g}")
+    length = f"({text_of(end)} - {text_of(begin)})"
+    return f"{change}*min(max({since}, 0), {length})/{length}"
 
 
 def _turn(frequency: Value, time: str, phase: Value) -> str:

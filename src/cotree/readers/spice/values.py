@@ -14,10 +14,11 @@ from cotree.readers.formulas import GROUP, Rewriter, python_text
 from cotree.scene.expressions import FUNCTIONS, fill, parse, shared_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.readers.names import SourceLine
+    from cotree.readers.spice.netlist import UserFunction
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
@@ -51,6 +52,7 @@ _SUFFIXES = {
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
 }
 _WORD = re.compile(r"[a-z_]\w*", re.ASCII)
+_DEEPEST = 20  # functions within each other
 _LONGEST = 6000  # characters of an expression after substitution of parameters
 
 
@@ -132,25 +134,31 @@ class Scope:
     #: Numbers or texts of expressions, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
     outer: Scope | None = None  # the enclosing scope
+    #: Functions of ``.func``, by name in lower case.
+    functions: Mapping[str, UserFunction] = field(default_factory=dict)
     #: Remarks about the file, kept in the outermost scope.
     remarks: list[str] = field(default_factory=list)
 
+    def _outwards(self) -> Iterator[Scope]:
+        """Return this scope and the enclosing ones, the innermost first."""
+        scope: Scope | None = self
+        while scope is not None:
+            yield scope
+            scope = scope.outer
+
     def remark(self, text: str) -> None:
         """Add a remark to the outermost scope, once."""
-        scope = self
-        while scope.outer is not None:
-            scope = scope.outer
-        if text not in scope.remarks:
-            scope.remarks.append(text)
+        *_, outermost = self._outwards()
+        if text not in outermost.remarks:
+            outermost.remarks.append(text)
 
     def find(self, name: str) -> Value | None:
         """Return the value of a parameter, from the innermost scope that has it."""
-        scope: Scope | None = self
-        while scope is not None:
-            if name in scope.values:
-                return scope.values[name]
-            scope = scope.outer
-        return None
+        return next((s.values[name] for s in self._outwards() if name in s.values), None)
+
+    def function(self, name: str) -> UserFunction | None:
+        """Return a function of ``.func``, from the innermost scope that has it."""
+        return next((s.functions[name] for s in self._outwards() if name in s.functions), None)
 
     def value(self, word: str, at: SourceLine) -> Value:
         """Read a number, a parameter's name, or an expression in braces or quotes."""
@@ -204,10 +212,13 @@ class SpiceFormula(Rewriter):
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}
 
     def __init__(
-        self, scope: Scope, signal: Callable[[str, str, str | None], str] | None = None
+        self,
+        scope: Scope,
+        signal: Callable[[str, str, str | None], str] | None = None,
+        depth: int = 0,
     ) -> None:
         super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS))
-        self._scope, self._signal = scope, signal
+        self._scope, self._signal, self._depth = scope, signal, depth
         #: Trees that replace names, by placeholders.
         self._put: dict[str, ast.expr] = {}
         self._length = 0
@@ -235,13 +246,17 @@ class SpiceFormula(Rewriter):
                 )
             return f"{'ternary_fcn' if name == 'if' else name}("
         text = self._named(word) if match["name"] else self._signal_text(word)
+        mark = f"{GROUP}{len(self._put)}"
+        self._put[mark] = self._substituted(text)
+        return mark
+
+    def _substituted(self, text: str) -> ast.expr:
+        """Return the tree of a text that replaces a name or a call."""
         # Nested definitions can grow exponentially.
         self._length += len(text)
         if self._length > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
-        mark = f"{GROUP}{len(self._put)}"
-        self._put[mark] = shared_tree(text)
-        return mark
+        return shared_tree(text)
 
     def _signal_text(self, word: str) -> str:
         match = _SIGNAL.fullmatch(word)
@@ -266,12 +281,24 @@ class SpiceFormula(Rewriter):
         return known[name]
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
-        """Rewrite a conditional expression or a power."""
+        """Rewrite a conditional expression, a power or a function of ``.func``."""
+        if (own := self._scope.function(name)) is not None:
+            return self._expanded(name, own, [ast.unparse(self.value(arg)) for arg in args])
         if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
             return self._power(*map(self.value, args))
         return None
+
+    def _expanded(self, name: str, own: UserFunction, args: Sequence[str]) -> ast.expr:
+        """Return the expression of a function of the netlist for given arguments."""
+        if len(args) != len(own.arguments):
+            raise ExpressionError(f"gives {name} {len(args)} arguments, not {len(own.arguments)}")
+        if self._depth >= _DEEPEST:
+            raise ExpressionError(f"calls '{brief(name)}' within more than {_DEEPEST} others")
+        inner = Scope(dict(zip(own.arguments, args, strict=True)), self._scope)
+        formula = SpiceFormula(inner, self._signal, self._depth + 1)
+        return self._substituted(f"({formula.text(own.body)})")
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         """Rewrite an operation; powers in laws group from the left, as in ngspice."""
