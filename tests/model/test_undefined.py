@@ -37,7 +37,7 @@ def test_linear_equations_that_hold_nan():
     assert any(node.op == "solve" for node in model.kernels.program.kernels["rhs"].order)
     assert np.all(np.isfinite(model.rhs(0.3, [1.0])))
     expected = (
-        "at t = 0.3, since they hold what is not finite (resistance of edge 'R1': sqrt(-0.5) is "
+        "at t = 0.3, since a coefficient is not finite (resistance of edge 'R1': sqrt(-0.5) is "
         "nan at 'q' = 1.5, 'C1.v' = 2)"
     )
     with pytest.raises(SingularSystemError, match=re.escape(expected)):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-#: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
+#: ``rates(t, y)`` and ``jacobian(t, y)``; both may return the same buffer at every call.
 Rates = Callable[[float, Array], Array]
 Jacobian = Callable[[float, Array], Matrix]
 
@@ -31,7 +31,7 @@ class Algebraic:
 
     ``rates(t, y)``, (n,), are x', then g; ``jacobian(t, y)``, (n, n), are their derivatives by y,
     full or compressed by rows. The last ``n_algebraic`` of y are unknowns. ``improve(t, y)``
-    returns unknowns to begin with where the method fails from those of y, or None.
+    returns a better guess of the unknowns if the method fails from those of y, or None.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Algebraic:
         self._linear: Linear | None = None
 
     def follow(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns, in place, from values nearby; return the rates."""
+        """Solve for the algebraic unknowns, in place, from a close guess; return the rates."""
         # Exponentials may overflow during the iteration, whose tests reject such points. As a
         # decorator errstate would be shared by all threads before NumPy 2.
         with np.errstate(all="ignore"):
@@ -100,7 +100,7 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_aside(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        """Return the equations at a time and at the states of a point."""
+        """Return the algebraic equations at constant time and states."""
         # One buffer serves all evaluations: only the unknowns, its last entries, change.
         point = point.copy()
 
@@ -110,7 +110,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # Rows of g: derivatives by the held states, then by the unknowns.
+            # Rows of g: derivatives by the constant states, then by the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
@@ -169,7 +169,7 @@ class Algebraic:
 
 
 def _aside(z: Array) -> tuple[Array, Array]:
-    """Return one larger and one smaller random point, the same at every call."""
+    """Return two random points around a point, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away

@@ -23,7 +23,9 @@ Array = npt.NDArray[np.float64]
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Return a contiguous copy as doubles; ParameterError if the shape is wrong."""
     try:
-        array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs
+        array = np.array(
+            value, dtype=float, order="C"
+        )  # always a copy, since callers may change their array
     except (TypeError, ValueError):
         raise ParameterError(
             f"{what} must be an array of numbers of shape {tuple(shape)}"
@@ -41,7 +43,7 @@ def as_parameters(
     defaults: Array,
     derived: Sequence[DerivedParameter] = (),
 ) -> Array:
-    """Return the array of parameters, of values by name or of an array of all.
+    """Return the array of parameters from values by name or from an array of all.
 
     Raises ParameterError if a name is unknown, a value is not a finite number, or an array has
     another shape. ``derived`` parameters follow from these, for messages.
@@ -79,7 +81,7 @@ def is_many(y: Any) -> bool:
     """Return whether there is a column of states for each of several points."""
     try:
         return np.ndim(y) == 2
-    except ValueError:  # of no shape
+    except ValueError:  # ragged
         return False
 
 

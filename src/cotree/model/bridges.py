@@ -27,10 +27,10 @@ class Rates:
     """The function (x, u, p) -> dx/dt at one time."""
 
     model: CompiledModel
-    linearizer: Callable[[], Linearizer]  # returns its linearizer
+    linearizer: Callable[[], Linearizer]  # makes the linearizer
     t: float  # the time, [s]
-    #: The parameters among its arguments, those that the model was compiled with sensitivities to;
-    #: the others keep the values of the scene.
+    #: Its arguments p, the parameters that the model was compiled with sensitivities to. Other
+    #: parameters keep the values of the scene.
     names: tuple[str, ...]
 
     @property
@@ -55,12 +55,12 @@ class Rates:
         by_state = model.jacobian(self.t, x, given, u)
         by_input = np.zeros((n, 0))
         if n_inputs:
-            # Of a model without algebraic unknowns nothing has to be eliminated.
+            # Without algebraic unknowns nothing is eliminated.
             own = model.parameter_array(given), np.asarray(u, dtype=float)
             by_input = self.linearizer().whole(self.t, x, *own)[1][:n, n:]
         by_parameter = np.zeros((n, 0))
         if n_parameters:
-            # Rates of sensitivities that are zero are what a parameter adds to rates by itself.
+            # With zero sensitivities, their rates are the partial derivatives of the rates by p.
             at_rest = np.zeros((n, len(model.sensitivities)))
             rates = model.sensitivity_rhs(self.t, x, at_rest, given, u)
             by_parameter = rates[:, [model.sensitivities.index(name) for name in self.names]]
@@ -73,7 +73,7 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Make the function of a model; ``bridge`` is the method that asks, for messages.
+    """Make the function of a model; ``bridge`` is the calling method, for messages.
 
     Raises ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
     on time and no t, [s], is given.
@@ -87,7 +87,7 @@ def rates_of(
         )
     if t is None and TIME in kinds_in(model.program.kernels["rhs"].results):
         raise ParameterError(
-            f"rates of '{layout.name}' depend on time: say at which, such as {bridge}(t=0.0)"
+            f"rates of '{layout.name}' depend on time: give a time, such as {bridge}(t=0.0)"
         )
     names = tuple(name for name in model.sensitivities if name in model.parameters)
     return Rates(model, linearizer, 0.0 if t is None else t, names)
@@ -169,7 +169,7 @@ def casadi_function(rates: Rates) -> Any:
             return True
 
         def get_jacobian(self, name: str, given: Any, results: Any, options: Any) -> Any:
-            # Kept: CasADi does not own what it is given.
+            # CasADi does not keep its callbacks alive.
             self._jacobian = Jacobian(name, list(given), list(results), options)
             return self._jacobian
 
@@ -183,9 +183,9 @@ def _flat(value: Any) -> Any:
 def jax_function(rates: Rates) -> Any:
     """Make a function of JAX with arguments x, u and p.
 
-    It may be compiled, mapped over points and differentiated, forwards and backwards, once: its
-    derivatives are values of C, which JAX cannot differentiate any further. Raises ParameterError
-    if the package is missing, or computes in single precision.
+    It may be compiled, mapped over points and differentiated once, in forward and in reverse mode.
+    Its derivatives are computed in C, so that JAX cannot differentiate them again. Raises
+    ParameterError if the package is missing, or computes in single precision.
     """
     try:
         jax: Any = import_module("jax")

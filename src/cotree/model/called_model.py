@@ -1,7 +1,7 @@
-"""A model as C sees it whose kernels are called in Python.
+"""A ``cotree_model`` whose kernels are evaluated in Python.
 
-It takes the place of a compiled one where a program is only evaluated, and where the reason for
-which a kernel fails is asked for: C knows a status, Python an exception with a sentence.
+It replaces the compiled model if a program is only evaluated, and after a kernel has failed: C
+returns a status, Python an exception that names the cause.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.program.kernels import KernelSpec
 
-#: The kernels that a start calls.
+#: The kernels that the search for a start calls.
 _KERNELS = (
     "prepare",
     "initial",
@@ -47,12 +47,12 @@ _NONE: Array = np.zeros(0)
 
 
 class CalledModel:
-    """A ``cotree_model`` of a model's kernels in Python.
+    """A ``cotree_model`` with callbacks to a model's kernels in Python.
 
     Parameters
     ----------
     ffi : FFI
-        That of a library which declares the structure.
+        The FFI of a library that declares the structure.
     model : CompiledModel
         The model.
 
@@ -61,7 +61,7 @@ class CalledModel:
     address : cdata
         The structure.
     errors : list of BaseException
-        What kernels have raised since it was emptied last.
+        Exceptions of kernels since the list was last cleared.
     """
 
     def __init__(self, ffi: Any, model: CompiledModel) -> None:
@@ -92,7 +92,7 @@ class CalledModel:
         layout, c = self._model.layout, self._new("cotree_hybrid *")
         c.n_events = len(layout.events) + len(layout.corners)
         c.n_branches, c.n_quantities = layout.n_pieces, layout.n_quantities
-        # Corners come last, and set nothing.
+        # Kinks are the last events; they set no targets.
         c.events = rows = self._new("cotree_event[]", c.n_events)
         for row, own in zip(layout.events, rows, strict=False):
             own.name, own.direction = self._new("char[]", row.name.encode()), row.direction
@@ -102,7 +102,7 @@ class CalledModel:
         return c
 
     def _callback(self, spec: KernelSpec, n_results: int) -> Any:
-        """Return C a kernel: it returns a status, and keeps what it raises."""
+        """Make the C function of a kernel: it stores exceptions and returns a status."""
         layout, buffer = self._model.layout, self._ffi.buffer
         n, m = len(layout.states), len(layout.sensitivities)
         packed = len(layout.sensitivity_rows) if spec.is_packed else n * m

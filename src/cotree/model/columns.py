@@ -1,7 +1,7 @@
-"""A kernel at many points in one call: states in columns, as a trajectory has them.
+"""Evaluation of a kernel at many points in one call; points are columns, as in trajectories.
 
-In: a model, a kernel's name, and arrays whose last axis are points. Out: its results, a column for
-each. Where there is no compiler the points are evaluated one by one.
+In: a model, a kernel's name, and arrays whose last axis is the points. Out: results with a column
+for each point. Without a compiler the points are evaluated one by one.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def in_columns(
     """Evaluate a kernel at m points; the result has shape (n_results, m).
 
     t has shape (m,) or is a number, y (n_states, m), s (n_states, n_sensitivities, m) if the kernel
-    takes it; p and u may have columns, too. Raises ParameterError if an array has the wrong shape,
-    or parameters are refused, and the errors of a call at one point, with the column's number.
+    takes it; p and u may have columns, too. Raises ParameterError if an array has the wrong shape
+    or parameters are refused. Errors of the evaluation at one point name the column.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
@@ -47,14 +47,14 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # What is left has no compiler, or C has refused the first of it, and Python says why.
+    # Points remain without a compiler, or after C has failed at one: Python names the cause.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()
 
 
 class _Points:
-    """Points with a row each, as C takes them."""
+    """Points with a row each, in the layout of C."""
 
     def __init__(self, model: CompiledModel, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
         n, n_s, self.n = len(model.states), len(model.sensitivities), np.shape(y)[1]
@@ -74,7 +74,7 @@ class _Points:
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
             for j in np.flatnonzero(~np.isfinite(self.p).all(axis=1))[:1].tolist():
-                _at(model, "rhs", self, j)  # which C would evaluate to what is no number
+                _at(model, "rhs", self, j)  # C would return nan; Python raises an error
         else:
             self.p = model.parameter_array(p)[None, :]
             model.set_parameters(self.p[0])
@@ -82,21 +82,21 @@ class _Points:
             self.u = _rows(u, (len(model.inputs),), self.n, "inputs")
         elif u is not None:
             self.u = np.tile(as_array(u, (len(model.inputs),), "inputs"), (self.n, 1))
-        # Sensitivities stand parameter by parameter.
+        # Sensitivities are ordered by parameter.
         if s is not None:
             whole = as_array(s, (n, n_s, self.n), "the sensitivities")
             self.s = np.ascontiguousarray(whole.transpose(2, 1, 0)).reshape(self.n, n * n_s)
 
 
 def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
-    """Read an array whose last axis are points, and give them a row each."""
+    """Return an array whose last axis is the points as an array with a row for each point."""
     return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
 
 
 def _in_c(
     model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
 ) -> int:
-    """Fill in results in C; tell for how many points."""
+    """Evaluate points in C until one fails; return their number."""
     ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
     address = model.address(name)
     if native is None or address is None or not points.n:
@@ -131,7 +131,7 @@ def _in_c(
 
 
 def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:
-    """Evaluate one point by itself."""
+    """Evaluate one point in Python; errors name its column."""
     try:
         p = points.p[j if points.has_own else 0]
         u = None if points.u is None else points.u[j]

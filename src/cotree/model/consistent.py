@@ -1,9 +1,10 @@
-"""The consistent start, and what is said where given values do not satisfy the constraints.
+"""The consistent start, and messages on given values that violate the constraints.
 
-What the user gave is kept, and the rest follows. Where that cannot be but the given values are
-nearly consistent, the last of them move as little as they can, with a warning; else the start is
-refused with the residual of each joint. A run's own values come before those of the scene, which
-come in its order. ``templates/runtime/start/cotree_assembly.c`` does this; a ``Report`` says it.
+Given values are kept, and the others follow from the constraints. If the given values are nearly
+consistent, the last of them are changed as little as possible, with a warning; otherwise an error
+lists the residual of each joint. Values of the run have priority over those of the scene, which are
+used in the scene's order. ``templates/runtime/start/cotree_assembly.c`` computes the start; a
+``Report`` writes the messages.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
     from cotree.model.model import EvaluationPoint
     from cotree.model.start_in_c import StartCall
 
-#: Given values that change by more than this are named; residuals below the second number are met.
+#: Larger relative changes of given values are named in messages; smaller residuals than the second
+#: number count as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
-#: The most residuals, and changes, that a sentence lists.
+#: Largest number of residuals, and of changes, in a message.
 _MOST_NAMED = 6
 
 _LEVELS = ("positions", "velocities")
@@ -46,10 +48,10 @@ class Start:
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         Initial states and their sensitivities.
     is_chosen : bool
-        Whether something moved that neither the constraints nor what was given fix: the least move
-        was chosen, and ``s`` holds differences of such choices.
+        Whether states that neither constraints nor given values determine were changed. The
+        smallest change was chosen, and ``s`` is the derivative of this choice.
     note : str
-        A sentence on the given values that move with a parameter; empty where none does.
+        A sentence on the given values that change with a parameter; empty if none does.
     is_mended : bool
         Whether given values had to change.
     """
@@ -62,23 +64,23 @@ class Start:
 
     @cached_property
     def z(self) -> Array:
-        """States and then sensitivities, parameter by parameter, as integrations hold them."""
+        """States, then sensitivities by parameter: the layout of integrations."""
         found = np.concatenate([self.y, self.s.T.ravel()])
-        found.flags.writeable = False  # runs that begin alike share it
+        found.flags.writeable = False  # shared by runs with the same start
         return found
 
 
 class Report:
-    """Report of C on a start whose given values do not satisfy the constraints.
+    """Messages on a start whose given values violate the constraints, from results of C.
 
     Parameters
     ----------
     at : EvaluationPoint
         The model at the start.
     places : ndarray of int
-        The states whose values a run gives, in its order.
+        Indices of the states whose values the run gives, in its order.
     call : StartCall
-        The call, which is told to report here.
+        The call; its report arrays are set here.
     """
 
     def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
@@ -108,7 +110,7 @@ class Report:
         return bool(np.any(self._changes))
 
     def _moved(self) -> list[str]:
-        """List the given values that have changed, and what conditions have given way by."""
+        """List the given values that have changed, and the residuals of relaxed conditions."""
         n, size = len(self._before), np.abs(self._changes)
         states = self._model.states
         found = [
@@ -123,7 +125,7 @@ class Report:
 
     @property
     def _units(self) -> Array:
-        """Units of residuals, in their own units."""
+        """Return the scale of each residual in its own unit."""
         return np.where(self._is_length, self._c.length, 1.0)
 
     def warn(self) -> None:
@@ -137,7 +139,7 @@ class Report:
             )
 
     def note(self, *, is_warning: bool) -> str:
-        """Name the given values that move with parameters, or return nothing; warn if asked to."""
+        """Name the given values that change with parameters; empty if none does."""
         following: dict[str, list[str]] = {}
         for value, name in self._following():
             following.setdefault(value, []).append(name)
@@ -147,7 +149,7 @@ class Report:
             f"'{value}' with {listed(map(repr, names))}" for value, names in following.items()
         )
         said = (
-            f"given initial values move with parameters, so that those given before them are kept: "
+            f"initial values change with parameters, so that those given before them are kept: "
             f"{shown}. Give them as expressions of these parameters, or leave them out"
         )
         if is_warning:
@@ -159,7 +161,7 @@ class Report:
             yield self._values[i], self._model.sensitivities[j]
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
-        """Raise the reason why there is no start, or no derivative of it, next to states y."""
+        """Raise the error of a start, or of its derivative, that does not exist near y."""
         for first in self._model.layout.quaternions:
             if not np.any(y[first : first + 4]):
                 raise ParameterError(

@@ -1,8 +1,8 @@
-"""Why kernels have no value, as sentences: C returns a status, and Python finds the cause.
+"""Causes of failed kernels, as sentences: C returns a status, and Python finds the cause.
 
-In: a program and the arguments of a call. Out: the operation that makes a value nan or infinite,
-its numbers, the field of the element that it stands in, and what it depends on; or the joints that
-carry no inertia, or the guard that refuses parameters.
+In: a program and the arguments of a call. Out: the operation that yields nan or infinity, its
+arguments, the field of the element that contains it, and the variables that it depends on; or the
+joints without inertia, or the guard that refuses parameters.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Describe which operation makes values of a kernel nan or infinite; empty where none does.
+    """Describe the operation that makes values of a kernel nan or infinite; empty if none does.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # An infinite intermediate value may do no harm; a nan does, wherever it goes.
-    # Nodes are in the order of evaluation, so the first nan has no nan among its arguments.
+    # An infinite intermediate value may be harmless, but a nan propagates. Nodes are in the order
+    # of evaluation, so the first nan has no nan among its arguments.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
@@ -65,12 +65,14 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Name the field of an element that an operation stands in, the smallest there is.
+    """Name the innermost field of an element that contains an operation.
 
-    Where it stands in none, what it is applied to may come from one: of a quotient the divisor.
+    If none contains it, its arguments are searched; those of a quotient from the divisor on.
     """
     found: list[tuple[int, str]] = []
-    for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
+    for node, name in list(
+        program.dag.origins.items()
+    ):  # a copy, since other threads may add nodes
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
@@ -84,9 +86,9 @@ def _origin_of_arguments(program: Program, wrong: Node) -> str:
 
 
 def _operation(node: Node, values: Mapping[Node, Any]) -> str:
-    """Write an operation with its numbers, and what it gives."""
+    """Write an operation with the values of its arguments and its result."""
     if node.op == "symbol" or node.op not in OPERATIONS:
-        return f"what is given is {values[node]}"
+        return f"the given value is {values[node]}"
     numbers = [f"{values[arg]:.6g}" for arg in node.args]
     text = f"{node.op}({', '.join(numbers)})"
     if node.op in _SIGNS:
@@ -97,7 +99,9 @@ def _operation(node: Node, values: Mapping[Node, Any]) -> str:
 def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
     """Name time, states, parameters and inputs that an operation depends on."""
     layout = program.layout
-    symbols = [symbol for symbol in symbols_in([wrong]) if symbol in given]  # not held pieces
+    symbols = [
+        symbol for symbol in symbols_in([wrong]) if symbol in given
+    ]  # without the symbols of branches
     named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
     texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
     if len(named) > _MOST_NAMES:
@@ -117,7 +121,7 @@ def _name(layout: Layout, symbol: Node) -> str:
     return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"
 
 
-#: Coordinates of a singular position that a message lists.
+#: Largest number of coordinates of a singular position in a message.
 _MOST_COORDINATES = 8
 
 
@@ -127,7 +131,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
     if why:
         at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
         return SingularSystemError(
-            f"linear equations have no solution{at}, since they hold what is not finite ({why}): "
+            f"linear equations have no solution{at}, since a coefficient is not finite ({why}): "
             "change what it depends on, or the expression"
         )
     if not layout.uncertain:
@@ -147,7 +151,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
 
 
 def _position(program: Program, x: Any) -> str:
-    """Return the values of the coordinates as a phrase; empty where they are many or unknown."""
+    """Return the values of the coordinates as a phrase; empty if they are many or unknown."""
     layout = program.layout
     n = layout.n_coordinates
     if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
@@ -157,7 +161,7 @@ def _position(program: Program, x: Any) -> str:
 
 
 def check_guards(guards: Sequence[Guard], p: Array) -> None:
-    """Check parameter values in Python, where the numbers can be named."""
+    """Check parameter values in Python; the errors name the numbers."""
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
     for guard in guards:
         guard.check(evaluate([guard.value], values)[0])

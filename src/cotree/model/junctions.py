@@ -1,4 +1,4 @@
-"""Junctions: a better guess for algebraic equations with exponentials, found by limited steps.
+"""Limited Newton steps for algebraic equations with exponentials, from a poor guess.
 
 Exponents are unknowns of their own.
 
@@ -36,7 +36,8 @@ _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: The largest and the smallest conductance in parallel with junctions, in units of saturation
-#: current by thermal voltage: at 1e-15 A the largest is that of a wire, the smallest negligible.
+#: current over thermal voltage: at 1e-15 A the largest is that of a wire, the smallest is
+#: negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
 _FACTORS = (1.05, 10.0, 1e3)
 
@@ -48,8 +49,8 @@ class Junctions:
     equations: tuple[Node, ...]  # the residuals g, which are to vanish
     unknowns: tuple[Node, ...]  # symbols of z
     exponentials: tuple[Node, ...]  # those that depend on z
-    #: Of each equation, then of each exponent: its derivatives by z and by exponentials, by place
-    #: among all these.
+    #: Derivatives of each equation, then of each exponent, by z and by the exponentials; keys are
+    #: indices into these variables.
     slopes: tuple[dict[int, Node], ...]
 
     @classmethod
@@ -115,12 +116,12 @@ class FrozenSystem:
         self._conductance, self._entries = 0.0, np.zeros(0)
 
     def search(self, z: Array) -> Array | None:
-        """Search for a root; return a point next to it, or None."""
+        """Search for a root; return a point close to it, or None."""
         m = len(self._free) - self._n
         if not m:
             return None
         exponents = self._evaluate(z, np.ones(m))[0][self._n :]
-        # Huge exponents of a poor guess start at zero, as without a voltage.
+        # Exponents that are huge at a poor guess start at zero, as at zero voltage.
         w = np.where(np.abs(exponents) < _FAR_OF_JUNCTIONS, exponents, 0.0)
         found = self._iterate(z, w, 0.0)
         return self._lower(z, np.zeros(m)) if found is None else found[0]

@@ -179,10 +179,10 @@ class Kernels(Protocol):
 
 
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
-    """Kernels with their pointers and results, bound when they are first called.
+    """Kernels of a thread with pointers and results, each bound at its first call.
 
-    Functions that C has, the arguments they are called with, the array of results, and whether time
-    is the first argument, by name.
+    By name: the C function, its arguments, the array of results, and whether time is the first
+    argument.
     """
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
@@ -209,7 +209,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         return bound
 
     def _pointer(self, array: Array) -> Any:
-        # Not array.data: the garbage collector may clear such a view before what was made of it.
+        # The collector may clear a view made by array.data before the pointer that was made of it.
         return self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
 
 
@@ -234,7 +234,7 @@ class CKernels:
         self._library = library  # keeps the code loaded
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
-        # These members do not depend on parameters.
+        # These members of the structure do not depend on parameters.
         self._native = NativeModel(
             int(library.ffi.cast("uintptr_t", model)),
             np.zeros(0),
@@ -330,15 +330,15 @@ class MissingKernels:
 class SharedCode(NamedTuple):
     """C text that is the same for all models."""
 
-    files: Mapping[str, str]  # text by file name
-    declarations: str  # in the form of cffi
-    shared: frozenset[str]  # files that several libraries have
+    files: Mapping[str, str]  # file contents by name
+    declarations: str  # declarations for cffi
+    shared: frozenset[str]  # files that several libraries include
 
 
 def shared_code(library: str, *stepper: str) -> SharedCode:
-    """Render a library of :data:`cotree.codegen.integrators.LIBRARIES`, or take it from the cache.
+    """Return a library of :data:`cotree.codegen.integrators.LIBRARIES` as C text; cached.
 
-    It is ``engine`` for the engine of a stepper.
+    ``engine`` is the engine of a stepper.
     """
 
     def render() -> SharedCode:
@@ -355,14 +355,14 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # Vectors of sums over equations make steps faster by a fifth for 8 equations, by a quarter for
-    # 36. The code around the steps compiles more slowly with these flags and gains nothing.
+    # Vectorised sums over equations make steps a fifth faster for 8 equations, a quarter for 36.
+    # The code around the steps compiles more slowly with these flags without being faster.
     try:
         _, loaded = obtain_library(
             code.files,
             code.declarations,
             abi_version=ABI_VERSION,
-            # The level is given below, so that the count of operations decides nothing.
+            # The level is given below, so that the number of operations has no effect.
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,

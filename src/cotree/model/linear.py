@@ -1,8 +1,8 @@
-"""Linear systems: inverted where they are small, factorised as sparse ones, or of any rank.
+"""Linear systems of Newton steps: small inverses, sparse factorisations, least squares.
 
-In: the derivatives of equations, full or in SciPy's compressed form. Out: what solves for a step of
-Newton's method, the scale that rounding gives to each unknown, and the unknowns that a singular
-matrix leaves free; of gradients with redundant rows, least steps and independent columns.
+In: the derivatives of equations, full or in SciPy's compressed form. Out: a solver for Newton
+steps, the scale of rounding errors of each unknown, and the unknowns that a singular matrix leaves
+undetermined; for gradients with redundant rows, minimum-norm steps and independent columns.
 """
 
 from __future__ import annotations
@@ -24,51 +24,55 @@ if TYPE_CHECKING:
 #: A full matrix, or one of SciPy's compressed ones.
 Matrix = Any
 
-#: Rounding of the equations moves unknowns by this share of their scale.
+#: Rounding errors of the equations change unknowns by this fraction of their scale.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
-#: Steps below this share of an unknown that no longer halve can only be rounding, since Newton's
-#: method squares its errors; or, where unknowns are zero but for rounding, this share of scales.
+#: Steps below this fraction of an unknown that no longer halve are rounding errors, since Newton's
+#: method squares its errors. If unknowns are zero up to rounding, it is a fraction of the scales.
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
-#: Residuals below this share of their terms are what these leave of each other.
+#: Residuals below this fraction of the sum of their terms are cancellation errors.
 _MET = 1e-3
 
-#: Up to so many rows, and from this share of nonzeros on, full matrices cost less.
+#: Full matrices are faster up to so many rows, and from this density on.
 _FEW, _SHARE = 60, 0.1
 
-#: Random signs that tell how much rounding of each equation moves the unknowns of a large system.
+#: Random sign vectors estimate the effect of rounding errors of the equations on the unknowns of a
+#: large system.
 _PROBES = 16
 
-#: Rounds of inverse iteration, and how far above rounding a singular value is that they find large.
+#: Rounds of inverse iteration, and how far above rounding a singular value must be to count as
+#: nonzero.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Rounding of singular values, in units in the last place of the largest; more in larger matrices.
+#: Rounding error of singular values, in units in the last place of the largest; larger for larger
+#: matrices.
 _WEAK = 10
 
-#: Entries below this share of the largest are not involved in a singular direction.
+#: Entries below this fraction of the largest are not involved in a singular direction.
 _INVOLVED = 0.1
 
 
 def is_sparse(n: int, n_nonzeros: int) -> bool:
-    """Whether a matrix with so many rows and nonzeros is better factorised as a sparse one."""
+    """Return whether sparse factorisation of a matrix with so many rows and nonzeros is faster."""
     return n > _FEW and n_nonzeros < _SHARE * n * n
 
 
 class Linear(NamedTuple):
-    """The equations of a point, made linear; a tuple, since one is made at each Newton step."""
+    """Linear equations of one Newton step; a tuple, since one is created at each step."""
 
     #: ``solve(b)`` solves with the derivatives by the unknowns, for one or several columns.
     solve: Callable[[Array], Array]
-    #: Of each unknown: its own size and what it would change by if each term of the equations
-    #: changed by its own size. Rounding moves it by this times that of a number.
+    #: Scale of each unknown: its own magnitude plus its change if each term of the equations
+    #: changes by its own magnitude. Rounding errors are about this scale times the machine
+    #: precision.
     scale: Array
-    #: Of the terms of each equation; infinite where a step alone tells that it has converged.
+    #: Magnitude of the terms of each equation; infinite if convergence is judged by steps only.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:
-        """Return the sizes that a step is divided by, and its largest entry then, at most 1."""
+        """Return the scales of a step, and the largest scaled entry, at most 1."""
         size: Array = np.maximum(self.scale, TINY)
         length = longest(step / size)
         if length <= 1.0:
@@ -77,43 +81,44 @@ class Linear(NamedTuple):
         return size, longest(step / size)
 
     def is_stalled(self, z: Array, step: Array) -> bool:
-        """Whether a step that does not become shorter may be taken for rounding."""
+        """Return whether a step that no longer shrinks is a rounding error."""
         floor = np.maximum(SMALL * np.abs(z), _STALLED * self.scale)
         return bool(np.all(np.abs(step) <= floor))
 
     def is_met(self, g: Array) -> bool:
-        """Whether residuals are what is left of larger terms.
+        """Return whether residuals are cancellation errors of larger terms.
 
-        Where the matrix is nearly singular scales are so large that any step looks short.
+        If the matrix is nearly singular, the scales are so large that any step appears short.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
 
 
 def longest(step: Array) -> float:
-    """Return the size of the largest entry; nan where an entry is nan.
+    """Return the largest magnitude of the entries; nan if an entry is nan.
 
-    ``numpy.max`` gives the same, but its call takes longer.
+    ``numpy.max`` returns the same, but its call is slower.
     """
     return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Factorise the last columns of the Jacobian at y, which holds fixed values, then unknowns.
+    """Factorise the last columns of the Jacobian at y, whose last entries are the unknowns.
 
     Raises LinAlgError if the matrix is singular or not finite.
     """
     n = slope.shape[0]
-    # The sum of the absolute terms of each equation, of which rounding is a share.
+    # The sum of the absolute terms of each equation; rounding errors are proportional to it.
     sizes: Array = abs(slope).dot(np.abs(y))
-    # A sum is infinite or nan where one of its terms is, a product with zero, too.
+    # A sum is infinite or nan if one of its terms is, even multiplied by zero.
     if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
-        # Full systems are small, and the inverse also bounds what rounding of each equation does.
+        # Full systems are small; their inverse also bounds the effect of rounding errors of each
+        # equation.
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
-    # The inverse is full. Sums with random signs come within a small factor of those of sizes.
+    # The inverse would be full. Random signs estimate the sums of magnitudes within a small factor.
     found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
     if not math.isfinite(np.add.reduce(found)):
         raise np.linalg.LinAlgError("singular")
@@ -154,7 +159,7 @@ def _inverse(matrix: Array) -> Array:
 
 @functools.cache
 def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
-    """Return LAPACK's solver, called four times faster than through NumPy, and a unit matrix."""
+    """Return LAPACK's solver, four times faster than through NumPy, and a unit matrix."""
     from scipy.linalg.lapack import dgesv
 
     return dgesv, np.eye(n, order="F")
@@ -171,7 +176,7 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
-    # Pivots are the largest of their columns: of rows in other units they would be the worst.
+    # Pivots are chosen within columns; rows in other units would lead to poor pivots.
     size = abs(matrix.tocsr()).max(axis=1).toarray().ravel()
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     try:
@@ -189,30 +194,30 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 
 
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
-    """Solve rows @ step = target by the least step, in the sense of least squares.
+    """Solve rows @ step = target for the minimum-norm step, by least squares.
 
-    ``rows``, (n_rows, n), are columns of a gradient, some of them redundant, and ``whole``,
-    (n_rows, n_all), all of it: what is rounding beside that moves nothing, even if nothing else is
-    free.
+    ``rows``, (n_rows, n), are some columns of a gradient with redundant rows; ``whole``, (n_rows,
+    n_all), is all of it. Singular values that are rounding errors compared with those of ``whole``
+    count as zero.
     """
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)
-    # A gradient of which no column is left out has the singular values that were just found.
+    # If all columns are free, the singular values are those just found.
     largest = sizes[0] if rows.shape == whole.shape else np.linalg.norm(whole, 2)
     kept = sizes > RANK * max(largest, sizes[0])
     along = (left[:, kept].T @ target).T / sizes[kept]
-    # The pseudo-inverse without singular values that are nothing but rounding.
+    # The pseudo-inverse without singular values that are rounding errors.
     return np.asarray(right[kept].T @ along.T, dtype=np.float64)
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """List the free columns, chosen so that the others follow from them best."""
+    """List free columns of full rank, chosen such that the others follow from them accurately."""
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
 
-    # Pivoting takes those columns first that are best solved for; the rest may be chosen.
+    # Pivoting selects the best-conditioned columns to solve for; the rest are independent.
     triangle, order = qr(rows, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
@@ -220,7 +225,7 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that square matrices leave undetermined; none as soon as one is regular.
+    """Return the unknowns that square matrices leave undetermined; empty once a matrix is regular.
 
     Rows and columns are scaled first, so the answer is free of units.
     """
@@ -237,12 +242,12 @@ def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
 
 
 def _is_clearly_regular(slope: Matrix) -> bool:
-    """Whether no singular value of a sparse matrix, scaled, is anywhere near rounding."""
+    """Return whether all singular values of a scaled matrix are far above rounding errors."""
     matrix = slope.tocoo(copy=True)
     if not np.all(np.isfinite(matrix.data)):
         return False
     for _ in range(3):
-        # Each round brings the largest entry of every row, then of every column, to one.
+        # Each round scales the largest entry of every row, then of every column, to one.
         for place in (matrix.row, matrix.col):
             size = np.zeros(len(slope.indptr) - 1)
             np.maximum.at(size, place, np.abs(matrix.data))
@@ -251,7 +256,8 @@ def _is_clearly_regular(slope: Matrix) -> bool:
         solve = _factorised(matrix)
     except np.linalg.LinAlgError:
         return False
-    # The largest singular value is at most the root of the largest sums of a column and of a row.
+    # The square root of the product of the largest row and column sums bounds the largest singular
+    # value.
     largest = math.sqrt(abs(matrix).sum(axis=0).max() * abs(matrix).sum(axis=1).max())
     x = np.random.default_rng(0).standard_normal(matrix.shape[0])
     growth = math.inf
@@ -265,7 +271,7 @@ def _is_clearly_regular(slope: Matrix) -> bool:
 
 
 def _rounding(n: int) -> float:
-    """Return the rounding of singular values of a matrix of n rows, as a share of the largest."""
+    """Return the relative rounding error of singular values of a matrix with n rows."""
     return max(_WEAK, n) * float(np.finfo(float).eps)
 
 

@@ -1,8 +1,8 @@
-"""Models from their C text: libraries, operating points, and pickles for other processes.
+"""Loading of models from C text: libraries, operating points, and pickles for other processes.
 
-In: a program with its C text. Out: a ``CompiledModel``. As bytes it is its program, text and
-options, small enough to be sent: another machine compiles the text once, or finds the library in
-its cache, and forms no equations.
+In: a program with its C text. Out: a ``CompiledModel``. Pickled, it consists of program, text and
+options: the receiver compiles the text once or finds the library in its cache; equations are not
+formulated again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def load_model(
     text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
-    """Compile and load the C text; without a compiler no call of the model is answered.
+    """Compile and load the C text; without a compiler, calls of the model raise an error.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ def load_model(
 class OperatingPoint:
     """The operating point of a network, where a model begins.
 
-    It is the solution of another scene, whose storages are at rest (:mod:`cotree.scene.variants`).
-    It has no states: all that it needs is the search for algebraic unknowns, with its limited
-    junctions, conductances beside them and growing sources. Its sensitivity graphs give the
-    sensitivities of the start.
+    It is the steady state of another scene, whose storages are at rest
+    (:mod:`cotree.scene.variants`). This scene has no states, only algebraic unknowns. They are
+    found with limited junctions, parallel conductances and source stepping. Its sensitivity graphs
+    yield the sensitivities of the start.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class OperatingPoint:
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
-        # Its parameters are some of the model's, whose values count.
+        # Its parameters are a subset of the model's.
         own = rest.parameter_array({name: known[name] for name in rest.parameters})
         inputs = None
         if u is not None:
@@ -154,7 +154,7 @@ def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if not model.text.files:
         raise TypeError("a model without C text cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
-    # Programs and texts repeat themselves: this takes a few milliseconds and leaves a quarter.
+    # Programs and texts are repetitive: compression to a quarter takes a few milliseconds.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
     return _arrived, (_versions(), data)
 
@@ -167,7 +167,7 @@ def _arrived(versions: dict[str, str], data: bytes) -> CompiledModel:
     BuildError
         If another version of cotree sent it, or its text cannot be read or compiled here.
     """
-    # Another version could read the program and compute something else.
+    # Another version could read the program and compute different results.
     if any(versions.get(name) != _versions()[name] for name in ("cotree", "ABI")):
         raise BuildError(
             f"this model was pickled by cotree {_named(versions)}, and here is cotree "
@@ -198,5 +198,5 @@ def _named(versions: dict[str, str]) -> str:
     return f"{versions.get('cotree')} ({others})"
 
 
-# Libraries belong to a process; another one compiles the text, or finds it in its cache.
+# A library belongs to its process; another process compiles the text or finds it in its cache.
 copyreg.pickle(CompiledModel, _reduced)

@@ -1,9 +1,8 @@
 """The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays.
 
 In: a program and its kernels. Out: kernels as functions of time, states, sensitivities and inputs,
-for solvers without checks and copies; and on them methods with checked arrays, all sensitivities
-in place. ``StatesOnly`` is a model with the same kernels, whose layout names no sensitivities, so
-that nothing asks for them.
+without checks and copies, for solvers; and methods with checked arrays and full sensitivities.
+``StatesOnly`` is a model with the same kernels whose layout has no sensitivities.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ Call = Callable[[float, Array, Array, Array], Array]
 
 
 def whole_kernel(kernels: Kernels, layout: Layout, name: str) -> Call:
-    """Return a kernel as a function of all sensitivities; its result is a buffer."""
+    """Return a kernel as a function of full arrays of sensitivities; its result is a buffer."""
     n_all = len(layout.states) * len(layout.sensitivities)
     # Kernels without packed arguments are called directly.
     if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
@@ -94,9 +93,9 @@ class CompiledModel:
     """Kernels of a scene with their names, called with NumPy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
-    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
-    Several threads may call the same model at the same time, with other parameters each.
+    :attr:`parameters` and :attr:`inputs`; None selects the scene's values. Parameters may also be a
+    mapping of names to values; the others keep the scene's. Results are new arrays. Several threads
+    may call the same model at the same time, each with its own parameters.
 
     Parameters
     ----------
@@ -160,7 +159,7 @@ class CompiledModel:
         return self._defaults.copy()
 
     def parameter_array(self, values: Any = None, others: Any = None) -> Array:
-        """Return the parameter array, as every call that takes parameters does.
+        """Return the parameters as an array, checked.
 
         Parameters
         ----------
@@ -211,8 +210,8 @@ class CompiledModel:
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            # By identity: solvers hand over the same array at every call, and comparing values
-            # would take as long as a small kernel.
+            # Arrays are compared by identity: solvers pass the same array at every call, and
+            # comparing values would take as long as a small kernel.
             if own.prepared is not p:
                 self.set_parameters(p)
             if u is None:
@@ -239,7 +238,7 @@ class CompiledModel:
         try:
             found = find_toolchain()
         except BuildError:
-            found = None  # the environment has named another one since
+            found = None  # the environment names another compiler since
         return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
@@ -273,7 +272,7 @@ class CompiledModel:
         return found
 
     def _prepare(self, p: Any) -> None:
-        """Prepare for parameters of a user, unless they are those of the last call."""
+        """Prepare the kernels for a user's parameters, unless they equal those of the last call."""
         # Prepared arrays belong to cotree and are never changed.
         if p is None or self._own.prepared is not p:
             self.set_parameters(self.parameter_array(p))
@@ -399,7 +398,7 @@ class CompiledModel:
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # then there is no kernel
+        if not self.constraints:  # then the kernel does not exist
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
@@ -447,7 +446,7 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Return why rates have no finite value at a point, as part of a sentence.
+        """Return why rates are not finite at a point, as part of a sentence.
 
         Parameters
         ----------

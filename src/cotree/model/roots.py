@@ -138,7 +138,7 @@ class Root(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """The matrix and the next step that an iteration may keep after a step; None for a new one."""
+    """The matrix and the next step, if they can be reused after a step; None for new ones."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -148,7 +148,7 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Accepts a step where the one that follows with the same matrix is shorter.
+    """Accept a step if the next one with the same matrix is shorter.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class NaturalTest:
         The step must be shorter by this share of the damping factor.
     """
 
-    share = 0.25  # as Deuflhard has it
+    share = 0.25  # Deuflhard's value
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
@@ -171,20 +171,20 @@ class NaturalTest:
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
-        ratio = after / self._before  # by which further steps with this matrix would shrink, too
-        # A few further steps with this matrix reach rounding, so no new one is formed.
+        ratio = after / self._before  # factor by which further steps with this matrix would shrink
+        # A few further steps with this matrix reach rounding, so that it is reused.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _REFACTOR
 
 
 class WholeSteps(NaturalTest):
-    """Accepts every step, and keeps matrices that converge fast."""
+    """Accept every step; reuse matrices that converge fast."""
 
     share = -math.inf
 
 
 class ResidualTest:
-    """Accepts a step where the residual, each row in units of its largest term, is shorter."""
+    """Accept a step if the residual, each row in units of its largest term, is smaller."""
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
@@ -205,7 +205,7 @@ class NewtonLimits:
     """Limits of an iteration."""
 
     most_steps: int  # the most steps that are taken
-    #: The test that accepts a step; whole steps are taken where absent.
+    #: The test that accepts a step; if omitted, whole steps are taken.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # the least share of a step that is tried
     #: The iteration ends at a step below this share of the scales or, with a test, at one whose
@@ -239,28 +239,28 @@ def iterate(
     least = best.size
     kept, step = _Following(linear), None
     for _ in range(limits.most_steps):
-        # Squares may overflow, which the slower test then sorts out.
+        # Squares may overflow; the slower test decides in this case.
         if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
-            break  # no step is finite
+            break  # the step is not finite
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
-        # A singular matrix gives no direction; the caller may begin elsewhere.
+        # A singular matrix yields no direction; the caller may begin at another point.
         except np.linalg.LinAlgError:
             break
         units, length = linear.measured(step)
         size = length
         ratio = math.inf
         if before is not None:
-            # Both steps are measured in the same units, those of the newer one.
+            # Both steps are measured in the scales of the newer one.
             ratio = size / max(longest(before / units), TINY)
-        if limits.test is not None:  # the step after this one would shrink by as much
+        if limits.test is not None:  # the step after this one would shrink by the same factor
             size *= min(ratio, 1.0)
         # Errors of a step with a reused matrix add up along chains.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if size <= allowed and linear.is_met(point.g):
-            # The last step is still taken: its residuals decide.
+            # The last step is still taken; its residuals decide.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
@@ -274,13 +274,13 @@ def iterate(
         found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
-            # A test only accepts points that are better than those before.
+            # A test only accepts points that are better than the previous one.
             best = point
         elif is_old:
-            # The matrix is an old one, so the step is repeated with that of this point.
+            # The matrix belongs to an earlier point; repeat the step with that of this point.
             kept = _REFACTOR
         else:
-            # A rejected whole step has residuals that are not finite, and proves nothing.
+            # Whole steps are rejected for infinite residuals only, which prove nothing.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -309,13 +309,13 @@ def _damped(
             return trial, following
         if is_old or _is_stalled(point, linear, step):
             break
-        # Exponentials may need shares of 1e-20, which halving alone would take long to reach.
+        # Exponentials may need damping factors of 1e-20, for which halving alone takes many steps.
         damping *= 0.5 if damping > 1e-3 else 0.1
     return None
 
 
 def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
-    """Return whether a step that is not accepted may be taken for rounding."""
+    """Return whether a rejected step is a rounding error."""
     return linear.is_stalled(point.z, step) and linear.is_met(point.g)
 
 
@@ -329,7 +329,7 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 
 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
-    """Return whether a residual is nothing but rounding, where laws lose digits inside.
+    """Return whether a residual consists of rounding errors inside the laws.
 
     Cancellation inside a law, as in a difference of squares, is visible neither in the slopes nor
     in the sizes of terms. If it dominates, values at neighbouring points deviate from the tangent
@@ -349,13 +349,13 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
         ]
     )
     is_flat = (away[1:] <= 2.0 * away[:-1]) & (np.abs(g) <= 2.0 * away[:-1])
-    # Where neighbours overflow, both comparisons hold and tell nothing.
+    # If values at neighbouring points overflow, the comparison is not conclusive.
     is_flat &= np.isfinite(away[:-1])
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
-# Far from the root of an exponential each step changes its argument by one, and the first argument
-# may be too large by a hundred.
+# Far from the root of an exponential each step changes its argument by one, and the first guess of
+# the argument may be too large by a hundred.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
 _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
@@ -363,7 +363,7 @@ _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 #: Whole steps converge from a point next to a root.
 NEXT = NewtonLimits(20, WholeSteps)
 
-#: Close to a root little damping is needed; if there is none, few steps are wasted.
+#: Close to a root little damping is needed; otherwise the search ends after a few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
 #: Continuation: if a root is not found in few steps, the advance is halved.
@@ -402,9 +402,9 @@ def find_root(
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
-    """Look for a root near a guess, and near points aside from it, in few steps each.
+    """Search for a root near a guess, then near points around it, in few steps each.
 
-    Equations may be more, or fewer, than unknowns; other parameters as of :func:`find_root`.
+    The number of equations and of unknowns may differ; other parameters as for :func:`find_root`.
     """
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
@@ -440,7 +440,7 @@ def _searches(
 
 def _starts(guess: Array) -> Iterator[Array]:
     yield guess
-    # Laws of networks mostly vanish at zero, where nothing overflows.
+    # Laws of networks mostly vanish at zero and do not overflow there.
     if np.any(guess):
         yield np.zeros_like(guess)
     rng = np.random.default_rng(0)
@@ -449,7 +449,7 @@ def _starts(guess: Array) -> Iterator[Array]:
 
 
 def _falling(equation: Equation, z: Array) -> Root:
-    """Reduce the residual as far as possible, and end by the natural test."""
+    """Minimise the residual, then finish with the natural test."""
     root = iterate(equation, z, _FALLING)
     return iterate(equation, root.z, _FAR) if root.is_found else root
 

@@ -1,4 +1,4 @@
-"""Inputs of a run: numbers, expressions, tables or functions in place of the scene's own."""
+"""Inputs of a run: numbers, expressions, tables or functions that replace the scene's inputs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Signal = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Sampled:
-    """A function of Python that is called now and then; see :func:`sampled`."""
+    """A function that is called at fixed intervals; see :func:`sampled`."""
 
     function: Callable[..., float]
     period: float
@@ -33,12 +33,12 @@ class Sampled:
         return self.function(*args)
 
     def at(self, t: float, measured: Mapping[str, float]) -> float:
-        """Take a sample."""
+        """Return the value of the function at a time and a point."""
         return self.function(t, measured) if self.reads_states else self.function(t)
 
 
 def sampled(function: Callable[..., float], period: float) -> Sampled:
-    """Make an input of a run of a function that is called at fixed times, and held between.
+    """Make an input from a function that is called at fixed intervals and held in between.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
         raise ParameterError(f"the period of a sampled input is {period}: it must be positive")
     try:
         kinds = [row.kind for row in inspect.signature(function).parameters.values()]
-    except (TypeError, ValueError):  # functions written in C may not tell
+    except (TypeError, ValueError):  # functions written in C may have no signature
         kinds = []
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return Sampled(function, float(period), sum(kind in positional for kind in kinds) > 1)
@@ -77,14 +77,14 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
 
 @dataclass(frozen=True)
 class ReplacedInputs:
-    """The inputs that a run puts in place of the scene's."""
+    """The inputs that a run replaces."""
 
-    #: The replaced inputs, by their place in u, as functions of time.
+    #: Functions of time by the index of the input in u.
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]  # times where a table has a kink
-    #: The replaced inputs that are numbers or tables.
+    #: Replaced inputs that are numbers or tables.
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
-    #: Those that are called now and then.
+    #: Replaced inputs that are sampled.
     sampled: Mapping[int, Sampled] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
@@ -121,7 +121,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             constant = parsed.number
             # Other expressions are compiled into a model of their own; see cotree.scene.variants.
             assert constant is not None
-            # A table of one point is constant, and C reads it without asking Python.
+            # A table of one point is a constant, which C reads without calling Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])
             signal = _constant(constant)
         by_position[names.index(name)] = signal
@@ -133,6 +133,6 @@ def _constant(value: float) -> Signal:
 
 
 def _function_of_time(value: Table) -> Signal:
-    """Make a function of time of a table."""
+    """Return the function of time of a table."""
     x, y = np.array(value.x), np.array(value.y)
     return lambda t: float(np.interp(t, x, y))

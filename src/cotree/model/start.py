@@ -1,7 +1,7 @@
 """The start of a run: states and sensitivities that satisfy all equations, step by step.
 
-In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. The steps, of which
-each leaves alone what those before it found:
+In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. Each step keeps the
+results of the steps before it:
 
 1. Values as they are given: the scene's or those of its operating point, then those of the run.
 2. The constraints of mechanisms (``templates/runtime/start``).
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Values agree when they differ by less than this share of the largest value that they follow from:
-#: the error of a step at the default tolerance.
+#: Values agree if they differ by less than this fraction of the largest value that they follow
+#: from: the error of a step at the default tolerance.
 _AGREE = 1e-8
 
-#: They also agree when they differ by less than this, which rounding of larger terms leaves.
+#: They also agree if they differ by less than this, a rounding error of larger terms.
 _ROUNDING = 1e-12
 
-#: The least size of a parameter where derivatives by it are compared: with zero all would agree.
+#: The smallest magnitude of a parameter for comparisons of derivatives: at zero all would agree.
 _SMALLEST = 1e-3
 
 
@@ -50,7 +50,7 @@ def check_redundant(
     start: Start,
     replaced: Container[str],
 ) -> None:
-    """Refuse initial values that contradict those of states, or sources.
+    """Raise an error if initial values contradict those of states or sources.
 
     Parameters
     ----------
@@ -73,10 +73,10 @@ def check_redundant(
     held = [
         (i, [names.index(name) for name in row.states])
         for i, row in enumerate(rows)
-        # A run that replaces a state contradicts nothing: what followed from it moves along.
+        # If the run replaces a state, values of the scene that follow from it are ignored.
         if not any(name in replaced for name in row.states)
     ]
-    # The kernel ends with these two rows: values as they follow, and as they are given.
+    # The kernel ends with these two rows: derived values, then given values.
     follows, given = at.call("start", start.y)[-2 * len(rows) :].reshape(2, -1)
     apart = {
         f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
@@ -96,22 +96,22 @@ def check_redundant(
 def _check_sensitivities(
     at: EvaluationPoint, start: Start, held: Sequence[tuple[int, list[int]]]
 ) -> None:
-    """Refuse redundant values whose derivatives by a parameter contradict those of states."""
+    """Raise an error if parameter derivatives of redundant values contradict the states'."""
     model, s = at.model, start.s.T
     rows, m = model.layout.redundant, len(model.sensitivities)
     found = at.call("start_sensitivity", start.y, start.s).reshape(m, -1)
-    # For each parameter, the same two rows of derivatives come last.
+    # For each parameter, the same two rows of derivatives are last.
     follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0)
     apart: dict[str, RedundantRow] = {}
     for j, name in enumerate(model.sensitivities):
-        if name not in model.parameters:  # a state's own initial value: others follow it
+        if name not in model.parameters:  # a state's own initial value, which the others follow
             continue
         size = max(abs(at.p[model.parameters.index(name)]), _SMALLEST)
         apart |= {
             f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
             f"{_origin(rows[i].states, at.t)}": rows[i]
             for i, states in held
-            # As changes of the values for a change of the parameter by its own size.
+            # Compare changes of the values for a change of the parameter by its own magnitude.
             if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
         }
     if apart:
@@ -123,7 +123,7 @@ def _check_sensitivities(
 
 
 def _hint(rows: Iterable[RedundantRow]) -> str:
-    """Name what an edge has of its own, where its position is that of its nodes."""
+    """Return advice for positions that follow from those of nodes."""
     if not any(row.is_position for row in rows):
         return ""
     return (
@@ -138,7 +138,7 @@ def _agree(follows: float, given: float, terms: Array) -> bool:
 
 
 def _origin(states: Sequence[str], t: float) -> str:
-    """Name the states, or sources, that a value follows from."""
+    """Name the states or sources that determine a value."""
     if not states:
         return f"the sources at t = {t:g}"
     return ", ".join(f"'{name}'" for name in states)
@@ -196,7 +196,7 @@ def check_start(model: CompiledModel) -> None:
         y = scene_start(model).y
     except ParameterError:
         if model.traits.is_rheonomic:
-            return  # it may start at another time
+            return  # runs may start at another time
         raise
     rates = model.rhs(0.0, y)
     for name, rate in zip(model.states, rates, strict=True):
@@ -215,7 +215,7 @@ def is_slope(name: str) -> bool:
 
 
 def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str, float]]:
-    """Separate initial values of states from those of sensitivities."""
+    """Separate initial values of states from initial sensitivities."""
     slopes = {name: value for name, value in initial.items() if is_slope(name)} if initial else {}
     if not slopes:
         return initial, slopes
@@ -223,7 +223,7 @@ def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str,
 
 
 def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
-    """Put given sensitivities among those of the start.
+    """Set given initial sensitivities.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
 
 
 def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
-    """Refuse initial values of what is no state, or that are no numbers."""
+    """Raise an error if a name is not a state or a value is not a number."""
     for name, value in initial.items():
         if name not in model.states:
             raise ParameterError(_no_state(model, name))
@@ -273,9 +273,9 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A run's own value depends on no parameter, only on itself.
+        # A value given for the run depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
-    # Runs of the states alone are given none.
+    # Runs without sensitivities have none.
     if slopes and wanted:
         _put_slopes(model, slopes, s)
     return y, s

@@ -1,9 +1,9 @@
 """Starts of a model, found by ``templates/runtime/start/cotree_start.c``.
 
 In: a model at the start, and initial values of a run. Out: a ``Start``. Python searches for
-algebraic unknowns that C does not find, and factorises the systems of many of them. Where given
-values contradict constraints, C moves the last of them, or refuses the start, and
-:mod:`cotree.model.consistent` says so.
+algebraic unknowns if C's iteration fails, and factorises large systems of them. If given values
+contradict constraints, C changes the last of them or fails; :mod:`cotree.model.consistent` writes
+the messages.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel, EvaluationPoint
     from cotree.program.layout import Layout
 
-#: Of more algebraic unknowns than these, sparse factorisations cost less.
+#: With more algebraic unknowns than these, sparse factorisations in Python are faster.
 _MOST_UNKNOWNS = 200
 
 
@@ -41,17 +41,17 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Results of C: given values contradict the constraints, or cannot follow a parameter.
+#: Results of C: given values contradict the constraints, or cannot change with a parameter.
 _CONTRADICTIONS = (100, 102)
 
-#: The algebraic equations have no solution near the guess, or leave unknowns free.
+#: The algebraic equations have no solution near the guess, or leave unknowns undetermined.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
 #: The modes of jumps contradict the states that they lead to.
 _TURNED_BACK = 105
 
-#: All states are found, but redundant values contradict each other, one is not finite, or the start
-#: lies on a jump that a parameter moves.
+#: All states are found, but redundant values contradict each other, a value is not finite, or the
+#: start is at a jump whose time depends on a parameter.
 _COMPLETE = (0, 103, 106, 109)
 
 
@@ -81,7 +81,7 @@ class StartInC:
         self.tables = filled_tables(library.ffi, model.layout, self._kept)
         self.is_sparse = model.layout.n_algebraic > _MOST_UNKNOWNS
         for content, _ in model.layout.followers:
-            # At an operating point contents follow from voltages.
+            # At an operating point the contents of storages follow from the voltages.
             self.tables.given[content] &= not model.begins_at_rest
         self.address = int(self._ffi.cast("uintptr_t", self.tables))
         self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
@@ -93,7 +93,7 @@ class StartInC:
     def find(
         self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
     ) -> Start:
-        """Find the start of a run, whose redundant values may contradict each other.
+        """Find the start of a run; redundant values are not checked.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class StartInC:
         return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
-        """Return the gradients of the constraints by the speeds, the longest of each edge as one.
+        """Return the gradients of the constraints by the speeds, scaled to length one per edge.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class StartInC:
 
 
 class UnknownsOfStart:
-    """Functions of Python that C calls for the algebraic unknowns of a start.
+    """Python functions that C calls for the algebraic unknowns of a start.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class UnknownsOfStart:
         self.helper.find_unknowns = self._callback("cotree_find_unknowns", self._find)
 
     def factorise(self, call: Any) -> None:
-        """Make a ``cotree_start_call`` factorise the equations in Python."""
+        """Set the functions of a ``cotree_start_call`` that factorise in Python."""
         rows = call.elimination = self._ffi.new("cotree_elimination *")
         self._kept.append(rows)
         rows.linearise = self._callback("int (*)(double, const double *, void *)", self._linearise)
@@ -189,7 +189,7 @@ class UnknownsOfStart:
         return np.frombuffer(self._ffi.buffer(pointer, 8 * size))
 
     def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return C a function of Python; its exceptions are kept."""
+        """Make a C function of a Python function; its exceptions are stored."""
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:
             self.errors.append(error)
@@ -199,7 +199,7 @@ class UnknownsOfStart:
 
 
 class StartCall:
-    """One call of ``cotree_start_once``, with all that it points to.
+    """One call of ``cotree_start_once`` with all its arguments.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ class StartCall:
         return Start(y, s, bool(c.is_chosen), note, report.is_mended)
 
     def fail(self, status: int) -> NoReturn:
-        """Raise the reason of a status."""
+        """Raise the error of a status."""
         if self._search is not None and self._search.errors:
             raise self._search.errors[-1]
         if status in (_UNSOLVED, _UNDETERMINED):
@@ -282,7 +282,7 @@ class StartCall:
         raise next(iter(self._called.errors), unknown)
 
     def _unsolved(self) -> SolveError:
-        """Return the error of equations for which no search has failed."""
+        """Return the error of algebraic equations that cannot be solved."""
         model, initial = self._at.model, self._initial
         states = [model.states[i] for i, _ in model.layout.followers]
         names = ", ".join(f"'{name}'" for name in states if name not in initial)
@@ -298,7 +298,7 @@ class StartCall:
         )
 
     def search(self) -> UnknownsOfStart:
-        """Return the functions of Python for algebraic unknowns."""
+        """Return the Python functions for algebraic unknowns."""
         if self._search is None:
             self._search = UnknownsOfStart(self._ffi, self._at)
         return self._search
@@ -310,7 +310,7 @@ class StartCall:
         return status
 
     def _call_python(self) -> None:
-        """Call kernels in Python, whose exceptions are kept."""
+        """Call kernels in Python, whose exceptions are stored."""
         from cotree.model.called_model import CalledModel
 
         self._called = CalledModel(self._ffi, self._at.model)
@@ -318,7 +318,7 @@ class StartCall:
         self.c.p = self.doubles(np.array(self._at.p, dtype=float))
 
     def new(self, *what: Any) -> Any:
-        """Return what ``ffi.new`` makes, and keep it for as long as the call."""
+        """Return a new C object of ``ffi.new`` that lives as long as the call."""
         self._kept.append(self._ffi.new(*what))
         return self._kept[-1]
 
@@ -332,7 +332,7 @@ class StartCall:
         return self._kept[-1]
 
     def _set_inputs(self) -> None:
-        """Return the inputs that replace the scene's, as tables of one point."""
+        """Return the inputs that replace the scene's as tables of one point."""
         given = [] if self._at.u is None else self._at.u.tolist()
         rows = self.new("cotree_table_input[]", max(1, len(given)))
         for i, value in enumerate(given):
@@ -378,6 +378,6 @@ def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
 
 
 def start_in_c(model: CompiledModel) -> StartInC | None:
-    """Return what finds starts of a model; None without a compiler."""
+    """Return the search for starts of a model in C; None without a compiler."""
     library = load_start()
     return None if library is None else StartInC(model, library)

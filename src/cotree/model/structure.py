@@ -1,6 +1,6 @@
-"""Patterns of a model: entries of its Jacobian, colours of its columns, reach of its parameters.
+"""Patterns of a model's derivatives: Jacobian, colouring of its columns, sensitivities.
 
-In: the patterns that a program's layout holds. Out: the same for users and for their solvers.
+In: the patterns of a program's layout. Out: the same as arrays, for users and solvers.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ class Structure:
 
     @property
     def jacobian_sparsity(self) -> csc_matrix:
-        """Pattern as a SciPy CSC matrix of True, ordered like the one of ``jacobian_sparse``."""
+        """Pattern of the Jacobian: a SciPy CSC matrix of True, ordered like ``jacobian_sparse``."""
         return self.sparse(np.ones(len(self._rows), dtype=np.bool_))
 
     def sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
-        """Put values where the Jacobian may be nonzero."""
+        """Return a CSC matrix of the values of the Jacobian's entries."""
         from scipy.sparse import csc_matrix
 
         n = len(self.layout.states)
         return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
 
     def by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
-        """Put values where the Jacobian may be nonzero, compressed by rows."""
+        """Return a CSR matrix of the values of the Jacobian's entries."""
         return self.sparse(values).tocsr()
 
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Put values where the Jacobian may be nonzero, and zeros elsewhere.
+        """Return the full Jacobian of the values of its entries.
 
-        Further axes of the values are further axes of what is given.
+        Further axes of the values are further axes of the result.
         """
         n = len(self.layout.states)
         dense = np.zeros((n, n, *values.shape[1:]))
@@ -65,10 +65,9 @@ class Structure:
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:
         """Colours of the Jacobian's columns, from 0, shape (n_states,).
 
-        Columns of one colour have no entry in the same row, so that the product of the Jacobian
-        with the sum of their unit vectors holds all their entries: as many products, or
-        differences of right-hand sides, as there are colours give the whole. The colours are
-        greedy, those with the fewest neighbours last: not always the fewest there can be.
+        Columns of one colour have no entry in the same row. One product of the Jacobian with the
+        sum of their unit vectors, or one difference of right-hand sides, hence yields all their
+        entries. The colouring is greedy, vertices of smallest degree last; it need not be minimal.
 
         References
         ----------
@@ -88,9 +87,9 @@ class Structure:
         by_row: list[list[int]] = [[] for _ in range(n)]
         for row, column in zip(self._rows.tolist(), self._columns.tolist(), strict=True):
             by_row[row].append(column)
-        # A full row joins every pair of columns, and the graph would hold them all.
+        # A full row connects every pair of columns, and the graph would store all pairs.
         if n in map(len, by_row):
-            return np.arange(n)  # one row has them all
+            return np.arange(n)  # one row has entries in all columns
         graph = networkx.Graph()
         graph.add_nodes_from(range(n))
         for columns in by_row:
@@ -119,7 +118,7 @@ class Structure:
         n, m = len(self.layout.states), len(self.layout.sensitivities)
         pattern = np.zeros(m * n, dtype=np.bool_)
         pattern[list(self.layout.sensitivity_places)] = True
-        # Places go parameter by parameter, as sensitivities do in z.
+        # Sensitivities in z are ordered by parameter.
         return pattern.reshape(m, n).T.copy()
 
     @cached_property

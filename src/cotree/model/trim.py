@@ -411,8 +411,8 @@ def find_trim(
 def _is_met(search: _Search, z: Array) -> bool:
     """Return whether all residuals are rounding errors, where the iteration converged slowly.
 
-    Rates of a constrained system that are independent beside an equilibrium only have a double root
-    there: steps halve, and the slopes there vanish, so that terms are those of the guess too.
+    If rates are independent of each other only away from an equilibrium, it is a double root: steps
+    only halve, and the slopes vanish there. Therefore the terms at the guess are included.
     """
     left = np.abs(search.value(z))
     slope = np.maximum(np.abs(search.slope(z)), np.abs(search.slope(search.guess)))
@@ -440,7 +440,7 @@ def _posed(
     at = EvaluationPoint(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
-    except Error:  # the initial values as given
+    except Error:  # keep the initial values as given
         y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]

@@ -1,11 +1,11 @@
 """Algebraic unknowns, contents of storages and modes at a point.
 
-A scene gives a voltage where the state is a charge. Absolute tolerances, too, are given for
-voltages; those of charges follow from them. Modes of jumps inside expressions are found with the
-unknowns.
+A scene may give a voltage while the state is a charge. Absolute tolerances are also given for
+voltages; those of charges follow from them. Modes of jumps inside expressions are found together
+with the unknowns.
 
-A run chooses the modes of dry friction of all edges together, in C. A point that is linearised
-about, or searched for, has its modes given; they are compared with speeds and forces.
+A run determines the modes of dry friction of all edges together, in C. At a point of linearisation
+or trim the modes are given and checked against speeds and forces.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel, EvaluationPoint
 
 
-#: Both may be given where they agree to this share.
+#: Both may be given if they agree to this relative tolerance.
 _AGREE = 1e-6
 
 
@@ -52,7 +52,7 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
-            # Written so that nan raises, too.
+            # Written such that nan raises, too.
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -71,15 +71,15 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
-        # This row holds the derivatives of the storage's law. Where the law has none by its own
-        # variable at this point, the largest by another one stands in for the capacitance.
+        # This row has the derivatives of the storage's law. If the law does not depend on its own
+        # variable at this point, the largest derivative by another one replaces the capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own
     return sizes
 
 
-#: The most changes of each mode of a jump before they contradict each other.
+#: Largest number of changes of each mode; more are a contradiction.
 _MOST_CHANGES = 50
 
 
@@ -107,7 +107,7 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
         return y
     y = y.copy()
     for _ in range(_MOST_CHANGES * len(rows)):
-        # `jumps` has the new values of each event. The point is beyond an event if its function has
+        # `jumps` contains the new values of each event. An event has occurred if its function has
         # the sign of its direction.
         values, wanted = at.event_values(y), at.call("jumps", y)
         changed = False
@@ -135,7 +135,7 @@ def turned_back(at: EvaluationPoint) -> SolveError:
 
 
 def solve_states(at: EvaluationPoint, y: Array) -> Array:
-    """Solve for the algebraic unknowns of a point; the others of its states stay."""
+    """Solve for the algebraic unknowns of a point; the other states are kept."""
     if at.model.layout.n_algebraic:
         y = y.copy()
         of_model(at).solve(at.t, y)
@@ -143,15 +143,15 @@ def solve_states(at: EvaluationPoint, y: Array) -> Array:
 
 
 def of_model(at: EvaluationPoint) -> Algebraic:
-    """Return the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
-    # Most models have none.
+    """Return the algebraic unknowns of a model at fixed parameters and inputs."""
+    # Most models have no algebraic unknowns.
     from cotree.model.algebraic import Algebraic
     from cotree.model.linear import is_sparse
 
     none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
-    # Rows of the algebraic equations alone are factorised.
+    # Only the rows of the algebraic equations are factorised.
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
@@ -168,7 +168,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     )
 
 
-#: Relative tolerance of speeds and forces, which those of runs and searches rarely exceed.
+#: Relative tolerance of speeds and forces, below the errors of runs and searches.
 _CLOSE = 1e-6
 
 #: Modes of an edge that sticks and of one without a normal force.
@@ -177,7 +177,7 @@ _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Set the modes of edges that move relative to their mode to those of their speed.
+    """Set the modes of edges that slide against their mode to the direction of their speed.
 
     Parameters
     ----------
@@ -208,10 +208,10 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 
 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
-    """Add the modes of dry friction to a guess, and the forces that they need on joints.
+    """Initialise the modes of dry friction in a guess, and the forces on joints that they need.
 
-    An edge that sticks is in equilibrium at any point within its limits; without its mode a search
-    would move it.
+    An edge that sticks is in equilibrium at any point within its limits; without its mode the
+    search would move it.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             _values(at, y, part).get(place, np.inf)
             for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
-        # The sum is the distance of both limits from each other.
+        # The sum is the width of the range between both limits.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
             raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")
@@ -280,7 +280,7 @@ def _still(y: Array) -> float:
 
 
 def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
-    """Evaluate one kind of event function of each edge, by the place of its mode."""
+    """Evaluate one kind of event function of each edge; keys are indices of modes."""
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
         return {}
@@ -293,7 +293,7 @@ def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
 
 
 def _speeds(at: EvaluationPoint, y: Array) -> dict[int, float]:
-    """Evaluate the relative speed of each edge, by the place of its mode."""
+    """Evaluate the relative speed of each edge; keys are indices of modes."""
     moving = y.copy()
     for row in at.model.layout.events:
         if row.part == ModePart.SLIP:
