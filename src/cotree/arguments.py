@@ -6,10 +6,14 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeGuard
 
+import numpy as np
+import numpy.typing as npt
+
 from cotree.errors import ParameterError, brief, nearest
 
 # Larger integers are not all exact as doubles.
 _LARGEST_INTEGER = 2**53
+_UNREAL = {"c", "m", "M"}  # NumPy's kinds of complex numbers, durations and dates
 _DEEPEST = 4  # more levels than any field has; a list may hold itself
 
 
@@ -73,6 +77,16 @@ def plain(value: Any, depth: int = 0) -> Any:
     if isinstance(value, Iterable):
         return [plain(item, depth + 1) for item in value]
     return value
+
+
+def doubles(value: Any) -> npt.NDArray[np.float64] | None:
+    """Return a contiguous copy as doubles; None if the values are not real numbers."""
+    if getattr(getattr(value, "dtype", None), "kind", "") in _UNREAL:
+        return None
+    try:
+        return np.array(value, dtype=float, order="C")
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def is_list(value: object) -> TypeGuard[Sequence[Any]]:

@@ -6,6 +6,8 @@ import copy
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -353,6 +355,34 @@ def test_numbers_of_numpy_are_those_of_python_and_find_the_same_preparation(slid
     # Nothing is prepared again.
     monkeypatch.setattr(Preparation, "__init__", None)
     assert bits(slider.simulate(**OF_NUMPY, **of_run)) == first
+
+
+def test_fractions_and_decimals_find_their_preparation_again(slider, monkeypatch):
+    slider._kept = RecentCache(8)
+    tolerances = {"rtol": Fraction(1, 10**7), "atol": Decimal("1e-9"), "max_step": Fraction(1, 2)}
+    first = bits(slider.simulate((0.0, 1.0), [Fraction(1, 2), 1.0], **tolerances))
+    monkeypatch.setattr(Preparation, "__init__", None)
+    assert bits(slider.simulate((0.0, 1.0), [Fraction(1, 2), 1.0], **tolerances)) == first
+
+
+@pytest.mark.parametrize("value", ["much", None, 10**400, [1.0, 2.0], 1j])
+def test_functions_that_return_no_number_are_refused_by_name(value):
+    model = load("cart-pole").compile()
+    with pytest.raises(ParameterError, match=r"input 'push' is .* at t = 0: .* return a number"):
+        model.simulate((0.0, 1.0), inputs={"push": lambda t: value})
+
+
+@pytest.mark.parametrize("value", [10**400, 1 + 2j, np.complex128(1 + 2j)])
+def test_what_is_no_real_number_is_refused_at_every_place(slider, value):
+    for place in ({"parameters": {"L": value}}, {"initial": {"j1.s": value}}, {"rtol": value}):
+        with pytest.raises(ParameterError, match="give a number"):
+            slider.simulate((0.0, 1.0), **place)
+    with pytest.raises(ParameterError, match="give a number"):
+        load("cart-pole").compile().simulate((0.0, 1.0), inputs={"push": value})
+    with pytest.raises(SolveError, match="t_eval must be a sequence of numbers"):
+        slider.simulate((0.0, 1.0), np.array([0.0, value]))
+    with pytest.raises(ParameterError, match="the parameters must be an array of numbers"):
+        slider.simulate((0.0, 1.0), parameters=np.array([value] * len(slider.parameters)))
 
 
 def test_every_study_takes_numbers_of_numpy(slider):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.arguments import check_whole
+from cotree.arguments import check_whole, doubles
 from cotree.errors import ParameterError, brief, check_known
 from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import LOGARITHMS, Array
@@ -97,10 +97,8 @@ def find_condition(problem: Problem, given: int | str) -> int:
 
 def read_times(t: Any, condition: Condition) -> Array:
     """Read the times at which a quantity is predicted, [s], shape (n,)."""
-    try:
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-    except (TypeError, ValueError):
-        times = np.zeros(0)
+    read = doubles(t)
+    times = np.zeros(0) if read is None else np.atleast_1d(read)
     if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
         raise ParameterError(f"the times are {brief(repr(t))}: give finite numbers")
     if times.min() < condition.t_start:

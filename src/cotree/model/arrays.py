@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.arguments import doubles
 from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 
@@ -22,14 +23,9 @@ Array = npt.NDArray[np.float64]
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Return a contiguous copy as doubles; ParameterError if the shape is wrong."""
-    try:
-        array = np.array(
-            value, dtype=float, order="C"
-        )  # always a copy, since callers may change their array
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"{what} must be an array of numbers of shape {tuple(shape)}"
-        ) from None
+    array = doubles(value)  # a copy, since callers may change their array
+    if array is None:
+        raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}")
     if array.shape != tuple(shape):
         raise ParameterError(
             f"{what} must be an array of shape {tuple(shape)}, not of shape {array.shape}"

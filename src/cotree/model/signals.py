@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.dag.table import Table
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, brief, nearest
 from cotree.scene.expressions import check_number
 from cotree.scene.tables import parse_signal
 
@@ -110,7 +110,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             sampled_ones[names.index(name)] = value
             continue
         if callable(value):
-            by_position[names.index(name)] = value
+            by_position[names.index(name)] = _checked(value, name)
             continue
         parsed = parse_signal(value, f"input '{name}'")
         if isinstance(parsed, Table):
@@ -126,6 +126,24 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             signal = _constant(constant)
         by_position[names.index(name)] = signal
     return ReplacedInputs(by_position, tuple(breakpoints), tables, sampled_ones)
+
+
+def _checked(function: Callable[[float], Any], name: str) -> Signal:
+    """Return a function of time that raises for values that are not numbers."""
+
+    def signal(t: float) -> float:
+        value = function(t)
+        if type(value) is not float:
+            try:
+                value = float(value)
+            except (TypeError, ValueError, OverflowError):
+                raise ParameterError(
+                    f"input '{name}' is {brief(repr(value))} at t = {t:g}: its function must "
+                    "return a number"
+                ) from None
+        return value
+
+    return signal
 
 
 def _constant(value: float) -> Signal:

@@ -175,7 +175,7 @@ def finite(value: object) -> float | None:
         return None
     try:
         number = float(value)
-    except OverflowError:
+    except (TypeError, OverflowError):  # durations of NumPy count as integers
         return None
     return number if math.isfinite(number) else None
 
@@ -348,7 +348,8 @@ def fill(form: str, *trees: ast.expr) -> ast.expr:
 
 
 _LONGEST = 4000  # characters; bounds the recursion of the parser
-_WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
+_UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 has an exponent and no unit
+_WITH_UNIT = re.compile(rf"\s*([-+]?\d[\d.eE+-]{{0,30}})\s*{_UNIT}\s*\Z")
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
     ast.Add: lambda a, b: a + b,
@@ -500,7 +501,9 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 def check_number(value: object, what: str) -> float:
     """Return a finite number, or raise."""
-    if isinstance(value, bool) or not hasattr(type(value), "__float__"):
+    # Complex numbers of NumPy have a value as float, too.
+    is_number = hasattr(type(value), "__float__") and not isinstance(value, bool)
+    if not is_number or getattr(value, "imag", False):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
     try:
         number = float(value)  # type: ignore[arg-type]

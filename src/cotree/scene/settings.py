@@ -20,8 +20,8 @@ from typing import Any, NamedTuple, TypedDict, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cotree.arguments import check_mapping
-from cotree.errors import ParameterError, SceneError, SolveError, check_known, nearest
+from cotree.arguments import check_mapping, doubles
+from cotree.errors import ParameterError, SceneError, SolveError, brief, check_known, nearest
 from cotree.methods import METHODS, names_of
 from cotree.naming import check_path, check_text
 from cotree.scene.expressions import Expression, check_number, parse
@@ -110,16 +110,15 @@ def _times(value: Any, name: str) -> FloatArray | int | None:
     if isinstance(value, int) and not isinstance(value, bool):
         if not 2 <= value <= _MOST_POINTS:
             raise SolveError(
-                f"{name} is {value}: give at least 2 points and at most {_MOST_POINTS} points, "
-                "or times"
+                f"{name} is {brief(value)}: give at least 2 points and at most {_MOST_POINTS} "
+                "points, or times"
             )
         return value
     if np.ndim(value) == 0:
-        raise SolveError(f"{name} is {value!r}: give a whole number of points, or times")
-    try:
-        times = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise SolveError(f"{name} must be a sequence of numbers") from None
+        raise SolveError(f"{name} is {brief(repr(value))}: give a whole number of points, or times")
+    times = doubles(value)
+    if times is None:
+        raise SolveError(f"{name} must be a sequence of numbers")
     if times.ndim != 1 or times.size == 0:
         raise SolveError(f"{name} must be a sequence of at least one time, or None.")
     if not np.all(np.isfinite(times)):
@@ -129,7 +128,7 @@ def _times(value: Any, name: str) -> FloatArray | int | None:
 
 def _method(value: Any, name: str) -> str:
     if not isinstance(value, str):
-        raise SolveError(f"{name} is {value!r}: give a name in quotes")
+        raise SolveError(f"{name} is {brief(repr(value))}: give a name in quotes")
     return value
 
 
@@ -149,15 +148,15 @@ def _positive(value: Any, name: str, what: str = "a positive finite number") -> 
 
 def _flag(value: Any, name: str) -> bool:
     if not isinstance(value, bool):
-        raise ParameterError(f"{name} is {value!r}: give True or False")
+        raise ParameterError(f"{name} is {brief(repr(value))}: give True or False")
     return value
 
 
 def _wanted(value: Any, name: str) -> bool:
     if not isinstance(value, bool):
         raise ParameterError(
-            f"{name} is {value!r}: give True or False; parameters of sensitivity are chosen "
-            "when a scene is compiled"
+            f"{name} is {brief(repr(value))}: give True or False; parameters of sensitivity are "
+            "chosen when a scene is compiled"
         )
     return value
 

@@ -23,6 +23,7 @@ from cotree.scene.expressions import (
     FUNCTIONS,
     WHERE,
     Expression,
+    check_number,
     finite,
     name_of,
     names_in,
@@ -254,7 +255,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
     if len(made.x) != len(made.y) or len(made.x) < 2:
         raise SceneError(f"{where} needs as many values as {argument}, at least two")
     if not all(math.isfinite(number) for number in made.x + made.y):
-        raise SceneError(f"{where} holds one of {argument} or a value that is not finite")
+        raise SceneError(f"{where} holds an argument or a value that is not finite")
     # Equal arguments would make a jump whose value is undefined.
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
@@ -263,7 +264,9 @@ def make_table(value: object, where: str, argument: str) -> Table:
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
     """Check a number, an expression string or a pair (times, values)."""
-    if isinstance(value, (str, numbers.Real)):
+    if isinstance(value, numbers.Number):
+        value = check_number(value, where)
+    if isinstance(value, (str, float)):
         return converted(parse(value, where), unit, where)
     made = make_table(value, where, "times")
     if unit is None or unit.is_si:

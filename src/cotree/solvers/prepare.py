@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from numbers import Real
+from numbers import Number, Real
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -245,6 +245,8 @@ def _token(value: Any) -> Hashable:
     if callable(value):
         return value if isinstance(value, _FUNCTIONS) else _Same(value)
     plain = in_python(value)
+    if isinstance(plain, Number):  # also fractions and decimals
+        return plain or str(plain)
     if plain is value:
         raise _IncomparableError
     return plain or str(plain)
