@@ -66,11 +66,11 @@ def test_attributes_tell_why_members_do_not_run_in_lanes(model, runs):
         return model.ensemble((0, 1e-3), members, t_eval=2, **settings).attrs["lanes"]
 
     assert runs.attrs["lanes"] == (
-        "members run one after another: lanes are not compiled for fewer than 100 members, unless "
-        "lanes= asks for it"
+        "members run one after another: lanes are not compiled for fewer than 100 members unless "
+        "lanes= is given"
     )
     assert told(model, 2, lanes=4) == "members run side by side"
-    assert told(model, 100, lanes=1) == "members run one after another: one lane is asked for"
+    assert told(model, 100, lanes=1) == "members run one after another: one lane is requested"
     assert told(cotree.load("bouncing-ball").compile(), 100) == (
         "members run one after another: there are events"
     )

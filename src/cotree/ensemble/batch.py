@@ -1,14 +1,14 @@
 """The members of a block, run in C.
 
-In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from one counter, and the results of
-a member depend on the plan and its row alone: not on the number of threads, the order of rows, or
+In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from a common counter. The results
+of a member depend only on the plan and its row, not on the number of threads, the order of rows, or
 the other members.
 
-Lanes run members in vectors: each worker calls the function ``lanes`` of ``cotree_batch.h`` in
-place of the loop over single members. It takes members with ``cotree_batch_take``, starts each with
-``prepare``, writes its points to ``values`` and its ending to ``n_kept``, ``n_steps``, ``seconds``
+Lanes run members in vectors: each worker calls the function ``lanes`` of ``cotree_batch.h`` instead
+of the loop over single members. It takes members with ``cotree_batch_take``, starts each with
+``prepare``, writes its points to ``values`` and its outcome to ``n_kept``, ``n_steps``, ``seconds``
 and ``ended``, and evaluates its outputs with ``finish``. Members that it leaves as
-``COTREE_MEMBER_LEFT`` are then run one at a time, from their start.
+``COTREE_MEMBER_LEFT`` are then run one at a time from the start.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# How members end in C; see cotree_batch.h.
-WAITS, DONE, STOPPED, FAILED, REFUSED, UNSWEPT, STIFF = range(7)
-LEFT = 10  # the budgets that are spent stand between
+# Outcomes of members in C; see cotree_batch.h.
+WAITS, DONE, STOPPED, FAILED, REFUSED, NO_OUTPUTS, STIFF = range(7)
+LEFT = 10  # values between these two: a budget is exhausted
 
-# Lanes do not detect stiffness. A member that takes this many steps is left to a worker that does:
-# most members take fewer, and little of a stiff one is computed twice.
+# Lanes do not detect stiffness. After this many steps a member is left to a worker that does; most
+# members take fewer steps, and little of a stiff one is computed twice.
 _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
 # Outcome of members that were run one at a time, from Python.
@@ -101,11 +101,11 @@ class BlockInC:
 
     @property
     def most_threads(self) -> int:
-        """The number of threads that may share them."""
+        """Return the largest number of threads that may share the members."""
         return int(self.library.lib.cotree_batch_most_threads())
 
     def stop(self) -> None:
-        """Interrupt running members, and start no others."""
+        """Interrupt running members and start no others."""
         self.batch.is_stopped = 1
 
     def fail(self, member: int, message: str) -> None:
@@ -127,28 +127,28 @@ class BlockInC:
             self.results.messages[member] = note
 
     def check(self, member: int, problem: Problem) -> None:
-        """Run a finished member once more, one at a time, if that would report a failure.
+        """Run a finished member again on its own if such a run would report a failure.
 
         Its steps may be below the resolution of time, or its constraints may have drifted.
         """
         if self.ended[member] in (DONE, STOPPED):
             run = check_time_resolution(problem, self._trajectory(member))
-            if not self._is_held(problem, run, lambda: problem.held):
+            if not self._is_consistent(problem, run, lambda: problem.held):
                 self.rerun_single(member)
 
     def block(self, workers: Sequence[Worker]) -> Block:
-        """Return the results, once all workers are done."""
+        """Return the results after all workers are done."""
         results, pattern, problem = self.results, self.pattern, self.pattern.problem
         is_done = (self.ended == DONE) | (self.ended == STOPPED)
         results.steps[is_done] = self.n_steps[is_done]
-        # Those that were prepared in Python have been checked.
+        # Members prepared in Python have been checked already.
         is_good = is_done.copy()
         if pattern.is_timed and not pattern.is_searched:
             is_good &= is_fine(problem, self.n_steps)
         if problem.held is not None and not pattern.is_searched:
             for member in np.flatnonzero(is_good).tolist():
                 run, constraints = self._trajectory(member), partial(self._constraints, member)
-                is_good[member] = self._is_held(problem, run, constraints)
+                is_good[member] = self._is_consistent(problem, run, constraints)
         for member in np.flatnonzero(is_done & ~is_good).tolist():
             self.rerun_single(member)
         results.succeed(is_good)
@@ -169,10 +169,10 @@ class BlockInC:
         plan = self.pattern.plan
         return prepared(plan.model, plan.settings).projection(p)
 
-    def _is_held(
+    def _is_consistent(
         self, problem: Problem, run: Trajectory, constraints: Callable[[], HeldConstraints | None]
     ) -> bool:
-        """Return whether a run succeeded, and constraints did not drift."""
+        """Return whether a run succeeded without drift of constraints."""
         # Reactions that are not unique have no sensitivities.
         is_exact, redundant = problem.n_sensitivities > 0 and bool(self.pattern.plan.outputs), 0
         if is_exact or check_constraint_drift(problem, run, 1).status != 0:
@@ -191,15 +191,15 @@ class BlockInC:
         return True
 
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
-        """Return a pointer to an array, and keep the array alive."""
-        # C never reads an empty array.
+        """Return a pointer to an array, and keep a reference to the array."""
+        # C does not read an empty array.
         array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
         pointer = self.library.ffi.from_buffer(f"{kind}[]", array)
         self._kept.append(pointer)
         return pointer
 
     def _set_shared(self) -> None:
-        """Set the data that members share."""
+        """Set the data that all members share."""
         c, ffi, pattern = self.batch, self.library.ffi, self.pattern
         job, problem, engine = pattern.job.job, pattern.problem, pattern.engine.library
         c.pattern = ffi.cast("cotree_job *", int(engine.ffi.cast("uintptr_t", job)))
@@ -210,7 +210,7 @@ class BlockInC:
         settings = problem.settings
         c.max_steps, c.time_limit = settings.max_steps or 0, settings.time_limit or 0.0
         c.n_full = problem.size
-        c.is_watched, c.are_asked_for = self.pattern.is_watched, self.pattern.is_searched
+        c.is_watched, c.has_given_jobs = self.pattern.is_watched, self.pattern.is_searched
         if self.pattern.is_watched:
             c.most_in_lanes = _WATCHED_IN_LANES
         lib = self.library.lib
@@ -230,14 +230,14 @@ class BlockInC:
         c.start_tables = ffi.cast("cotree_start_tables *", starts.address)
         c.find_start = ffi.cast(ffi.typeof(c.find_start), starts.function)
         if problem.singular is not None:
-            # As a run by itself does, see Job.begin and refusal.
+            # The same as for a single run, see Job.begin and refusal.
             is_own = self.pattern.row.family == "cotree" and self.pattern.row.implicit
             c.if_dependent = 2 if is_own else int(self.pattern.newton is None)
 
     def _set_given(self) -> None:
         """Set the values of replaced inputs at the output times."""
         c, signals, times = self.batch, self.pattern.signals, self.pattern.problem.settings.t_eval
-        assert times is not None  # a plan gives them
+        assert times is not None  # plans always have times
         by_position = signals.by_position
         c.n_given = len(by_position)
         if not by_position:
@@ -281,21 +281,22 @@ class BlockInC:
 
 
 # Results of cotree_batch_work.
-_NONE_LEFT, _TIME_OVER, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
+_NONE_LEFT, _AGAIN, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
 class Worker:
-    """Runs members in the calling thread."""
+    """Run members in the calling thread."""
 
     def __init__(self, members: BlockInC) -> None:
         self._members, self._lib = members, members.library.lib
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
-        # The member that was prepared last, with its problem; and the job of all that are.
+        # The member that was prepared last, with its problem; and the job that all prepared members
+        # use.
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
-        assert problem.settings.t_eval is not None  # a plan gives them
+        assert problem.settings.t_eval is not None  # plans always have times
         n_t, m, n_y = len(problem.settings.t_eval), problem.n_sensitivities, len(model.outputs)
         n_y = n_y if members.batch.n_outputs else 0
         c = self._worker = self._ffi.new("cotree_worker *")
@@ -313,20 +314,20 @@ class Worker:
             setattr(c, name, self._point(name, np.zeros(max(1, size))))
         if isinstance(members.lanes, LoadedLanes):
             c.own = self._aligned("own", members.lanes.n_bytes)
-        self._happened = np.zeros((0, 3 + m))
+        self._events = np.zeros((0, 3 + m))
         self._width, self._at_once = 0, 0
         if problem.events is not None:
             self._width = 2 + m + 2 * problem.n_states
-            # The most records of one step: C returns where there is no room for as many.
+            # Largest number of records of one step: C returns when there is no space for as many.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._grow_records()
 
-    def advance(self, glance: float) -> bool:
-        """Run members until Python has to act, at most ``glance`` s; return whether any is left."""
+    def advance(self, interval: float) -> bool:
+        """Run members until Python must act, at most ``interval`` s; return whether any is left."""
         c, members = self._worker, self._members
-        members.batch.glance = glance
+        members.batch.interval = interval
         result = self._lib.cotree_batch_work(c)
-        if result != _TIME_OVER and result != _NO_SPACE:
+        if result != _AGAIN and result != _NO_SPACE:
             self._check_last()
         if result == _NO_SPACE:
             self._grow_records()
@@ -341,10 +342,10 @@ class Worker:
 
     def event_records(self) -> FloatArray:
         """Return the events of its members: member, event, time and its derivatives."""
-        return self._happened[: int(self._worker.n_happened)]
+        return self._events[: int(self._worker.n_events)]
 
     def _prepare_member(self, member: int) -> None:
-        """Prepare a member: its start, its corners, its tolerances."""
+        """Prepare a member: its start, its time events, its tolerances."""
         c, members = self._worker, self._members
         try:
             with without_warnings():
@@ -354,7 +355,7 @@ class Worker:
             c.member = -1
             return
         if refusal(self._pattern.row.name, problem):
-            # A single run takes another method.
+            # A single run uses another method.
             members.rerun_single(member)
             c.member = -1
             return
@@ -364,10 +365,10 @@ class Worker:
         else:
             self._job.begin(problem)
         address = int(self._pattern.engine.library.ffi.cast("uintptr_t", self._job.job))
-        c.asked = self._ffi.cast("cotree_job *", address)
+        c.given_job = self._ffi.cast("cotree_job *", address)
 
     def _check_last(self) -> None:
-        """Check a member that was prepared here, once it is done."""
+        """Check a finished member that was prepared in Python."""
         if self._prepared is None or int(self._worker.member) == self._prepared[0]:
             return
         member, problem = self._prepared
@@ -375,18 +376,18 @@ class Worker:
         self._members.check(member, problem)
 
     def _resolve(self, member: int) -> None:
-        """Resolve a member that has not reached its end."""
+        """Resolve a member that ended early."""
         members, ended = self._members, int(self._members.ended[member])
         if ended == STIFF and self._run_stiff(member):
             return
         if ended in (STEPS_SPENT, EVENTS_SPENT, TIME_SPENT):
-            self._spend(member, ended)
+            self._record_budget(member, ended)
         elif ended != STIFF:
             members.rerun_single(member)
         self._worker.member = -1
 
-    def _spend(self, member: int, ended: int) -> None:
-        """Record a member whose budget is spent."""
+    def _record_budget(self, member: int, ended: int) -> None:
+        """Record a member that exhausted its budget."""
         c, members, engine = self._worker, self._members, self._pattern.engine.library
         address = int(self._ffi.cast("uintptr_t", self._ffi.addressof(c, "job")))
         engine.lib.cotree_job_sync(engine.ffi.cast("cotree_job *", address))
@@ -398,7 +399,7 @@ class Worker:
         members.results.fail(member, BUDGET_SPENT, said)
 
     def _last_point(self) -> FloatArray:
-        """Return the last point of the member in work."""
+        """Return the last point of the current member."""
         size = self._pattern.problem.size
         return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
 
@@ -406,12 +407,12 @@ class Worker:
         return self._prepared[1] if self._prepared is not None else self._problem(member)
 
     def _run_stiff(self, member: int) -> bool:
-        """Run a stiff member with another method; return True if it continues with its own."""
+        """Run a stiff member with another method; return True if it continues with the same one."""
         c, members = self._worker, self._members
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
-            # The check computes eigenvalues: it is repeated after as many steps as so far.
+            # The check computes eigenvalues; the interval between checks doubles.
             c.watched_from = 2 * int(job.n_steps)
             return True
         other = stiff_method(problem)
@@ -432,20 +433,20 @@ class Worker:
         return problem_of(plan, own.parameters, own.initial)
 
     def _grow_records(self) -> None:
-        """Enlarge the arrays of events, with their contents."""
+        """Enlarge the arrays of events; their contents are kept."""
         c = self._worker
         n_records = int(c.job.n_records)
-        # Both arrays grow together: the events of one member, and those of all.
+        # Both arrays grow together: the events of one member and those of all members.
         most = max(4 * self._at_once, 2 * n_records)
         records = np.zeros((most, self._width))
         if "records" in self._kept:
             records[:n_records] = self._kept["records"][:n_records]
         c.records, c.most_records = self._point("records", records), most
-        n, m = int(c.n_happened), self._happened.shape[1]
-        happened = np.zeros((max(most, 2 * (n + n_records)), m))
-        happened[:n] = self._happened[:n]
-        self._happened = happened
-        c.happened, c.most_happened = self._point("happened", happened), len(happened)
+        n, m = int(c.n_events), self._events.shape[1]
+        events = np.zeros((max(most, 2 * (n + n_records)), m))
+        events[:n] = self._events[:n]
+        self._events = events
+        c.events, c.most_events = self._point("events", events), len(events)
 
     def _aligned(self, name: str, n_bytes: int) -> Any:
         """Allocate memory aligned to 64 bytes, as vectors need."""
@@ -461,7 +462,7 @@ class Worker:
 # Interval between checks whether the ensemble is stopped, [s].
 _INTERVAL = 0.05
 
-# Patterns of plans, found at their first block.
+# Patterns of plans, found when their first block is run.
 _patterns: weakref.WeakKeyDictionary[Plan, Pattern | NotBatchable] = weakref.WeakKeyDictionary()
 
 
@@ -492,31 +493,31 @@ def run_block(
 def usable_cores() -> int:
     """Count the cores that this process may use.
 
-    Those of its affinity; on Linux less, where a control group limits processor time, as containers
-    do: then the whole cores of that limit.
+    It is limited by the affinity of the process and, on Linux, by the control group (containers),
+    whose limit is rounded to whole cores.
     """
     try:
         cores = len(os.sched_getaffinity(0))
-    except AttributeError:  # of systems without affinities
+    except AttributeError:  # systems without affinities
         cores = os.cpu_count() or 1
     try:
         with open("/sys/fs/cgroup/cpu.max") as file:
             quota, period = file.read().split()
         cores = min(cores, max(1, int(quota) // int(period)))
-    except (OSError, ValueError):  # "max" is no number: there is no limit
+    except (OSError, ValueError):  # "max" is not a number: no limit
         pass
     return max(1, cores)
 
 
 def pattern_of(plan: Plan) -> Pattern | NotBatchable:
-    """Find what members of a plan share, or why they run one by one in Python; once for a plan."""
+    """Return what the members of a plan share, or why they run one by one in Python; cached."""
     if plan not in _patterns:
         _patterns[plan] = find_pattern(plan)
     return _patterns[plan]
 
 
 def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
-    """Run members by workers until none is left, or the ensemble is stopped."""
+    """Run members in threads until none is left, or the ensemble is stopped."""
     errors: list[BaseException] = []
 
     def work(worker: Worker) -> None:
@@ -534,8 +535,8 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
             members.stop()
 
     halt_if_stopped()
-    # This thread works, too: if it only waited, systems would start two threads on one core and
-    # move one of them some milliseconds later.
+    # The calling thread also works: if it only waited, two threads could start on one core, and the
+    # system would move one of them some milliseconds later.
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:
         thread.start()

@@ -1,8 +1,8 @@
 """The results of an ensemble as an ``xarray.Dataset``.
 
-In: a plan, members and their results. Out: variables by the names that results of single runs have,
-as views of the arrays that the blocks were collected in. Attributes are texts and numbers alone, so
-that netCDF and Zarr take them.
+In: a plan, members and their results. Out: variables named as in results of single runs; they are
+views of the arrays in which blocks were collected. Attributes are texts and numbers only, for
+netCDF and Zarr.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ TIME, PARAMETER, OCCURRENCE = "time", "parameter", "occurrence"
 
 _PER_MEMBER = {
     "status": "0 done, -1 failed, -2 a budget was spent, -3 not run",
-    "message": "why a member failed",
+    "message": "reason why a member failed",
     "steps": "accepted steps",
-    "seconds": "time to run",
+    "seconds": "wall-clock time",
 }
 _TAKEN = {MEMBER, TIME, PARAMETER, OCCURRENCE, "parameter_unit", *_PER_MEMBER}
 
@@ -60,7 +60,7 @@ def check_xarray() -> Any:
 
 
 class DatasetSchema:
-    """All of a Dataset but its results: dimensions, coordinates and attributes.
+    """The parts of a Dataset other than its results: dimensions, coordinates and attributes.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class DatasetSchema:
     def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, Any]) -> None:
         self.plan, self.members = plan, members
         self._attributes = dict(attributes)
-        # The model that runs has them compiled in; a call gives them to the scene's own.
+        # The model with compiled gains for inputs, and the values of the scene's own parameters.
         self._expressions = self._attributes.pop("inputs", {})
         axes = tuple(self._column(name) for name in members.dimensions)
         self.dims = axes if members.is_grid else (MEMBER,)
@@ -88,7 +88,7 @@ class DatasetSchema:
         found: dict[str, Any] = {}
         n, n_y = len(plan.model.states), len(plan.outputs)
         n_s, n_t = plan.n_sensitivities, len(plan.settings.t_eval)
-        # Views: z goes parameter by parameter behind the states.
+        # Views: the sensitivities in z follow the states, ordered by parameter.
         y = block.z[:, :, :n].reshape(*shape, n_t, n)
         s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n)
         outputs = block.outputs.reshape(*shape, n_t, n_y)
@@ -116,7 +116,7 @@ class DatasetSchema:
         return found | self._events(shape, block.events)
 
     def _column(self, name: str) -> str:
-        """Return the name of the coordinate of what members set; no variable has the same."""
+        """Return the name of the coordinate of a column; no variable has the same name."""
         plan = self.plan
         if name in plan.model.states:
             return f"initial({name})"
@@ -150,7 +150,7 @@ class DatasetSchema:
         return found
 
     def _events(self, shape: tuple[int, ...], events: FloatArray) -> dict[str, Any]:
-        """Return counts and times of each event, times padded with nan to the most of all."""
+        """Return counts and times of each event; times are padded with nan to the largest count."""
         found: dict[str, Any] = {}
         n_members, n_s, dims = int(np.prod(shape)), self.plan.n_sensitivities, self.dims
         names = [row.name for row in self.plan.model.layout.events]
@@ -159,14 +159,14 @@ class DatasetSchema:
         counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
         most = max((int(count.max(initial=0)) for count in counts), default=0)
         for name, mask, count in zip(names, own, counts, strict=True):
-            # Times of a member stand one after another: what is left is their place among its own.
+            # Times are ordered by member: subtract the first index of each to number them.
             starts = np.cumsum(count) - count
             member = members[mask]
             place = np.arange(len(member)) - starts[member]
             times = np.full((n_members, most, 1 + n_s), np.nan)
             times[member, place] = events[mask, 2:]
             times = times.reshape(*shape, most, 1 + n_s)
-            about = {"long_name": f"how often {name} happened"}
+            about = {"long_name": f"number of occurrences of {name}"}
             found[f"n({name})"] = (dims, count.reshape(shape), about)
             about = _about("s", f"times of {name}")
             found[f"t({name})"] = ((*dims, OCCURRENCE), times[..., 0], about)
@@ -182,7 +182,7 @@ def _about(unit: str, name: str) -> dict[str, str]:
 
 
 def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Return with what the members were run, so that they can be run again."""
+    """Return the arguments and settings of the ensemble, so that it can be repeated."""
     settings = plan.settings
     versions = {"cotree": VERSION, "python": platform.python_version(), "numpy": np.__version__}
     found: dict[str, Any] = {
@@ -201,38 +201,38 @@ def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) ->
 
 
 def _of_lanes(plan: Plan, n_members: int) -> str:
-    """Return whether members run side by side, or why not."""
+    """Describe whether members run side by side, or why not."""
     found = pattern_of(plan)
     if isinstance(found, NotBatchable):
         return f"members run one after another, in Python: {found.why}"
     why = refusal_of(found)
     if plan.lanes == 1 and n_members < FEW:
-        why = f"lanes are not compiled for fewer than {FEW} members, unless lanes= asks for it"
+        why = f"lanes are not compiled for fewer than {FEW} members unless lanes= is given"
     if why:
         return f"members run one after another: {why}"
-    near = ", except for those that come near a corner of the rates"
+    near = ", except for those close to a kink or jump of the rates"
     is_forwards = plan.settings.t_span[1] >= plan.settings.t_span[0]
     return f"members run side by side{near if plan.model.layout.corners and is_forwards else ''}"
 
 
 def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Return the arguments of the call as values of JSON, but for members and times.
+    """Return the arguments of the call as JSON values, without members and times.
 
-    Functions of Python are given by their names.
+    Python functions are represented by their names.
     """
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     found = {name: plain(getattr(plan.settings, name)) for name in names}
     found["inputs"] = {**found["inputs"], **expressions}
-    # Where members may leave the method that was chosen for all, only this says so.
+    # Members may use another method than the one chosen for all only if this attribute is set.
     found["method"] = "auto" if plan.is_chosen else found["method"]
-    # Gains that members set have values here for the model's sake alone.
+    # Gains that members set have arbitrary default values.
     shared = found["parameters"] or {}
     found["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
     return {**found, "sensitivities": plan.n_sensitivities > 0, "outputs": list(plan.outputs)}
 
 
 def plain(value: Any) -> Any:
-    """Turn mappings, arrays and numbers into those that JSON has."""
+    """Convert mappings, arrays and numbers to JSON values."""
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if isinstance(value, float) or hasattr(type(value), "__float__"):
@@ -244,12 +244,12 @@ def plain(value: Any) -> Any:
     return [plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
 
 
-#: Suffixes of files that are written.
+#: Suffixes of files that can be written.
 SUFFIXES = (".nc", ".zarr", ".csv")
 
 
 def check_dataset_file(path: Path) -> None:
-    """Refuse a file that cannot be written, before anything is run for it."""
+    """Raise an error before the ensemble is run if a file cannot be written."""
     suffix = check_suffix(path, SUFFIXES, "write")
     check_parent(path)
     if path.is_dir() and not (suffix == ".zarr" and _is_zarr(path)):
@@ -278,8 +278,8 @@ def write_dataset(dataset: Any, path: Path) -> None:
 def table_rows(dataset: Any) -> Iterator[list[Any]]:
     """Yield the rows of a table: a title, then one for each member and time.
 
-    Columns are what members set, the time, and all values by the titles that single runs have,
-    sensitivities among them. Values that are not there are empty.
+    Columns are the values that members set, the time, and all results with the titles of single
+    runs, including sensitivities. Missing values are empty.
     """
     dims = dataset["status"].dims
     columns = [name for name, row in dataset.coords.items() if set(row.dims) <= set(dims)]
@@ -296,7 +296,7 @@ def table_rows(dataset: Any) -> Iterator[list[Any]]:
 
 
 def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
-    """List what is over members and time, shape (n_members, n_t) each, with titles."""
+    """List all results over members and time, each of shape (n_members, n_t), with titles."""
     titles: list[str] = []
     values: list[Any] = []
     plain = [name for name, row in dataset.data_vars.items() if row.dims == (*dims, "time")]
@@ -314,19 +314,19 @@ def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
 
 
 def _flat(values: Any, n_last: int) -> Any:
-    """Put the dimensions of members into one."""
+    """Combine the dimensions of members into one."""
     return values.reshape(-1, *values.shape[values.ndim - n_last :])
 
 
 def _write_zarr(dataset: Any, path: Path) -> None:
-    """Write a folder beside the old one, then put it into its place."""
+    """Write a folder next to the old one, then replace the old one."""
     target = target_path(path)
     draft, old = (target.with_name(f".{target.name}.{os.getpid()}.{end}") for end in ("tmp", "old"))
     try:
-        # Zarr warns that its own format does not know of what xarray adds to be read at once.
+        # Zarr warns that the consolidated metadata of xarray are not part of its format.
         with without_warnings(message="Consolidated metadata"):
             dataset.to_zarr(draft, mode="w")
-        # A folder takes no other one's place at once: for a moment there is none.
+        # Folders cannot be exchanged atomically: for a moment there is none.
         if target.exists():
             os.replace(target, old)
         os.replace(draft, target)
@@ -343,7 +343,7 @@ def _is_zarr(path: Path) -> bool:
 
 
 class Collected:
-    """Results of members in memory, nan for those that no block has brought yet.
+    """Results of members in memory; nan for members that are not computed yet.
 
     Attributes
     ----------
@@ -362,7 +362,7 @@ class Collected:
         return self._ranges
 
     def take(self, first: int, block: Block) -> None:
-        """Take the results of some members, of which the first is given by its number."""
+        """Copy the results of some members; ``first`` is the number of the first of them."""
         there, whole = slice(first, first + len(block.status)), self._whole
         for name in ("z", "outputs", "output_sensitivities", "status", "messages", "steps"):
             getattr(whole, name)[there] = getattr(block, name)
@@ -373,30 +373,30 @@ class Collected:
         self.reasons.add(first, block.status, block.messages)
 
     def wait(self, stop: Event) -> bool:
-        """Return whether members are still missing; a store waits for those of others."""
+        """Return whether members are still missing; a store waits for other processes."""
         return False
 
     def close(self) -> None:
-        """Close nothing; a store has files open."""
+        """Do nothing; a store closes its files."""
 
     def dataset(self) -> Any:
-        """Put them into an ``xarray.Dataset``."""
+        """Return the results as an ``xarray.Dataset``."""
         block = self._whole.finished()
         return self._schema.dataset(self._schema.variables(self._schema.shape, block))
 
 
 def member_bytes(plan: Plan) -> int:
-    """Return the bytes of the results of one member, without events."""
+    """Return the size of the results of one member in bytes, without events."""
     n_values = len(plan.model.states) + len(plan.model.layout.positions) + len(plan.outputs)
     return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + plan.n_sensitivities)
 
 
 def check_memory(n_bytes: int, n_members: int) -> None:
-    """Refuse results that are larger than the memory of the machine."""
+    """Raise an error if the results exceed the memory of the machine."""
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
-        return  # a system that does not tell
+        return  # systems without this function
     if n_bytes > there:
         raise SolveError(
             f"the results of {n_members} members take {n_bytes / 2**30:.3g} GiB, and this machine "

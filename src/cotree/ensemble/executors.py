@@ -1,9 +1,9 @@
 """Blocks of members on an executor: pools of threads or processes, dask, MPI.
 
 In: a plan, rows, ranges of them, and an object with ``submit`` as in ``concurrent.futures``. Out:
-blocks as they finish, each once. The number of submitted blocks is bounded, and so is their memory.
-If a worker dies, its blocks are run once more, one at a time, so that a block that kills its worker
-affects no others. If the worker dies again, the members of the block fail.
+blocks as they finish, each once. The number of submitted blocks and their memory are bounded. If a
+worker dies, its blocks are run again, one at a time, so that a block that kills its worker affects
+no others. If the worker dies again, the members of the block fail.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Number of plans that a worker keeps if it serves several ensembles in turn.
+# Number of plans that a worker caches if it serves several ensembles.
 _MOST_PLANS = 8
 
 _plans: dict[str, Plan] = {}
@@ -41,10 +41,10 @@ _loading = threading.RLock()
 
 @dataclass(frozen=True)
 class Parcel:
-    """A pickled plan; most blocks come with its hash alone."""
+    """A pickled plan; most blocks are sent with its hash only."""
 
     key: str  # hash of the bytes
-    data: bytes | None  # None if workers presumably have the plan
+    data: bytes | None  # None if the workers should have the plan already
 
 
 def parcel_of(plan: Plan) -> Parcel:
@@ -97,27 +97,27 @@ def _load(parcel: Parcel) -> Plan | None:
         return _plans[parcel.key]
 
 
-#: Blocks under way for each worker: one runs and one waits, so that none idles while the answer
-# travels.
+#: Blocks in flight per worker: one runs and one waits, so that the worker does not idle during the
+#: transfer of the result.
 AHEAD = 2
 
 # If more workers than this die in a row, their blocks are not the cause.
 _MOST_DEATHS = 20
 
-# Interval between checks whether the ensemble is stopped, [s]; answers are processed at once.
+# Interval between checks whether the ensemble is stopped, [s]; results are processed at once.
 _PATIENCE = 0.1
 
-# Time in which running blocks may end after the ensemble is stopped, [s].
+# Time for running blocks to finish after the ensemble is stopped, [s].
 _GRACE = 2.0
 
 # Interval between counts of workers, [s]: clusters grow and shrink.
 _COUNTED_FOR = 5.0
 
-#: Duration of a block, [s], which bounds the wait of Ctrl-C and of the progress bar, and the work
-# lost by a kill. The cost of a block besides its members is small in comparison.
+#: Target duration of a block, [s]. It bounds the delay of Ctrl-C and of the progress bar, and the
+#: work lost if a worker is killed. The overhead of a block is small in comparison.
 PIECE = 0.3
 
-# The largest ratio of successive sizes: the time of the first block may include a compiler's.
+# Largest ratio of successive sizes: the time of the first block may include compilation.
 _GROWTH = 8
 
 # Errors of executors about lost workers or messages, by name, since their packages are optional.
@@ -140,7 +140,7 @@ def read_executor(executor: Any) -> Any:
 
 
 class AdaptiveRanges:
-    """Ranges of rows, each as large as the time of those before allows."""
+    """Ranges of rows, sized by the time that previous ones took."""
 
     def __init__(self, n_members: int, most: int, least: int = 1) -> None:
         self._n, self._least, self._most = n_members, least, max(least, most)
@@ -154,30 +154,30 @@ class AdaptiveRanges:
         left = self._n - self._first
         if left <= 0:
             raise StopIteration
-        # At the end all workers finish at about the same time.
+        # At the end all workers shall finish at about the same time.
         size = min(self._size, max(1, math.ceil(left / self.n_workers)))
         first, self._first = self._first, self._first + size
         return first, self._first
 
     def learn(self, n_members: int, seconds: float) -> None:
-        """Choose the next sizes by the time that some members took in one worker."""
+        """Update the size by the time that some members took in one worker."""
         wanted = max(self._least, int(PIECE * n_members / max(seconds, 1e-9)))
         self._size = max(1, min(wanted, _GROWTH * n_members, self._most))
 
 
 @dataclass(frozen=True)
 class _Share:
-    """A range of rows under way."""
+    """A range of rows in flight."""
 
     first: int
     end: int
-    attempt: int = 0  # how often it was submitted before
+    attempt: int = 0  # number of earlier submissions
     with_plan: bool = False
     has_lost: bool = False  # whether its worker died
 
 
 class ExecutorRun:
-    """Shares of rows under way on an executor, and those to submit once more.
+    """Ranges of rows in flight on an executor, and those to submit again.
 
     A broken pool of processes is replaced by a new one of the same size.
     """
@@ -187,9 +187,9 @@ class ExecutorRun:
     ) -> None:
         self._executor, self._is_own, self._stop = executor, False, stop
         self._n_workers, self._counted = 1, -math.inf
-        self._deaths = 0  # since the last answer
+        self._deaths = 0  # since the last result
         self._plan, self._rows, self._threads = plan, rows, threads
-        # Only threads of this process certainly share its memory; subclasses may not.
+        # Only threads of this process are known to share its memory; subclasses may not.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether some worker has the plan
@@ -233,7 +233,7 @@ class ExecutorRun:
             yield share.first, block
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
-        """Submit shares up to the limit: one only, if it may have killed a worker."""
+        """Submit ranges up to the limit; only one if it may have killed a worker."""
         n_workers = self._count()
         room = AHEAD * n_workers
         if hasattr(ranges, "n_workers"):
@@ -248,7 +248,7 @@ class ExecutorRun:
             try:
                 future = self._submit(share)
             except futures.BrokenExecutor:
-                # The pool broke meanwhile: the answers of submitted shares report it, too.
+                # The pool broke in the meantime; the results of submitted ranges report it, too.
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue
@@ -261,7 +261,7 @@ class ExecutorRun:
             if self._parcel is None:
                 found = submit(run_here, self._plan, rows, self._threads, self._stop)
             else:
-                # Before the first answer no worker has the plan.
+                # Before the first result no worker has the plan.
                 is_sent = share.with_plan or not self._is_known
                 parcel = self._parcel if is_sent else replace(self._parcel, data=None)
                 found = submit(run_parcel, parcel, rows, self._threads, share.attempt)
@@ -276,7 +276,7 @@ class ExecutorRun:
         return sent
 
     def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
-        """Return the block of a share; None if it is submitted again, or left out."""
+        """Return the block of a range; None if it is submitted again or left out."""
         error = futures.CancelledError() if future.cancelled() else future.exception()
         again = replace(share, with_plan=True, attempt=share.attempt + 1)
         if error is None:
@@ -286,7 +286,7 @@ class ExecutorRun:
                 self._again.appendleft(again)
             return found
         if self._stop.is_set() or isinstance(error, KeyboardInterrupt):
-            # Ctrl-C goes to all processes of a terminal, those of a pool among them.
+            # A terminal sends Ctrl-C to all processes, including those of a pool.
             self._stop.set()
             return None
         if isinstance(error, ImportError):
@@ -314,7 +314,7 @@ class ExecutorRun:
         return block.finished(), 0.0
 
     def _renew(self, reason: str) -> None:
-        """Replace a broken pool; other shares of the old one report its end, too."""
+        """Replace a broken pool; other ranges on the old one report its end, too."""
         self._is_known, old = False, self._executor
         if not getattr(old, "_broken", True):
             return
@@ -352,7 +352,7 @@ class ExecutorRun:
 
 
 def count_workers(executor: Any) -> int:
-    """Count the workers of an executor; the processors of this machine if it has no count."""
+    """Count the workers of an executor; by default the processors of this machine."""
     client = getattr(executor, "_client", None)
     if client is not None:
         return int(sum(client.nthreads().values()))

@@ -1,7 +1,7 @@
-"""Members side by side in the lanes of vectors: whether they can be, and the library that does it.
+"""Lanes: members side by side in vectors. Conditions for their use, and the library.
 
-In: a ``Pattern``. Out: the code of its lanes, compiled at the first ensemble that asks for it; or
-the reason why its members run one at a time.
+In: a ``Pattern``. Out: the code of its lanes, compiled for the first ensemble that uses it; or the
+reason why its members run one at a time.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from cotree.ensemble.pattern import Pattern
     from cotree.model.model import CompiledModel
 
-# What models have loaded, by method, vectors and sensitivities, one thread at a time.
+# Loaded lanes of models, by method, vectors and sensitivities; loaded by one thread at a time.
 _loaded: weakref.WeakKeyDictionary[CompiledModel, dict[tuple[Any, ...], LoadedLanes | str]] = (
     weakref.WeakKeyDictionary()
 )
 _building = threading.Lock()
 
-# How many numbers the members of a vector integrate at most where a second vector gains.
+# A second vector is faster if the members of a vector integrate at most this many numbers.
 _FEW = 48
 
-#: Numbers of lanes that may be asked for; one is none.
+#: Permitted numbers of lanes; 1 disables them.
 WIDTHS = (1, 2, 4, 8, 16)
 
 
@@ -47,17 +47,17 @@ WIDTHS = (1, 2, 4, 8, 16)
 class LoadedLanes:
     """Lanes of a model."""
 
-    n_lanes: int  # members side by side
-    n_bytes: int  # memory that a worker needs for them
-    work: int  # address of the function that works in them
+    n_lanes: int  # members per call
+    n_bytes: int  # memory per worker
+    work: int  # address of the function
     library: LoadedLibrary  # the library, which keeps the code loaded
 
 
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:
-    """Find or build the lanes that members run in, or return why they run in none.
+    """Find or build the lanes of a pattern, or return why its members use none.
 
-    Which they are depends on the plan and the processor alone, not on the number of members:
-    results are then the same whatever else is in a block.
+    The choice depends only on the plan and the processor, not on the number of members, so that
+    results do not depend on the other members of a block.
     """
     why = refusal_of(pattern)
     if why:
@@ -71,10 +71,10 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
 
 
 def refusal_of(pattern: Pattern) -> str:
-    """Return why members do not run in lanes, or an empty string.
+    """Return why members cannot run in lanes, or an empty string.
 
-    A reason has no capital and no full stop. That a compiler has no vectors is known once lanes
-    were built.
+    A reason has no capital and no full stop. Whether the compiler supports vectors is found by
+    building lanes.
     """
     plan, problem = pattern.plan, pattern.problem
     if plan.lanes is not None and plan.lanes not in WIDTHS:
@@ -82,7 +82,7 @@ def refusal_of(pattern: Pattern) -> str:
             f"lanes is {plan.lanes}; give one of {', '.join(map(str, WIDTHS))}, or None"
         )
     if plan.lanes == 1:
-        return "one lane is asked for"
+        return "one lane is requested"
     found = _loaded.get(plan.model, {}).get(_key(pattern))
     if found is not None:
         return found if isinstance(found, str) else ""
@@ -92,18 +92,18 @@ def refusal_of(pattern: Pattern) -> str:
     if why:
         return why
     if pattern.signals.by_position:
-        return "inputs are given in place of the scene's"
+        return "the run replaces inputs of the scene"
     if problem.settings.t_eval is None or not len(problem.settings.t_eval):
-        return "no times are wanted"
+        return "no output times are given"
     if len(problem.breakpoints):
         return "rates have kinks or jumps at known times"
     if pattern.is_searched:
-        return "the start of each member is searched for, or it has corners of its own"
+        return "members are prepared in Python: their starts or time events differ"
     return ""
 
 
 def _key(pattern: Pattern) -> tuple[str, Lanes, bool]:
-    """Return the parts of a pattern that the code of lanes depends on."""
+    """Return the parts of a pattern that determine the code of lanes."""
     lanes = lanes_of(cpu_features().split(), pattern.plan.lanes, pattern.problem.size)
     return pattern.row.name, lanes, pattern.problem.n_sensitivities > 0
 
@@ -113,15 +113,15 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
     machine, own = platform.machine().lower(), set(features)
     width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
     if machine in ("x86_64", "amd64"):
-        # Whether products are fused follows from the processor, never from the width.
+        # Contraction to fused products depends on the processor, not on the width.
         is_fused = {"avx2", "fma"} <= own
         if is_fused and {"avx512f", "avx512dq", "avx512vl"} <= own:
             width, instructions = 8, ["avx512f", "avx512dq", "avx512vl"]
         elif "avx2" in own:
             width, instructions = 4, ["avx2"]
         instructions += ["fma"] * is_fused
-    # Two vectors in turn gain a twentieth to a tenth where members are small; else nothing, since
-    # what both remember does not stay in the nearest memory.
+    # Two interleaved vectors are 5 to 10 % faster for small members; larger ones no longer fit in
+    # the nearest cache.
     wanted = wanted or (2 * width if width > 2 and width * n_integrated <= _FEW else width)
     width = min(width, wanted)
     return Lanes(width, wanted // width, ",".join(instructions), is_fused)
@@ -133,12 +133,12 @@ def _load(
     """Build and load lanes."""
     if find_toolchain() is None:
         return "no compiler is found"
-    # Columns of maps that are written out are new nodes of the model's arena.
+    # Unrolled columns of maps become new nodes of the model's arena.
     with forming:
         program = pattern.plan.model.program
         model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)
         files = render_lanes(model, method)
-    # What is common to kernels and steps is found by this level only.
+    # This optimisation level merges common work of kernels and steps.
     library = load_kernels(model, files, lanes_declarations(model), BuildOptions("-O3"))
     if library is None:
         return "the compiler has no vectors"

@@ -1,7 +1,7 @@
-"""Members of an ensemble as users give them: tables, mappings, lists, grids and samples.
+"""Members of an ensemble as given by users: tables, mappings, lists, grids and samples.
 
-In: any of these. Out: ``Members``, rows of finite numbers with the names of their columns and the
-dimensions that results have. What a name stands for is checked against a model later.
+In: any of these. Out: ``Members``: rows of finite numbers with the names of their columns and the
+dimensions of the results. Names are checked against a model later.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ if TYPE_CHECKING:
 
 
 def column_values(values: Any, what: str) -> FloatArray:
-    """Read a number, or numbers for each member."""
+    """Read a number, or one number per member."""
     if hasattr(values, "magnitude"):
         raise ParameterError(f"{what} has units of its own: give plain numbers in SI units")
     try:
-        # Values that are masked are missing.
+        # Masked values are missing.
         array = (
             np.ma.filled(np.ma.asarray(values, dtype=None), np.nan)
             if np.ma.isMA(values)
             else np.asarray(values)
         )
-    except ValueError:  # rows of several lengths
+    except ValueError:  # rows of different lengths
         raise ParameterError(f"{what} is no sequence of numbers") from None
     if array.ndim > 1:
         raise ParameterError(f"{what} has shape {array.shape}: give one value for each member")
     if array.ndim == 0:
         return np.array(check_number(array.item(), what))
     if array.dtype.kind not in "fiu":
-        # Each value is looked at, so that the first wrong one can be named.
+        # Check each value, so that the first invalid one can be named.
         listed = [
             check_number(value, f"{what}, row {i},") for i, value in enumerate(array.tolist())
         ]
@@ -53,15 +53,15 @@ def column_values(values: Any, what: str) -> FloatArray:
     return numbers
 
 
-# A bound on what a slip may ask for: the rows alone of so many members take gigabytes.
+# Limit against mistakes: the rows alone of so many members take gigabytes.
 _MOST = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The product of some axes; see :func:`grid`."""
+    """The Cartesian product of axes; see :func:`grid`."""
 
-    axes: Mapping[str, FloatArray]  # values of each, in the order of the dimensions of results
+    axes: Mapping[str, FloatArray]  # values by axis, in the order of the dimensions of results
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,7 +81,7 @@ class Grid:
         return f"<Grid of {len(self)} members: {shown}>"
 
     def rows(self) -> FloatArray:
-        """Return the values of members, shape (n_members, n_axes); the last axis varies fastest."""
+        """Return all members, shape (n_members, n_axes); the last axis varies fastest."""
         meshed = np.meshgrid(*self.axes.values(), indexing="ij")
         return np.stack([values.ravel() for values in meshed], axis=1)
 
@@ -141,7 +141,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     return made
 
 
-#: The dimension along which members lie that are no grid.
+#: The dimension of members that are not a grid.
 MEMBER = "member"
 
 _FORMS = (
@@ -154,13 +154,13 @@ _FORMS = (
 class Members:
     """Values that the members of an ensemble set."""
 
-    columns: tuple[str, ...]  # parameters, and states by their initial values
+    columns: tuple[str, ...]  # names of parameters and of states with initial values
     rows: FloatArray  # their values
-    #: Dimensions of the results with their coordinates, whose product the members are in the order
-    #: of the rows: ``member``, or the axes of a grid.
+    #: Dimensions of the results with their coordinates; members are their product in the order of
+    #: the rows. It is ``member``, or the axes of a grid.
     dimensions: Mapping[str, npt.NDArray[Any]]
-    origin: Mapping[str, Any] = field(default_factory=dict)  # how they were drawn, if they were
-    is_grid: bool = False  # whether they are the product of axes
+    origin: Mapping[str, Any] = field(default_factory=dict)  # how a sample was drawn
+    is_grid: bool = False  # whether they are a product of axes
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -168,7 +168,7 @@ class Members:
         return tuple(len(values) for values in self.dimensions.values())
 
     def described(self, i: int) -> str:
-        """Name a member by its label and values."""
+        """Describe a member by its label and values."""
         values = ", ".join(
             f"{name} = {value:.6g}"
             for name, value in zip(self.columns, self.rows[i].tolist(), strict=True)
@@ -204,7 +204,7 @@ def check_columns(
     parameters: Container[str],
     initial: Container[str],
 ) -> None:
-    """Refuse columns that a model does not have, or that a run sets otherwise."""
+    """Raise an error if the model does not have a column, or the run sets it in another way."""
     derived = {row.name: row.dependence for row in model.layout.derived}
     for name in columns:
         if name in parameters or name in initial:
@@ -226,7 +226,7 @@ def check_columns(
 
 
 def _from_frame(frame: Any) -> Members:
-    """Read a table of pandas, or of another library with named columns."""
+    """Read a table of pandas or of another library with named columns."""
     names = list(frame.columns)
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -244,7 +244,7 @@ def _labels(index: Any) -> npt.NDArray[Any]:
             "give a plain index"
         )
     labels = np.asarray(index)
-    if labels.dtype.kind in "OUS":  # files of results hold texts of any length, and no others
+    if labels.dtype.kind in "OUS":  # files of results can only store texts
         labels = np.array([str(label) for label in labels], dtype=object)
     found, counts = np.unique(labels, return_counts=True)
     if len(found) < len(labels):
@@ -256,7 +256,7 @@ def _labels(index: Any) -> npt.NDArray[Any]:
 
 
 def _from_list(given: Sequence[Any]) -> Members:
-    """Read a list of mappings, one for each member."""
+    """Read a list of mappings, one per member."""
     for i, row in enumerate(given):
         if not isinstance(row, Mapping):
             raise ParameterError(
@@ -281,7 +281,7 @@ def _from_columns(
     origin: Mapping[str, Any],
     n: int | None = None,
 ) -> Members:
-    """Put columns together; a single number counts for all members."""
+    """Combine columns; a single number applies to all members."""
     if not columns and n is None:
         raise ParameterError(f"members have no columns: {_FORMS}")
     read = {}

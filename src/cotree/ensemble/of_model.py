@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cotree.spec import BuildSpec
 
 
-# Attributes of a file of HDF5 have 64 KiB each, and a large scene takes seconds to be written.
+# HDF5 limits attributes to 64 KiB, and writing a large scene takes seconds.
 _MOST_EDGES, _LONGEST_TEXT = 200, 2**15
 
 
@@ -54,66 +54,65 @@ def run_members(
     Parameters
     ----------
     t_span : (float, float), optional
-        Start and end, [s]; the scene's ``t_end`` where absent.
+        Start and end, [s]; by default up to the scene's ``t_end``.
     members : DataFrame, mapping, sequence of mappings, Grid or Samples
-        A column for each parameter, or state by its initial value (or the sensitivity of that,
-        as ``d(STATE)/d(PARAMETER)``), that members set: a table of
-        pandas, whose index labels the members; arrays of one length by name, numbers among them
-        counting for all; a list of mappings, one for each member; :func:`cotree.grid`; or
-        :func:`cotree.sample`. Parameters of expressions in ``inputs`` are columns, too.
+        A column for each parameter, initial state or initial sensitivity
+        ``d(STATE)/d(PARAMETER)`` that members set: a DataFrame, whose index labels the members;
+        arrays of one length, or numbers that apply to all members, by name; a list of mappings,
+        one for each member; :func:`cotree.grid`; or :func:`cotree.sample`. Parameters of
+        expressions in ``inputs`` may be columns, too.
     t_eval : int or array_like of shape (n_t,), optional
-        Number of times, evenly over the span, or the times themselves; 101 where absent.
+        Number of output times, evenly spaced, or the times; by default 101.
     method : str, optional
-        As of :meth:`simulate`. ``auto`` is decided once for all members: by the starts of runs
-        with the values that they share, and of the members with the extreme values of each
-        column.
+        As for :meth:`simulate`. ``auto`` is decided once for all members, by trial runs with the
+        values that they share and of the members with the extreme values of each column.
     sensitivities : bool
         Whether the sensitivities that the model was compiled with are integrated.
     outputs : sequence of str, optional
-        Outputs that are evaluated; all where absent. The states are always there.
+        Outputs to evaluate, by default all. States are always returned.
     parameters, initial, inputs
-        What all members share, as of :meth:`simulate`.
+        Values that all members share, as for :meth:`simulate`.
     threads : int, optional
-        Threads that run members; as many as processors where absent. Results are the same to
-        the last bit for any number.
+        Number of threads, by default the number of processors. Results are the same to the last
+        bit for any number.
     lanes : int, optional
-        Members side by side in vectors of an explicit method: 1 for none; where absent, as many
-        as the processor has, and 1 for fewer than 100 members, which take less time than
-        compiling the code of lanes.
+        Number of members side by side in vectors of an explicit method; 1 disables them. By
+        default as many as the processor supports, and 1 for fewer than 100 members, which take
+        less time than compiling the code of lanes.
     executor : concurrent.futures.Executor, optional
-        Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
-        ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
-        then those of each worker, one where absent. Blocks of a worker that dies are run again.
+        Runs blocks of members instead of threads: ``ProcessPoolExecutor()``, a client of
+        ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py. ``threads`` is then
+        the number of threads of each worker, by default one. Blocks of a worker that dies are
+        run again.
     store : path, optional
-        A folder in which results are kept as they are done: whatever ends the call, the same
-        call again computes only what is missing, and several processes may make it at once.
-        The Dataset is then read from there when values are asked for.
+        A folder in which finished results are stored. If the call is interrupted, the same call
+        computes only the missing results; several processes may run it at once. The values of
+        the Dataset are then read from this folder on access.
     progress : bool
-        Whether a bar shows members done at a terminal, from the second second on.
+        Whether to show a progress bar at a terminal, after the first second.
     on_error : {"keep", "raise"}
-        What a member that fails does: it is nan with its message and the others go on, or it
-        ends the call.
+        Whether a failed member is nan with its message while the others continue, or raises.
     **settings
-        Tolerances, budgets and others of each member, as of :meth:`simulate`.
+        Tolerances, budgets and other settings of each member, as for :meth:`simulate`.
 
     Returns
     -------
     xarray.Dataset
         Every state and output by its name with the dimensions ``member``, or those of the grid,
-        and ``time``; its sensitivities as ``d(NAME)`` with ``parameter`` behind them. For each
-        member ``status`` (0 where it succeeded), ``message``, ``steps`` and ``seconds``; for
-        each event how often it happened, ``n(EVENT)``, and its times, ``t(EVENT)``, with nan
-        behind the last one, and ``d(t(EVENT))``. What members set are coordinates; those of
-        initial values are called ``initial(STATE)``. Ctrl-C returns what is done.
+        and ``time``; its sensitivities as ``d(NAME)`` with the last dimension ``parameter``. For
+        each member ``status`` (0 if it succeeded), ``message``, ``steps`` and ``seconds``; for
+        each event the number of its occurrences, ``n(EVENT)``, its times, ``t(EVENT)``, padded
+        with nan, and ``d(t(EVENT))``. Values that members set are coordinates; initial values
+        are called ``initial(STATE)``. Ctrl-C returns the finished members.
 
     Raises
     ------
     ModelError
-        If members, or what they share, are not accepted; the message names column and row.
+        If members, or values that they share, are invalid; the message names column and row.
     SolveError
-        If a setting makes no sense; with ``on_error="raise"``, if a member fails.
+        If a setting is invalid; with ``on_error="raise"``, if a member fails.
     StoreError
-        If the store cannot be used, or is another ensemble's; the message says what differs.
+        If the store cannot be used or contains another ensemble; the message names the difference.
     Error
         If xarray is not installed.
 
@@ -170,9 +169,8 @@ class _Compiling(Protocol):
 
 
 def _described(model: _Compiling) -> dict[str, str]:
-    """Return the text of the model's scene, if it is short."""
-    # A scene with types of a user's own has no text in TOML, and in another process it may not be
-    # had at all.
+    """Return the text of the model's scene if it is short."""
+    # A scene with registered types cannot be written as TOML, and may not exist in another process.
     with contextlib.suppress(ModelError):
         text = _text_of(model.spec)
         return {"scene_toml": text} if 0 < len(text) <= _LONGEST_TEXT else {}
@@ -187,15 +185,15 @@ def _text_of(spec: BuildSpec) -> str:
 
 
 def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tuple[Any, Settings]:
-    """Return the model that has all columns, gains of expressions among them, and its settings."""
+    """Return the model that has all columns, including gains of expressions, and its settings."""
     from cotree.ensemble.members import check_columns
 
     given, names = settings.parameters, model.parameters
     is_array = given is not None and not isinstance(given, Mapping)
     values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()
     shared = dict(zip(names, values, strict=True)) if is_array else dict(given or {})
-    # Gains have no values in the scene. In place of those stand some that no order of the members
-    # changes.
+    # Gains have no values in the scene. They are set to values that do not depend on the order of
+    # members.
     taken = {*names, *model.states, *model.inputs}
     gains = {
         name: float(np.median(members.rows[:, j]))
@@ -204,7 +202,7 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     }
     variant, rest = model._variant(replace(settings, parameters={**gains, **shared}))
     compiled = variant.kernels
-    # An array has a value of each parameter, columns among them.
+    # An array has a value for every parameter, including columns.
     check_columns(members.columns, compiled, () if is_array else shared, settings.initial)
     own = {name: value for name, value in gains.items() if name in compiled.parameters}
     return compiled, replace(rest, parameters={**own, **shared})

@@ -1,7 +1,7 @@
-"""The pattern of an ensemble, which its members share: for C, a job that never runs.
+"""The pattern of an ensemble: what its members share, and a template of their jobs in C.
 
-In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by one. From it and
-the rows of a block follow parameters, initial values and tolerances of members.
+In: a ``Plan``. Out: a ``Pattern``, or the reason why members must run one by one. It and the rows
+of a block determine parameters, initial values and tolerances of members.
 """
 
 from __future__ import annotations
@@ -39,36 +39,36 @@ if TYPE_CHECKING:
 class Pattern:
     """The parts of a run that members share."""
 
-    plan: Plan  # with a method by its name
+    plan: Plan  # with the name of a method
     row: Method
     engine: Engine
-    problem: Problem  # of a run with the values that no member sets
-    newton: Newton | None  # the factors of the model, for own implicit methods
-    job: Job  # a job that has not begun
-    signals: ReplacedInputs  # inputs in place of the scene's
-    starts: StartInC | None  # what finds the starts of members in C
-    #: Whether each member is prepared in Python: C cannot find its start, or it has corners of its
-    #: own.
+    problem: Problem  # of a run with the default values of all columns
+    newton: Newton | None  # factors of the model, for implicit methods in C
+    job: Job  # a job that is not started
+    signals: ReplacedInputs  # inputs that replace the scene's
+    starts: StartInC | None  # the search for starts of members in C
+    #: Whether each member is prepared in Python: C cannot find its start, or its time events depend
+    #: on its values.
     is_searched: bool
-    is_timed: bool  # whether rates depend on time, so that its rounding may decide a run
-    is_watched: bool  # whether members that an explicit method finds stiff are run with another one
+    is_timed: bool  # whether rates depend on time, so that rounding of the time may matter
+    is_watched: bool  # whether members that turn out stiff are run with another method
 
     def job_of(self, problem: Problem) -> Job:
-        """Make the job of a member, which may begin again for others."""
+        """Create the job of a member; it can be restarted for others."""
         is_extended = bool(self.job.job.is_extended)
         return Job(self.engine, self.row, problem, self.newton, is_extended=is_extended)
 
 
 @dataclass(frozen=True)
 class NotBatchable:
-    """A plan whose members run one by one, with a method by its name, and the reason."""
+    """A plan whose members run one by one, with the name of a method, and the reason."""
 
     plan: Plan
     why: str
 
 
 def find_pattern(plan: Plan) -> Pattern | NotBatchable:
-    """Find what members share."""
+    """Return what members share."""
     try:
         problem = problem_of(plan, plan.settings.parameters, plan.settings.initial)
         is_auto = plan.settings.method == "auto"
@@ -78,20 +78,20 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
         is_watched = (is_auto or plan.is_chosen) and row.family == "cotree" and not row.implicit
         found = _pattern(plan, row, problem, is_watched=is_watched)
     except Error as error:
-        # The values that no member sets may be refused where those of members are not.
+        # Default values may be refused although those of the members are valid.
         found = str(error)
     return NotBatchable(plan, found) if isinstance(found, str) else found
 
 
 def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
-    """Return the problem of one run, with the sensitivities that the plan has."""
+    """Return the problem of one run with the sensitivities of the plan."""
     problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
     check_values(problem)
     return problem
 
 
 def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> Pattern | str:
-    """Find the pattern of a plan whose method has a name."""
+    """Return the pattern of a plan with a named method."""
     if not row.stepper:
         return f"'{row.name}' runs in Python"
     if problem.reach is not None:
@@ -125,20 +125,20 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
-    """Return whether each member is prepared in Python."""
-    # Tolerances of contents follow from the start.
+    """Return whether each member must be prepared in Python."""
+    # Tolerances of contents depend on the start.
     if plan.model.begins_at_rest or plan.model.layout.followers:
         return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
-    assert problem.native is not None  # C takes it
-    if problem.native.functions:  # of which one exception ends all that is asked after it
+    assert problem.native is not None  # the plan runs in C
+    if problem.native.functions:  # one exception in Python would end all members
         return True
     return bool(_moving(plan) & set(plan.columns))
 
 
 def _moving(plan: Plan) -> set[str]:
-    """Name the parameters that corners and the longest step depend on."""
+    """Name the parameters that determine time events and the longest step."""
     program = plan.model.program
     stops = [stop for own in program.stops.values() for stop in own]
     nodes = [node for stop in stops for node in (stop.first, stop.period) if node is not None]
@@ -149,16 +149,16 @@ def _moving(plan: Plan) -> set[str]:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """Values that members have of their own."""
+    """Values of individual members."""
 
     p: FloatArray  # parameters, shape (n_members, n_parameters)
     states: npt.NDArray[np.intc]  # states whose initial values are set, shape (n_set,)
     values: FloatArray  # these values, shape (n_members, n_set)
-    is_refused: npt.NDArray[np.bool_]  # members with values that are not finite, shape (n_members,)
+    is_refused: npt.NDArray[np.bool_]  # with values that are not finite
 
 
 def own_values(pattern: Pattern, rows: FloatArray) -> Own:
-    """Return what members set."""
+    """Return the values that members set."""
     plan, model = pattern.plan, pattern.plan.model
     shared = model.parameter_array(plan.settings.parameters)
     p = np.empty((len(rows), len(shared)))
@@ -172,7 +172,7 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
     for j, name in enumerate(plan.columns):
         if name in model.states:
             initial[name] = rows[:, j]
-        elif not is_slope(name):  # whose starts are made in Python
+        elif not is_slope(name):  # starts are computed in Python
             columns.append(j)
             places.append(model.parameters.index(name))
     p[:, places] = rows[:, columns]
@@ -185,7 +185,7 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
 
 
 def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the absolute tolerances of members, of values and of turns, if they differ.
+    """Return the absolute tolerances of members, of values and of quaternions, if they differ.
 
     Those of sensitivities are divided by the sizes of the parameters; see
     :class:`cotree.solvers.augmented.Tolerances`.
@@ -205,5 +205,5 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
         scales[:, j] = np.where(size == 0.0, 1.0, size)
     own = replace(problem, scales=scales)
     _, atols = tested(pattern.row, own, is_extended=bool(pattern.job.job.is_extended))
-    # Where sensitivities are not tested, their sizes change nothing.
+    # If sensitivities are not tested, their scales have no effect.
     return (atols if atols.ndim > 1 else None), turn_tolerances(own)

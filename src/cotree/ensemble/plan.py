@@ -42,7 +42,7 @@ class Plan:
 
     @property
     def n_sensitivities(self) -> int:
-        """The number of parameters whose sensitivities are integrated."""
+        """Number of parameters whose sensitivities are integrated."""
         return len(self.model.sensitivities) if self.settings.sensitivities else 0
 
 
@@ -94,12 +94,12 @@ class Block:
         self._parts: list[FloatArray] = []  # events, before the block is finished
 
     def fail(self, member: int, status: int, message: str) -> None:
-        """Add a member that failed."""
+        """Add a failed member."""
         self._blank(member)
         self.status[member], self.messages[member] = status, message
 
     def succeed(self, members: npt.NDArray[np.bool_]) -> None:
-        """Mark members as successful; their values are set already."""
+        """Mark members as successful; their values are already set."""
         self.status[members] = 0
         if members.all():
             self.messages = [""] * len(members)
@@ -132,12 +132,12 @@ class Block:
             for name, times in run.events.items()
             for j, t in enumerate(times.t)
         ]
-        # Events are grouped by name; those at one time stay in the order of the model.
+        # Events are grouped by name; simultaneous ones keep the order of the model.
         events = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
         self.add_events(events[np.argsort(events[:, 2], kind="stable")])
 
     def add_events(self, rows: FloatArray) -> None:
-        """Add events; those of each member are in order."""
+        """Add events, ordered for each member."""
         self._parts.append(rows)
 
     def finished(self) -> Block:

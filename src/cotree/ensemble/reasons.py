@@ -1,6 +1,6 @@
 """Reasons of failed members, and how often each occurs.
 
-In: the problem of a member, and its job in C, which stands where the budget ended. Out: a sentence.
+In: the problem of a member, and its job in C at the point where the budget ended. Out: a sentence.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
 
 
 class Reasons:
-    """Sentences of members that failed; it is mutable, and bounded by how many differ in words.
+    """Messages of failed members; mutable, bounded by the number of distinct messages.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Reasons:
         self._shown: dict[str, tuple[int, str]] = {}
 
     def add(self, first: int, status: npt.NDArray[np.int8], messages: Sequence[str]) -> None:
-        """Take in some members, of which the first is given by its number."""
+        """Add some members; ``first`` is the number of the first of them."""
         self.done += int(np.count_nonzero(status != NOT_RUN))
         for i in np.flatnonzero((status != 0) & (status != NOT_RUN)).tolist():
             row = first + i, str(messages[i])
@@ -59,10 +59,10 @@ class Reasons:
             self.first = row if self.first is None else min(row, self.first)
 
     def summary(self, n_members: int) -> str:
-        """Return how many members failed, and why most of them did; empty if none failed."""
+        """Describe how many members failed, and the most frequent reason; empty if none failed."""
         if not self.failed:
             return ""
-        # Of reasons that are as frequent, that of the first member.
+        # Among equally frequent reasons, that of the first member.
         reason, count = min(self._counts.items(), key=lambda row: (-row[1], self._shown[row[0]]))
         often = f", {count} of them for this reason" if count < self.failed else ""
         return (
@@ -71,14 +71,14 @@ class Reasons:
         )
 
 
-#: Budgets, by how members end in C; see cotree_batch.h.
+#: Budgets, as outcomes of members in C; see cotree_batch.h.
 STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 
 
 def budget_message(
     problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
-    """Return where a member stopped, and which state grew meanwhile."""
+    """Describe where a member stopped and which state grew."""
     settings = problem.settings
     if ended == EVENTS_SPENT:
         reason = event_message("spends", [], detail=job.most_events)
@@ -87,9 +87,9 @@ def budget_message(
     else:
         reason = time_spent(settings.time_limit or 0.0)
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
-    assert settings.t_eval is not None  # a plan gives them
+    assert settings.t_eval is not None  # plans always have times
     t, z = settings.t_eval[: len(kept)], kept
-    # As in a run by itself, the last point is one of those that are looked at.
+    # As in a single run, the last point is included in the test.
     if not (len(t) and t[-1] == float(job.t)):
         t, z = np.append(t, float(job.t)), np.vstack([z, last])
     work = Statistics(method, 0, 0, 0, int(job.n_steps), 0.0)

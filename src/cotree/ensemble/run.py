@@ -1,8 +1,8 @@
-"""From members to results: blocks of members, one after another or wherever they run.
+"""Execution of ensembles: blocks of members, run in this process or by an executor.
 
-In: a model, settings of a run, members. Out: a ``Plan``, blocks of rows, and an
-``xarray.Dataset`` of what they gave. Numbers depend on the plan and on a member's own row alone:
-neither on the sizes of the blocks nor on who runs them.
+In: a model, settings of a run, members. Out: a ``Plan``, blocks of rows, and an ``xarray.Dataset``
+of their results. Numbers depend only on the plan and on a member's own row, not on the sizes of
+blocks or on where they run.
 """
 
 from __future__ import annotations
@@ -51,31 +51,31 @@ if TYPE_CHECKING:
 
 
 class EnsembleProgress(CountingBar):
-    """A bar of members done; disabled without a terminal, and for short ensembles."""
+    """Progress bar of members; disabled without a terminal and for short ensembles."""
 
     def __init__(self, n: int, is_wanted: bool) -> None:
         super().__init__("members", n, is_wanted)
 
     def reached(self, done: int, failed: int) -> None:
-        """Show how many members are done, and how many of them failed."""
+        """Update the numbers of finished and failed members."""
         bad = f"{failed} failed, " if failed else ""
         self.count(done, lambda elapsed: f", {bad}{_rate(done / elapsed)}")
 
 
 def _rate(rate: float) -> str:
-    """Write members a second with about three digits."""
+    """Format a rate of members per second with about three digits."""
     return f"{rate:,.0f}/s" if rate >= 100.0 else f"{rate:.3g}/s"
 
 
-# A trial is believed from this time on, [s], and given up after that one.
+# A trial is long enough above the first time, [s], and stopped after the second.
 _ENOUGH, _TOO_LONG = 0.05, 1.0
 
-# Growth of a trial from one to the next.
+# Growth factor of the size of successive trials.
 _GROWTH = 64
 
 
 def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: int) -> int:
-    """Return how many members threads run together in the time ``piece``, [s]; at least one."""
+    """Return how many members the threads run in ``piece`` seconds; at least one."""
     size = 1
     while True:
         stop = threading.Event()
@@ -85,7 +85,7 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
         limit.cancel()
         if np.any(block.status == NOT_RUN):
             return 1
-        # Times of members leave out those of compilers.
+        # Times of members exclude compilation.
         seconds = max(float(block.seconds.sum()) / min(size, threads), 1e-9)
         if seconds >= _ENOUGH or size >= min(len(rows), most):
             return max(1, int(piece * size / seconds))
@@ -96,8 +96,8 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
 def stopped_by_interrupt() -> Iterator[threading.Event]:
     """Return an event that Ctrl-C sets.
 
-    In other threads than the main one, to which signals never come, and in programs with a handler
-    of their own, nothing sets it; their KeyboardInterrupt may come out of any statement.
+    In threads other than the main one, which receive no signals, and in programs with their own
+    handler, nothing sets it; KeyboardInterrupt is then raised at any statement.
     """
     stop = threading.Event()
     is_main = threading.current_thread() is threading.main_thread()
@@ -117,21 +117,21 @@ def stopped_by_interrupt() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Members of the first block for each thread, where the number of lanes is left open.
+# Members of the first block per thread, if the number of lanes is not given.
 _LANES = 8
 
-# Workers whose blocks of that size a store takes in without being late.
+# Number of workers whose blocks of that size a store can write in time.
 _MOST_QUICK = 8
 
-# Results of a block, [byte]; it is held beside the whole.
+# Size of the results of a block, [byte], in addition to the whole results.
 _LARGEST_BLOCK = 2**26
 
-# Results of all blocks of an executor that are under way, [byte].
+# Size of the results of all blocks of an executor in flight, [byte].
 _UNDER_WAY = 2**29
 
 
 class MemberError(SolveError):
-    """A member of an ensemble failed, and errors were to be raised."""
+    """A member failed in an ensemble with ``on_error="raise"``."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Execution:
 def run_ensemble(
     plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, Any]
 ) -> Any:
-    """Run members and put their results into a Dataset."""
+    """Run members and return their results as a Dataset."""
     check_xarray()
     n, schema = len(members.rows), DatasetSchema(plan, members, attributes)
     pace = BlockSizes(plan, execution)
@@ -186,7 +186,7 @@ def run_ensemble(
                     break
                 _check(execution, members, done.reasons)
         except KeyboardInterrupt:
-            # Of a program with a handler of its own it comes as an exception; a second one leaves.
+            # With a custom handler KeyboardInterrupt is raised here; a second one propagates.
             if stop.is_set():
                 raise
             stop.set()
@@ -215,9 +215,9 @@ def run_blocks(
     executor: Any,
     stop: threading.Event,
 ) -> Generator[tuple[int, Block]]:
-    """Run ranges of rows; yield each block with its first row as soon as it is done.
+    """Run ranges of rows; yield each finished block with the index of its first row.
 
-    Threads are those of this machine, or of each worker of an executor.
+    ``threads`` is the number of threads on this machine, or per worker of an executor.
     """
     if executor is not None:
         yield from ExecutorRun(executor, plan, rows, threads, stop).run(ranges)
@@ -233,9 +233,9 @@ def run_blocks(
 
 
 class BlockSizes:
-    """Sizes of blocks by the time that those before took, or by the size of their results.
+    """Sizes of blocks, from the time of previous ones or the size of their results.
 
-    ``threads`` share a block: as many as the process may use, or one of each worker.
+    ``threads`` share a block: as many as the process may use, or those of one worker.
     """
 
     def __init__(self, plan: Plan, execution: Execution) -> None:
@@ -243,27 +243,27 @@ class BlockSizes:
         self.threads = execution.threads or (usable_cores() if self.executor is None else 1)
         most = _LARGEST_BLOCK
         if self.executor is not None:
-            # Workers together may be faster than this process takes their results in.
+            # Workers together may be faster than this process can store their results.
             most = min(most, _UNDER_WAY // (AHEAD * count_workers(self.executor)))
         self._most = max(1, most // max(1, member_bytes(plan)))
-        # All lanes of all threads have something to do.
+        # All lanes of all threads are occupied.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
 
     def size(self, plan: Plan, rows: FloatArray) -> int:
-        """Try how many members a block of a store is to have; they are run again with theirs."""
+        """Choose the size of stored blocks by trial runs, whose results are discarded."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
-        # So many workers together write as many files as a few do.
+        # So many workers together write as many files as a few with smaller blocks.
         piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 
     def spread(self, members_of_a_block: int, opened: contextlib.ExitStack) -> None:
-        """Run a block in each thread where blocks have fewer members than threads."""
+        """Run one block per thread if blocks have fewer members than there are threads."""
         if self.executor is None and members_of_a_block < self.threads:
             self.executor = opened.enter_context(ThreadPoolExecutor(self.threads))
             self.threads = 1
 
     def ranges(self, n: int) -> AdaptiveRanges:
-        """Cut n members into blocks, whose sizes follow from the time of those before."""
+        """Divide n members into blocks, sized by the time of previous ones."""
         return AdaptiveRanges(n, self._most, self._least if self.executor is None else 1)
 
 
@@ -275,7 +275,7 @@ def make_plan(
     outputs: Sequence[str] | None,
     lanes: int | None,
 ) -> Plan:
-    """Check what members share, and choose their method."""
+    """Check the data that members share, and choose their method."""
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
@@ -287,13 +287,13 @@ def make_plan(
 
 
 def check_count(value: object, name: str) -> None:
-    """Check that a value is a count."""
+    """Check that a value is a positive whole number, or None."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise SolveError(f"{name} is {value!r}: give a whole number of at least 1, or None")
 
 
 def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, ...]:
-    """Read the outputs that are wanted; all of them where nothing is said."""
+    """Return the requested outputs; by default all."""
     if outputs is None:
         return model.outputs
     names = tuple(dict.fromkeys(check_names(outputs, "outputs")))
@@ -305,7 +305,7 @@ def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, 
 
 
 def _check(execution: Execution, members: Members, reasons: Reasons) -> None:
-    """Raise for the first member that failed, where errors are to be raised."""
+    """Raise an error for the first failed member if ``on_error`` is "raise"."""
     if execution.on_error == "raise" and reasons.first is not None:
         i, sentence = reasons.first
         raise MemberError(f"{members.described(i)} failed: {sentence}")

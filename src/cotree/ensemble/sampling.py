@@ -1,4 +1,4 @@
-"""Samples: members drawn from distributions, at random or evenly spread over their space."""
+"""Samples: members drawn from distributions, randomly or by low-discrepancy sequences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Names of distributions with their numbers, for messages.
+#: Names of distributions with the names of their arguments, for messages.
 KINDS: Mapping[str, tuple[str, ...]] = {
     "uniform": ("low", "high"),
     "loguniform": ("low", "high"),
@@ -37,7 +37,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 def read_distribution(
     given: Any, name: str, own: Callable[[], float]
 ) -> tuple[Callable[[Any], Any], list[Any]]:
-    """Return the quantiles of a distribution, and its kind and numbers, as JSON takes them."""
+    """Return the quantile function of a distribution, and a description as JSON values."""
     if not isinstance(name, str):
         raise ParameterError(f"sample has the name {brief(repr(name))}: give it as text")
     what = f"the distribution of '{brief(name)}'"
@@ -65,7 +65,7 @@ def read_distribution(
 
 
 def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], float]) -> Any:
-    """Return the frozen distribution of scipy.stats of a kind."""
+    """Return the frozen distribution of scipy.stats for a kind."""
     from scipy import stats
 
     if kind == "relative":
@@ -108,17 +108,17 @@ def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], fl
 
 
 def _described(given: Any) -> str:
-    """Name a frozen distribution with its arguments."""
+    """Describe a frozen distribution by its name and arguments."""
     kind = getattr(getattr(given, "dist", None), "name", None)
     if kind is None:
         return brief(repr(given), 200)
     return f"{kind}{(*given.args, *given.kwds.items())}"
 
 
-#: Ways to draw points of a unit cube.
+#: Methods of drawing points of a unit cube.
 METHODS = ("sobol", "latin", "halton", "random")
 
-# Sobol's points of scipy have so many bits.
+# Number of bits of scipy's Sobol points.
 _MOST = 2**30
 
 
@@ -127,7 +127,7 @@ class Samples(Mapping[str, "FloatArray"]):
     """Members that were drawn; a mapping of names to arrays of shape (n,)."""
 
     columns: Mapping[str, FloatArray]  # the values
-    #: How they were drawn: method, seed and distributions. Results tell it.
+    #: Method, seed and distributions; stored in the results.
     origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:
@@ -168,7 +168,7 @@ def sample(
     Parameters
     ----------
     source : Model or Scene
-        Its values are those that ``relative`` is relative to.
+        Its values are the reference of ``relative`` distributions.
     distributions : mapping of str to tuple, or distribution of scipy.stats
         For parameters, and initial values of states: ``("uniform", low, high)``,
         ``("loguniform", low, high)``, ``("triangular", low, mode, high)``,
@@ -177,12 +177,13 @@ def sample(
         ``("relative", share)``, uniform within that share of the model's own value, or any frozen
         distribution, such as ``scipy.stats.weibull_min(2.0)``.
     n : int
-        How many members.
+        Number of members.
     method : {"sobol", "latin", "halton", "random"}
-        Scrambled points of Sobol or Halton, a Latin hypercube, or independent points. The first
-        three cover the space more evenly: means converge faster. Sobol's are best for powers of 2.
+        Scrambled Sobol or Halton points, a Latin hypercube, or independent points. The first
+        three cover the space more evenly, so that means converge faster. Use a power of 2 for
+        Sobol points.
     seed : int, optional
-        Equal seeds give equal members. One is drawn where absent, and kept in ``origin``.
+        Equal seeds yield equal members. By default a seed is drawn; it is stored in ``origin``.
 
     Returns
     -------
@@ -192,7 +193,7 @@ def sample(
     Raises
     ------
     ParameterError
-        If a distribution, the number or the method makes no sense.
+        If a distribution, the number or the method is invalid.
 
     Examples
     --------
@@ -214,7 +215,7 @@ def sample(
             f"the number of members is {brief(repr(n))}: give a whole number of at least 1"
         )
     check_choice(method, "the method of drawing", METHODS)
-    if seed is None:  # one is drawn that can be given again
+    if seed is None:  # a seed is drawn that can be given again
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     seed = check_whole(seed, "the seed")
     read = {
@@ -232,7 +233,7 @@ def sample(
 
 
 def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
-    """Return the value that a model or scene has for a parameter or the start of a state."""
+    """Return the value of a parameter, or of the start of a state, of a model or scene."""
     if isinstance(source, SceneDescription):
         row = source.parameters.get(name)
         if row is not None and not row.is_derived:
@@ -258,8 +259,8 @@ def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatA
     if method == "random":
         points = generator.random((n, n_columns))
     elif method == "sobol":
-        # As many as a power of 2 has, of which the first are taken: any other number is asked for
-        # with a warning.
+        # The next power of 2 of points, of which the first are taken: scipy warns for any other
+        # number.
         drawn = qmc.Sobol(n_columns, seed=generator).random_base2(max(0, int(n - 1).bit_length()))
         points = drawn[:n]
     else:
@@ -270,7 +271,7 @@ def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatA
 
 
 def _finite(values: Any, name: str) -> FloatArray:
-    """Refuse a distribution whose quantiles are no numbers."""
+    """Raise an error if quantiles of a distribution are not finite."""
     found = np.asarray(values, dtype=float)
     if not np.isfinite(found).all():
         raise ParameterError(

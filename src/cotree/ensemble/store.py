@@ -61,7 +61,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "scene": model.layout.name,
         "columns": list(plan.columns),
         **{name: plain(getattr(settings, name)) for name in (*SHARED, "initial")},
-        # Members that an automatically chosen method finds stiff are run with another one.
+        # Whether members that turn out stiff are run with another method.
         "method_is_chosen": plan.is_chosen,
         "t_span": plain(settings.t_span),
         "inputs": {name: _short(table) for name, table in tables.items()},
@@ -75,9 +75,9 @@ def identity_of(plan: Plan) -> dict[str, Any]:
 
 
 def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Return the first difference as part of a sentence; empty if there is none."""
+    """Describe the first difference; empty if there is none."""
     for name, value in here.items():
-        # What was written came through JSON.
+        # Values in the manifest have been converted to JSON.
         old, new = there.get(name), json.loads(json.dumps(value))
         if old == new:
             continue
@@ -161,7 +161,7 @@ _CHECK = 32
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays, or lists of texts, as an archive of numpy with its checksum behind it."""
+    """Write arrays or lists of texts as an archive of numpy, followed by a checksum."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, given in arrays.items():
@@ -179,7 +179,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
         draft.replace(path)
     except FileNotFoundError:
         if not path.exists():
-            raise  # else another process has written the same, on a file system without locks
+            raise  # without locks, another process has written the same block
 
 
 def read_array(archive: Any, name: str) -> Any:
@@ -311,7 +311,7 @@ class Store:
         return int(there["block"])
 
     def _is_empty(self) -> bool:
-        """Return whether the folder has no files but those of interrupted writes."""
+        """Return whether the folder has no files except those of interrupted writes."""
         return not self.path.exists() or all(
             path.name.endswith((_DRAFT, _LOCK)) for path in self.path.iterdir()
         )
@@ -326,7 +326,7 @@ class Store:
             return
         self.path.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(self.path / f"{MANIFEST}{_LOCK}")
-        with contextlib.suppress(NotImplementedError):  # of file systems without locks
+        with contextlib.suppress(NotImplementedError):  # file systems without locks
             lock.acquire()
         try:
             yield
@@ -336,7 +336,7 @@ class Store:
     def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
         """Write the manifest."""
         schema = self._schema
-        # A block of no members has all variables.
+        # An empty block has all variables.
         rows = schema.variables((0,) * len(schema.dims), Block(schema.plan, 0))
         about = empty.to_dict(data=False)
         store = {

@@ -1,6 +1,6 @@
 """Members that run one at a time, and trial runs before an ensemble.
 
-Methods of SciPy, and inputs that functions of Python sample, have no loop over members in C.
+Methods of SciPy, and inputs sampled by Python functions, have no loop over members in C.
 
 In: a model, settings and members. Out: settings with times and a method by name.
 """
@@ -62,17 +62,17 @@ def settings_of(
     own = dict(zip(columns, row, strict=True))
     initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
-    # The same checks as of one run, value by value.
+    # The same checks as for one run, value by value.
     for name in own.keys() - initial.keys():
         place = model.parameters.index(name)
         p[place] = model.parameter_array({name: own[name]})[place]
     return replace(settings, parameters=p, initial={**settings.initial, **initial})
 
 
-#: Times of an ensemble that asks for none, evenly over the span.
+#: Number of times of an ensemble for which none are given, evenly spaced.
 POINTS = 101
 
-# Number of steps of a trial beyond those by which a method is chosen.
+# Number of steps of a trial in addition to those for the choice of the method.
 _TRIAL_STEPS = 10
 
 # The method if no trial succeeds: each member then reports its own failure.
@@ -100,7 +100,7 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
         return settings
     runs = [base] if base else []
     for row in _extremes(members) if base else ():
-        # Members that are refused fail later, with a sentence.
+        # Members with refused values fail later, with a message.
         with contextlib.suppress(Error), without_warnings():
             runs.append(simulate(model, settings_of(model, short, members.columns, row)))
     begun = [run.statistics.began_with or run.statistics.method for run in runs]
@@ -117,7 +117,7 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
         If all fail for the same reason, which is then in the settings.
     """
     try:
-        return _heard(model, settings)
+        return _run_with_warnings(model, settings)
     except Error as error:
         found = error
     reasons = {str(found)}
@@ -132,8 +132,8 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
     return None
 
 
-def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
-    """Run, and repeat its warnings except that of the end of the trial."""
+def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
+    """Run, and repeat warnings except that about the end of the trial."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulate(model, settings)

@@ -112,7 +112,7 @@ static int begin_member(cotree_worker *w)
     const cotree_batch *const batch = w->batch;
     const size_t i = (size_t)w->member;
     cotree_job *const job = &w->job;
-    *job = batch->are_asked_for ? *w->asked : *batch->pattern;
+    *job = batch->has_given_jobs ? *w->given_job : *batch->pattern;
     job->times = w->times;
     job->values = batch->values + i * (size_t)job->n_wanted * (size_t)batch->n_full;
     job->records = w->records;
@@ -122,7 +122,7 @@ static int begin_member(cotree_worker *w)
 #endif
     job->memory = w->memory;
     memset(w->memory, 0, batch->memory); /* no data of the previous member remain */
-    return batch->are_asked_for ? 0 : set_member_data(w);
+    return batch->has_given_jobs ? 0 : set_member_data(w);
 }
 
 /* Evaluate the inputs at the points of a member, with those given in place of the scene's. */
@@ -176,7 +176,7 @@ int cotree_batch_finish(cotree_worker *w, int member, const double *k)
         status = cotree_sweep(model, p, k, n_kept, pattern->wanted, z, batch->n_full,
                               batch->n_given > 0, w->inputs, w->outputs, m > 0 ? w->slopes : NULL);
     }
-    if (status != 0) return COTREE_MEMBER_UNSWEPT;
+    if (status != 0) return COTREE_MEMBER_NO_OUTPUTS;
     copy_outputs(batch, n_kept, w->outputs, y);
     fill_with_nan(y, n_kept, n_wanted, n);
     if (m == 0) return 0;
@@ -193,10 +193,10 @@ static void append_events(cotree_worker *w)
     const int m = job->has_sensitivities ? job->model->n_sensitivities : 0;
     const size_t width = COTREE_EVENTS_RECORD((size_t)n_states, (size_t)m);
     int i, j;
-    for (i = 0; i < job->n_records; ++i, ++w->n_happened) {
+    for (i = 0; i < job->n_records; ++i, ++w->n_events) {
         /* The pointer in the job may be older than the worker's last reallocation. */
         const double *const record = w->records + (size_t)i * width;
-        double *const row = w->happened + (size_t)w->n_happened * (size_t)(3 + m);
+        double *const row = w->events + (size_t)w->n_events * (size_t)(3 + m);
         row[0] = (double)w->member;
         row[1] = record[1];
         row[2] = record[0];
@@ -227,16 +227,16 @@ static int finish_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     int status;
-    if (w->n_happened + w->job.n_records > w->most_happened) return COTREE_BATCH_ROOM;
+    if (w->n_events + w->job.n_records > w->most_events) return COTREE_BATCH_NO_SPACE;
     status = cotree_batch_finish(w, w->member, w->job.k);
     batch->seconds[w->member] = now() - w->begun;
     if (status != 0) {
         batch->ended[w->member] = status;
-        return COTREE_BATCH_ASK;
+        return COTREE_BATCH_UNFINISHED;
     }
     append_events(w);
     w->member = -1;
-    return COTREE_BATCH_GLANCE;
+    return COTREE_BATCH_AGAIN;
 }
 
 static int lacks_space(const cotree_job *job)
@@ -261,7 +261,7 @@ static int exceeded_budget(const cotree_worker *w)
 static int return_member(cotree_worker *w, int ended)
 {
     store_counters(w, ended);
-    return COTREE_BATCH_ASK;
+    return COTREE_BATCH_UNFINISHED;
 }
 
 /* Take some steps of the member at work. */
@@ -273,7 +273,7 @@ static int take_steps(cotree_worker *w)
     int result, over;
     job->records = w->records; /* may have been reallocated */
     job->most_records = w->most_records;
-    if (lacks_space(job)) return COTREE_BATCH_ROOM;
+    if (lacks_space(job)) return COTREE_BATCH_NO_SPACE;
     if (batch->max_steps > 0 && batch->max_steps - job->n_steps < most) {
         most = batch->max_steps - job->n_steps;
     }
@@ -284,7 +284,7 @@ static int take_steps(cotree_worker *w)
     if (result == COTREE_JOB_STIFF) return return_member(w, COTREE_MEMBER_STIFF);
     if (result == COTREE_JOB_MORE) {
         over = exceeded_budget(w);
-        return over != 0 ? return_member(w, over) : COTREE_BATCH_GLANCE;
+        return over != 0 ? return_member(w, over) : COTREE_BATCH_AGAIN;
     }
     w->stage = DONE;
     store_counters(w, result == COTREE_JOB_STOPPED ? COTREE_MEMBER_STOPPED : COTREE_MEMBER_DONE);
@@ -300,10 +300,10 @@ static int take_member(cotree_worker *w)
     w->stage = TAKEN;
     w->watched_from = 0;
     w->begun = now();
-    return w->batch->are_asked_for ? COTREE_BATCH_GIVE : COTREE_BATCH_GLANCE;
+    return w->batch->has_given_jobs ? COTREE_BATCH_PREPARE : COTREE_BATCH_AGAIN;
 }
 
-/* Take the next action; return COTREE_BATCH_GLANCE if more follow. */
+/* Take the next action; return COTREE_BATCH_AGAIN if more follow. */
 static int next_action(cotree_worker *w)
 {
     int ended;
@@ -318,12 +318,12 @@ int cotree_batch_work(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     const double called = now();
-    int result = COTREE_BATCH_GLANCE;
+    int result = COTREE_BATCH_AGAIN;
     if (w->member < 0 && batch->lanes != NULL) return batch->lanes(w);
-    while (result == COTREE_BATCH_GLANCE) {
+    while (result == COTREE_BATCH_AGAIN) {
         if (cotree_batch_is_stopped(batch)) return COTREE_BATCH_STOPPED;
         result = next_action(w);
-        if (batch->glance > 0.0 && now() - called > batch->glance) break;
+        if (batch->interval > 0.0 && now() - called > batch->interval) break;
     }
     return result;
 }

@@ -21,13 +21,13 @@ struct cotree_batch {
     size_t memory;     /* bytes of a job */
     long max_steps;    /* of each member; 0: no limit */
     double time_limit; /* [s] */
-    double glance;     /* a call returns after this time, [s] */
+    double interval;   /* a call returns after this time, [s] */
     int is_watched;    /* 1: members wait if an explicit method finds them stiff */
     int n_full;        /* number of states and sensitivities */
-    /* Data of each member, one row each. With are_asked_for the caller provides the job of each
+    /* Data of each member, one row each. With has_given_jobs the caller provides the job of each
      * member, since its start needs a search or it has time events of its own. */
     int n_members;
-    int are_asked_for;
+    int has_given_jobs;
     const cotree_start_tables *start_tables;
     int (*find_start)(cotree_start_call *call);
     int if_dependent; /* constraints at the start: 0 no matter, 1 job is_strict, 2 refused */
@@ -74,40 +74,40 @@ struct cotree_worker {
     double begun;
     long watched_from; /* it waits if stiff after this number of steps */
     cotree_job job;
-    const cotree_job *asked; /* the job provided for it */
+    const cotree_job *given_job; /* the job provided for it */
     void *memory;
     double *k, *u, *z, *times;
     double *inputs, *outputs, *slopes; /* of a member, at the wanted times */
     double *records;                   /* of the events of a member */
     int most_records;
     /* Events of all members: member, event, time and its derivatives. */
-    double *happened;
-    int most_happened;
-    int n_happened;
+    double *events;
+    int most_events;
+    int n_events;
     void *own; /* memory of lanes */
 };
 
 /* How a member ended; those after STOPPED are failures. */
 #define COTREE_MEMBER_WAITS 0
 #define COTREE_MEMBER_DONE 1
-#define COTREE_MEMBER_STOPPED 2 /* by an event */
-#define COTREE_MEMBER_FAILED 3  /* see the job */
-#define COTREE_MEMBER_REFUSED 4 /* its parameters or start are rejected */
-#define COTREE_MEMBER_UNSWEPT 5 /* its outputs cannot be evaluated */
-#define COTREE_MEMBER_STIFF 6   /* it waits for another method */
-#define COTREE_MEMBER_STEPS 7   /* a budget is used up */
+#define COTREE_MEMBER_STOPPED 2    /* by an event */
+#define COTREE_MEMBER_FAILED 3     /* see the job */
+#define COTREE_MEMBER_REFUSED 4    /* its parameters or start are rejected */
+#define COTREE_MEMBER_NO_OUTPUTS 5 /* its outputs cannot be evaluated */
+#define COTREE_MEMBER_STIFF 6      /* it waits for another method */
+#define COTREE_MEMBER_STEPS 7      /* a budget is used up */
 #define COTREE_MEMBER_EVENTS 8
 #define COTREE_MEMBER_TIME 9
 #define COTREE_MEMBER_LEFT 10 /* by lanes: another worker runs it */
 
-#define COTREE_BATCH_EMPTY 0  /* no member is left */
-#define COTREE_BATCH_GLANCE 1 /* call again */
-#define COTREE_BATCH_ROOM 2   /* call again with more space for records or events */
-#define COTREE_BATCH_ASK                                                                           \
-    3 /* the member at work has not reached its end: call again with member -1, or, if it waits,   \
-         with the same to continue */
+#define COTREE_BATCH_EMPTY 0    /* no member is left */
+#define COTREE_BATCH_AGAIN 1    /* call again */
+#define COTREE_BATCH_NO_SPACE 2 /* call again with more space for records or events */
+/* The member at work has not reached its end: call again with member -1, or, if it waits, with the
+ * same to continue. */
+#define COTREE_BATCH_UNFINISHED 3
 #define COTREE_BATCH_STOPPED 4 /* the batch is stopped, and with it the member at work */
-#define COTREE_BATCH_GIVE 5    /* call again with `asked` set, with another member, or with -1 */
+#define COTREE_BATCH_PREPARE 5 /* call again with given_job set, with another member, or -1 */
 
 COTREE_BEGIN_DECLS
 

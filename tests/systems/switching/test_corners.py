@@ -538,7 +538,7 @@ def test_members_of_ensembles_locate_corners() -> None:
     run = {"t_eval": [3.0, 10.0], "lanes": 4, **_TIGHT}
     found = scene.compile().ensemble((0, 10), members, **run)
     assert found.attrs["lanes"] == (
-        "members run side by side, except for those that come near a corner of the rates"
+        "members run side by side, except for those close to a kink or jump of the rates"
     )
     for i, member in enumerate(members):
         exact = bilinear(np.array([3.0, 10.0]), member["k1"])
