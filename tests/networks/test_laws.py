@@ -236,6 +236,31 @@ def test_a_negative_dissipator_feeds_energy_in(storage, dissipator, field, state
         scene.compile()
 
 
+@pytest.mark.parametrize(
+    ("kind", "storage", "size", "speed"),
+    [
+        ("translational_spring", "translational_mass", "mass", "v"),
+        ("rotational_spring", "rotational_inertia", "inertia", "w"),
+    ],
+)
+def test_springs_may_be_negative(kind, storage, size, speed):
+    scene = Scene("apart")
+    scene.parameter("k", -0.8)
+    scene.edge("m", storage, "ground", "a", **{size: 1.0, "initial": {speed: 1.0}})
+    scene.edge("x", kind, "ground", "a", stiffness="k")
+    run = scene.compile(["k"]).simulate((0, 1), rtol=1e-10)
+    rate = np.sqrt(0.8)  # the square of the frequency is negative: cosh in place of cos
+    assert run[f"m.{speed}"][-1] == pytest.approx(np.cosh(rate), rel=1e-8)
+    slope = -np.sinh(rate) / (2 * rate)
+    assert run.sensitivity(f"m.{speed}", "k")[-1] == pytest.approx(slope, rel=1e-7)
+    assert [row.name for row in scene.lint() if row.rule == "magnitude"] == ["x"]
+    with pytest.raises(ParameterError, match="'x' must be negative, as in the scene"):
+        scene.compile().simulate((0, 1), parameters={"k": 0.0})
+    scene.set("k", 0.0)
+    with pytest.raises(ParameterError, match="stiffness of edge 'x' must not be zero"):
+        scene.compile()
+
+
 def test_a_pivot_of_negative_resistors_may_vanish():
     """1 and -1 ohm at a node cancel each other's conductance: no pivot may be taken there."""
     scene = Scene("cancelling")

@@ -333,6 +333,15 @@ def test_what_cannot_be_held_is_refused(fields, told):
     assert told in refused(workshop(), "x", "velocity_source", **fields)
 
 
+def test_messages_name_the_field_and_what_it_uses():
+    scene = workshop()
+    scene.input("wave", "sin(t)")
+    told = refused(scene, "x", "velocity_source", joint="rail", velocity="wave")
+    assert "velocity of edge 'x': uses 'wave', but may depend on parameters and t only" in told
+    told = refused(workshop(), "x", "force_source", joint="rail", force="rail.s_ddot")
+    assert told.startswith("force of edge 'x' uses 'rail.s_ddot', which is not a coordinate")
+
+
 def test_cures_for_given_velocities_work():
     accepted(workshop(), "velocity_source", joint="rail", velocity="max(0, t - 1)")
     accepted(workshop(), "speed_source", joint="hinge", speed=1.0)

@@ -71,8 +71,8 @@ def _damper(m: _Motion) -> Component:
     return scalar(m.name("damper"), "linear damper", (field,), terminal)
 
 
-def _stiffness(m: _Motion) -> Field:
-    return value("stiffness", m.stiffness_unit, f"{m.force} per {m.length}")
+def _stiffness(m: _Motion, sign: str = "positive") -> Field:
+    return value("stiffness", m.stiffness_unit, f"{m.force} per {m.length}", sign)
 
 
 def _free(m: _Motion) -> Field:
@@ -98,7 +98,7 @@ def _by_expression(spring: Component, m: _Motion) -> Adapt:
     # The expression may have any slope, so that it is not passive and has no constant ``storage``.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
-    stiffness = replace(_stiffness(m), required=True)
+    stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
         # A spring is linear, or follows an expression: each form has its own fields and law.
@@ -118,7 +118,7 @@ def _spring(m: _Motion) -> Component:
         m.name("spring"),
         "linear spring, or a spring with any characteristic",
         (
-            replace(_stiffness(m), required=False),
+            replace(_stiffness(m, "nonzero"), required=False),
             _free(m),
             optional(
                 m.force,

@@ -13,6 +13,7 @@ therefore follow from the sensitivity graphs, like those of any other state.
 from __future__ import annotations
 
 import ast
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -288,7 +289,7 @@ def variant_of(
         for is_summed, text in outputs:
             # The integrand is a field of an edge, and errors in fields do not quote the expression.
             if is_summed and any(f"'{name}'" in message for name in parse(text, text).names):
-                message = message.replace("a field uses", f"'{text}' in a goal uses")
+                message = re.sub(r"^.*? uses '", f"'{text}' in a goal uses '", message)
         raise type(error)(message) from None
 
 

@@ -228,26 +228,24 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
 def resolver_of(
     known: Sequence[Mapping[str, Node]],
     allowed: str = "",
-    refused: Collection[str] = (),
+    refused: Mapping[str, str] | None = None,
     advice: str = "",
 ) -> Resolver:
     """Return the function from names to nodes; later mappings of ``known`` take precedence.
 
     ``allowed`` and ``advice`` complete its error messages: permitted names, and an alternative.
-    Names in ``refused`` exist elsewhere but are not allowed here.
+    Names in ``refused`` exist elsewhere but are not allowed here; each has an advice of its own.
     """
+    others = refused or {}
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
         # A name that is not allowed here is another mistake than a misspelt name.
-        if allowed and (name == "t" or "." in name or name in refused):
-            told = f"uses '{name}', but may depend on {allowed} only"
-            if name in refused:
-                told += ": let an output depend on modes, and use the output in the field"
-            elif advice:
-                told += f": {advice}"
+        if allowed and (name == "t" or "." in name or name in others):
+            own = others.get(name, advice)
+            told = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
             raise ExpressionError(told)
         # T usually means a temperature or a torque, rarely the time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)

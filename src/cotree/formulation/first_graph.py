@@ -44,6 +44,7 @@ from cotree.formulation.system import bind
 from cotree.formulation.through import balance, loads_of, mass_matrix
 from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
+from cotree.scene.expressions import entries
 from cotree.scene.graphs import Trees, motion_spaces
 from cotree.scene.unilateral import with_friction, with_stops
 
@@ -177,7 +178,7 @@ def form_first_graph(
     owners = {*whole.nodes, *whole.edges}
     names = network.names if network else None
     observer = Observer(view, loaded, balanced, applied, observed, owners, names)
-    measured, reactions = _measured(observer, attached.reacting)
+    measured, reactions = _measured(observer, attached.reacting, whole)
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     holdings = tuple(replace(r, column=tuple(substitute(r.column, known))) for r in holdings)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
@@ -243,7 +244,7 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
 
 
 def _measured(
-    observer: Observer, reacting: Collection[str]
+    observer: Observer, reacting: Collection[str], scene: SceneDescription
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
     """Form the variables that fields use; also return which are accelerations and reactions."""
     motion, found = observer.motion, {}
@@ -258,15 +259,23 @@ def _measured(
             found[symbol] = value
         elif name not in reacting:
             raise ExpressionError(
-                f"a field uses '{name}', which is not a coordinate, position, velocity or "
-                "orientation of this scene; accelerations and reactions can be used in "
-                "fields of dry friction on joints only"
+                f"{_place(name, scene)} uses '{name}', which is not a coordinate, "
+                "position, velocity or orientation of this scene; accelerations and reactions can "
+                "be used in fields of dry friction on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
     # Reactions contain the forces of friction, which have symbols of their own.
     values = substitute([observer.value(name) for name in late], found)
     found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
     return found, frozenset(symbols[name] for name in late)
+
+
+def _place(name: str, scene: SceneDescription) -> str:
+    """Return which field or output uses a name, for messages."""
+    values = (value for edge in scene.edges.values() for value in edge.fields.values())
+    fields = (item for value in values for item in entries(value))
+    users = (item.where for item in (*fields, *scene.outputs.values()) if name in item.names)
+    return next(users, "a field")
 
 
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:

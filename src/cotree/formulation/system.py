@@ -41,6 +41,13 @@ if TYPE_CHECKING:
     from cotree.scene.parameters import Parameter
 
 
+# The alternative to a prescribed motion of states or inputs.
+_DRIVEN = (
+    "the equations contain its time derivatives; write an expression of t, or a torque or force "
+    "that follows the value, such as torque = 'c*(w - hinge.theta_dot)' of a joint"
+)
+
+
 @dataclass(frozen=True)
 class Coordinate:
     """A generalized coordinate of a branch."""
@@ -150,8 +157,11 @@ def bind(
     at_scene = partial(_at, {symbol: values[name] for name, symbol in tunable.items()})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
     # Three scopes: fields of parameters only, of time too, and of everything that changes.
-    of_parameters = resolver_of([parameters], "parameters", scene.modes)
-    of_time = resolver_of([parameters, {"t": time}], "parameters and t", scene.modes)
+    of_modes = dict.fromkeys(
+        scene.modes, "let an output depend on modes, and use the output in the field"
+    )
+    of_parameters = resolver_of([parameters], "parameters", of_modes)
+    of_time = resolver_of([parameters, {"t": time}], "parameters and t", of_modes)
     spaces = motion_spaces(scene)
     with dag.labelled("initial values"):
         steps = _steps(scene, trees, spaces.of, dag, of_parameters, starts or {})
@@ -169,9 +179,8 @@ def bind(
     held = resolver_of(
         [parameters, {"t": time}],
         "parameters and t",
-        scene.modes,
-        "is differentiated by t only; if it follows states, let the torque or force of a "
-        "joint, or a damper on it, drive towards them",
+        of_modes | dict.fromkeys((*scene.inputs, *scene.outputs), _DRIVEN),
+        _DRIVEN,
     )
     resolvers = Resolvers(of_parameters, held, signals.node)
     edges: dict[str, BoundEdge] = {}

@@ -317,9 +317,10 @@ def _bind_fields(
                 active.add(edge.name)
             if row.sign and not is_varying(node):
                 what = f"{field} of edge '{edge.name}'"
-                if row.sign == "nonzero" and not system.at_scene(node) > 0.0:
+                at_scene = system.at_scene(node) if row.sign == "nonzero" else 1.0
+                if not at_scene > 0.0:
                     active.add(edge.name)
-                    ask(_negative(node, what))
+                    ask(_negative(node, what, at_scene))
                 else:
                     ask(Guard(node, what, row.sign != "nonnegative"))
         for demand in edge.component.demands:
@@ -333,9 +334,9 @@ def _bind_fields(
     return fields, measured, list(guards.values()), active
 
 
-def _negative(node: Node, what: str) -> Guard:
-    """Return the condition on a resistance that is negative at the scene's values."""
-    breach = "must not be zero" if node.value is not None else "must be negative, as in the scene"
+def _negative(node: Node, what: str, at_scene: float) -> Guard:
+    """Return the condition on a value that is negative, or zero, at the scene's values."""
+    breach = "must be negative, as in the scene" if at_scene else "must not be zero"
     return Guard(-node, what, True, breach)
 
 
