@@ -23,26 +23,28 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-Written by `python benchmarks/hard_cases.py --write`. Every case runs at the relative tolerances
-1e-4, 1e-7 and 1e-10 unless stated otherwise; three numbers in a cell belong to these. Absolute
-tolerances are a hundredth of them, for chemical reactions 1e-12 and 1e-14 of them. The method is
-the choice of `auto`, unless `*` marks one that was named.
+`python benchmarks/hard_cases.py --write` writes this page. Each case runs at the relative
+tolerances 1e-4, 1e-7 and 1e-10 unless the table states others. The three numbers in a cell belong
+to these tolerances. The absolute tolerance is the relative tolerance times 1e-2, or times 1e-12 and
+1e-14 for the two chemical reactions. `auto` chooses the method; `*` marks a method that was named.
 
-- **digits**: −log₁₀ of the largest error of any quantity at any time, relative to the largest
-  value of the quantity, or to each value where it says so. No more than are known of what it is
-  compared with: the files of `tests/references`, a closed form, or two different methods that
-  agree.
-- **drift**: the change of a conserved quantity: of the energy, relative to its value (in J if
-  that is below 1 J), or the residual of constraints.
-- **cost**: steps, and evaluations of the right-hand side. Times depend on the machine;
-  `cotree bench` measures them on yours.
+- **against**: the reference solution. It is a file of `tests/references`, a closed form, or a
+  solution on which two different methods agree.
+- **digits**: −log₁₀ of the largest error of all quantities at all times. The error is relative to
+  the largest value of the quantity. If the list below says "digits of each", it is relative to each
+  value. The number is limited by the accuracy of the reference.
+- **drift**: the change of the energy relative to its value (in J if the value is below 1 J), or the
+  residual of the constraints.
+- **steps, evaluations**: the number of steps and of evaluations of the right-hand side. Times depend
+  on the machine; `cotree bench` measures them on yours.
 """
 
 AFTER = """## Time reversal
 
-A chaotic motion cannot be compared at its end: errors of the start grow by e every 1.3 s or so. The
-double pendulum of above runs forwards and back again; the distance from where it began, largest of
-angles and rates, is what step errors have grown to. By dop853, rtol = atol.
+The final state of a chaotic motion cannot be compared with a reference, since initial errors grow by
+a factor e about every 1.3 s. Instead the double pendulum from the table runs forwards and then
+backwards to its start. The numbers are the largest difference between the initial and the final
+angles and rates. The method is dop853 with `atol = rtol`.
 """
 
 
