@@ -22,14 +22,7 @@ ANYWHERE = re.compile(
     r"is made of itself|leave it away|stands? still|what is there)\b",
     re.IGNORECASE,
 )
-ROOMS = ["build", "cli", "codegen", "components", "dag", "design", "domains", "ensemble"]
-ROOMS += ["equations", "estimation", "export", "formulation", "graph", "linear", "lint", "model"]
-ROOMS += ["plot", "program", "readers", "scene", "sensitivity", "solvers", "studies", "watch"]
-FOLDERS = [ROOT / "src/cotree" / room for room in ROOMS]
-FOLDERS += [ROOT / "templates/c" / room for room in ("integrators", "lanes", "newton")]
-FOLDERS += [
-    ROOT / "templates/runtime" / room for room in ("job", "jumps", "kernels", "run", "stiff")
-]
+FOLDERS = [ROOT / "src/cotree", ROOT / "templates"]
 # The text of a field completes a table without the field's name: it is a noun phrase.
 FRAGMENT = re.compile(r"(about|at|between|by|for|from|in|of|on|plus|that|what|where|which|with)\b")
 

@@ -82,8 +82,8 @@ __all__ = [
     "transfer_function",
 ]
 
-# Modules of the names that are not errors. They are imported at the first use of a name (PEP 562):
-# a program that imports cotree pays for no more than it uses.
+# Modules of all public names except errors. They are imported at the first use of a name (PEP 562),
+# so that a program imports only what it uses.
 _HOMES = {
     "Candidates": "estimation.candidates",
     "Experiment": "estimation.experiment",
@@ -116,7 +116,7 @@ _HOMES = {
     "transfer_function": "blocks",
 }
 
-if not TYPE_CHECKING:  # types come from the imports above, and unknown names stay unknown
+if not TYPE_CHECKING:  # type checkers use the imports above, and unknown names remain errors
 
     def __getattr__(name: str) -> object:
         """Import a public name at its first use."""

@@ -1,4 +1,4 @@
-"""The public face: Scene and Model, thin over the stages that do the work."""
+"""The public classes Scene and Model: thin layers over the stages of the compiler."""
 
 from __future__ import annotations
 
@@ -41,28 +41,28 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
     name : str
         Its name: letters, digits, underscores, dashes.
     gravity : sequence of three float or str, [m/s^2]
-        Acceleration of free fall in ground axes; expressions of parameters are allowed.
+        Gravitational acceleration in ground axes; expressions of parameters are allowed.
 
     Attributes
     ----------
     name : str
         Its name.
     gravity : tuple of Expression
-        Acceleration of free fall, along the axes of the ground.
+        Gravitational acceleration in ground axes.
     parameters, inputs, modes, events : dict of str to Parameter, Input, Mode and Event
-        What was declared, by name.
+        The declarations, by name.
     edges : dict of str to Edge
-        The components between their nodes, by name.
+        The edges, by name.
     outputs : dict of str to Expression
-        The outputs by name.
+        The outputs, by name.
     parts : dict of str to Part
-        The scenes within this one, by name; what they declare stands in the tables above, too.
+        The parts of this scene, by name; their declarations are in the tables above, too.
     ports : tuple of str
-        Nodes that must be connected where this scene is a part.
+        Nodes that must be connected if this scene is a part.
     defaults : Simulation
-        Settings of runs where a call gives none.
+        Default settings of runs.
     origin : Origin or None
-        The file of another tool that the scene was read from.
+        Data of another tool's file, if the scene was read from one.
 
     Examples
     --------
@@ -92,24 +92,24 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         Parameters
         ----------
         sensitivities : sequence of str
-            Parameters, or states whose initial value is meant, to take sensitivities to.
+            Sensitivities are taken to these parameters, and to initial values of these states.
         tree : None, sequence of str, or mapping of domain to sequence of str
-            The branches of both graphs, or of ``translation`` and ``rotation`` each; None takes
-            those that add least to the equations.
+            The branches of both graphs, or separately of ``translation`` and ``rotation``; None
+            chooses those with the cheapest equations.
         optimize : str
-            Compiler level, ``-O0`` to ``-O3``, or ``-Og``; ``auto`` goes by the size of the code.
+            Compiler level, ``-O0`` to ``-O3``, or ``-Og``; ``auto`` depends on the code's size.
         native : bool
-            Use every instruction of this machine; the library then runs on no other.
+            Use all instructions of this machine; the library may then fail on others.
         baumgarte : float
-            Rate, [1/s], at which violated constraints decay. Zero, the default, leaves them to
-            projection, which holds them to rounding.
+            Rate, [1/s], at which violations of constraints decay. By default, zero, constraints are
+            satisfied to rounding by projection.
         tunable : sequence of str, optional
-            Parameters that runs may change, with those of sensitivities; others become numbers in
-            the code. As the scene says where absent.
+            Parameters that runs may change, in addition to those of sensitivities; others become
+            numbers in the code. By default those declared as tunable in the scene.
         locate_corners : bool
-            Whether runs locate the corners of absolute values, minima, maxima and linear tables of
-            what moves, and begin a new step there. False leaves them to the error test; ensembles
-            then run several members at once in vectors.
+            Whether runs locate the kinks of absolute values, minima, maxima and linear tables that
+            depend on states, and begin a new step there. False leaves them to the error test;
+            ensembles then run several members at once in vectors.
 
         Returns
         -------
@@ -119,7 +119,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         Raises
         ------
         ModelError
-            If the scene is wrong: an unknown name, a floating node, a bad value.
+            If the scene is invalid: an unknown name, a floating node, an invalid value.
         FormulationError
             If its equations cannot be formed.
         BuildError
@@ -129,24 +129,24 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         names = check_names(sensitivities, "sensitivities")
         # Parameters that no run may change become numbers, which fold into the code.
         described = keep_tunable(self, tunable, names)
-        # At a negative rate violated constraints would be driven further away.
+        # At a negative rate violations of the constraints would grow.
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
         options = BuildOptions(optimize=optimize, native=native)
         prepared = time.perf_counter() - begun
-        # The model keeps the scene as it is now, whatever is added to it later.
+        # The model keeps a copy of the scene, which later changes do not affect.
         described = described.copied()
         spec = BuildSpec(described, names, tree, options, rate, bool(locate_corners))
         try:
             with locating_errors(self):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
-                # Faults that only numbers show, as a motion without inertia, are refused here.
+                # Errors that depend on numbers, such as a motion without inertia, are raised here.
                 if model.kernels.backend != "none":
                     check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:
-            # A node that is misspelt leaves another one without what it should carry.
+            # A misspelt node leaves another one without the elements that were meant for it.
             from cotree.lint import dangling_hint
 
             raise type(error)(f"{error}{dangling_hint(self)}") from None
@@ -156,7 +156,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
                 RuntimeWarning,
                 stacklevel=2,
             )
-        # What the other stages leave of the time.
+        # Time of the call that the stages do not account for.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
@@ -168,12 +168,12 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         Parameters
         ----------
         inputs : mapping of str to number, str or (times, values)
-            In place of the input of that name: an expression of t, parameters, states, outputs,
-            other inputs and whatever fields may name; a number; or a table over time. An input that
-            depends on more than t and parameters becomes an output of the new scene.
+            New values of inputs: expressions of t, parameters, states, outputs, other inputs and
+            any variables that fields may name; numbers; or tables over time. An input that depends
+            on more than t and parameters becomes an output of the new scene.
         parameters : mapping of str to float, optional
-            Values of new parameters, such as gains, that the expressions use. Sensitivities to
-            them may be asked for as to any other.
+            Values of new parameters, such as gains, that the expressions use. Sensitivities may be
+            taken to them as to any other parameter.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
     def equations(
         self, sensitivities: Sequence[str] = (), tree: TreeChoice = None
     ) -> SymbolicEquations:
-        """Form governing and sensitivity equations as SymPy expressions, to read.
+        """Form the governing and sensitivity equations as SymPy expressions.
 
         Raises
         ------
@@ -229,35 +229,35 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             return symbolic_equations(formulate(self, names, tree)[1])
 
     def lint(self, allow: Sequence[str] = ()) -> tuple[Finding, ...]:
-        """List what is suspicious: unused parameters, dangling nodes, contradicting units...
+        """List suspicious statements: unused parameters, dangling nodes, inconsistent units, ...
 
         Parameters
         ----------
         allow : sequence of str
-            Findings that are on purpose, ``rule`` or ``rule:name``, besides those that
-            :meth:`allow` has declared.
+            Intended findings, ``rule`` or ``rule:name``, in addition to those declared by
+            :meth:`allow`.
 
         Returns
         -------
         tuple of Finding
-            Each with ``rule``, ``severity``, ``kind`` and ``name`` of the culprit, ``line`` of the
+            Each with ``rule``, ``severity``, ``kind`` and ``name`` of the element, ``line`` of the
             scene file, and ``message``.
 
         Raises
         ------
         SceneError
-            If an entry of allow names no rule.
+            If an entry of ``allow`` is not a rule.
         """
         from cotree.lint import lint
 
         return lint(self, allow)
 
     def save(self, path: str | Path) -> None:
-        """Write the scene to a TOML file, whole or not at all.
+        """Write the scene to a TOML file, completely or not at all.
 
-        It loads to the same scene, whatever this one was read from; comments and order of a scene
-        file are kept. Types of :func:`cotree.register_component` are named in it, and must be
-        registered where it is read.
+        The file loads to the same scene, whatever the source of this one; comments and order of a
+        scene file are kept. Types of :func:`cotree.register_component` are stored by name, and must
+        be registered before the file is loaded.
 
         Parameters
         ----------
@@ -267,8 +267,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         Raises
         ------
         SceneError
-            If the file cannot be written, or parts of the scene were changed by other means than
-            its methods.
+            If the file cannot be written, or attributes of the scene were changed without its
+            methods.
         """
         from cotree.scene.toml_text import save_scene
 
@@ -286,7 +286,7 @@ def load(source: str | Path) -> Scene:
     Raises
     ------
     ModelError
-        If there is no such scene, the file is none of these, or the scene is wrong.
+        If the scene does not exist, the format of the file is unknown, or the scene is invalid.
 
     Examples
     --------

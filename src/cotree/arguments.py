@@ -1,4 +1,4 @@
-"""Arguments as users give them: whole numbers, names, mappings, lists and tables."""
+"""Checks of users' arguments: whole numbers, names, mappings, lists and tables."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cotree.errors import ParameterError, brief, nearest
 
 # Larger integers are not all exact as doubles.
 _LARGEST_INTEGER = 2**53
-_UNREAL = {"c", "m", "M"}  # NumPy's kinds of complex numbers, durations and dates
-_DEEPEST = 4  # more levels than any field has; a list may hold itself
+_UNREAL = {"c", "m", "M"}  # kinds of complex numbers, durations and dates in NumPy
+_DEEPEST = 4  # more levels than any field has; a list may contain itself
 
 
 def check_whole(value: object, what: str, least: int = 0) -> int:
-    """Accept a whole number that is not too small."""
+    """Return a whole number that is at least ``least``, or raise an error."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
         raise ParameterError(
             f"{what} is {brief(repr(value))}: give a whole number of at least {least}"
@@ -27,7 +27,7 @@ def check_whole(value: object, what: str, least: int = 0) -> int:
 
 
 def check_choice(value: object, what: str, known: Sequence[str]) -> str:
-    """Accept one of several words."""
+    """Return one of several words, or raise an error."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known)
         if "did you mean" not in hint:
@@ -37,7 +37,7 @@ def check_choice(value: object, what: str, known: Sequence[str]) -> str:
 
 
 def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
-    """Accept a name, several, or none; ``kind`` says what the texts are, for the message."""
+    """Return the names in a name, several, or None; ``kind`` is their kind in messages."""
     if value is None:
         return ()
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
@@ -47,7 +47,7 @@ def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...
 
 
 def check_mapping(value: object, what: str) -> dict[str, Any]:
-    """Accept a mapping of names to values; none stands for an empty one."""
+    """Return a mapping of names to values; an empty one for None."""
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
@@ -56,13 +56,13 @@ def check_mapping(value: object, what: str) -> dict[str, Any]:
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """Copy a value with its lists and tables, numbers becoming Python's own.
+    """Copy a value with its lists and tables; numbers become Python's.
 
-    Values of other types stay as they are, for others to refuse.
+    Values of other types are returned unchanged; later checks reject them.
     """
     if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
         return value
-    # Numbers of numpy become Python's own, which TOML can write and comparisons treat alike.
+    # Numbers of NumPy become Python's, which TOML can write and which compare equal.
     if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
         return int(value)
     if isinstance(value, numbers.Real):
@@ -80,7 +80,7 @@ def plain(value: Any, depth: int = 0) -> Any:
 
 
 def doubles(value: Any) -> npt.NDArray[np.float64] | None:
-    """Return a contiguous copy as doubles; None if the values are not real numbers."""
+    """Return a contiguous array of doubles; None if the values are not real numbers."""
     if getattr(getattr(value, "dtype", None), "kind", "") in _UNREAL:
         return None
     try:
@@ -90,5 +90,5 @@ def doubles(value: Any) -> npt.NDArray[np.float64] | None:
 
 
 def is_list(value: object) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is a list, as of nodes or of numbers; a text is none."""
+    """Return whether a value is a list of nodes, numbers, ...; a text is not."""
     return isinstance(value, Sequence) and not isinstance(value, str)

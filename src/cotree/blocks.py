@@ -1,8 +1,8 @@
 """Linear systems of signals as scenes, to be added to others as parts.
 
 In: matrices or polynomials. Out: scenes with inputs ``u`` and outputs ``y``, whose entries are
-parameters. States are voltages of capacitors of one farad that sources charge, as in an analogue
-computer.
+parameters. States are voltages of capacitors of one farad, charged by current sources, as in an
+analogue computer.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ def state_space(
 ) -> Scene:
     """Make a linear system x' = A x + B u, y = C x + D u, to be a part of a scene.
 
-    Its inputs are ``u``, or ``u1``, ``u2``, ... where there are several; outputs are named alike.
-    States are called ``x1.v``, ``x2.v``, ... and begin at zero. Entries that are not zero are
-    parameters: ``a1_2`` is that in row 1 and column 2 of A.
+    Its inputs are ``u``, or ``u1``, ``u2``, ... if there are several; outputs likewise ``y``.
+    States are called ``x1.v``, ``x2.v``, ... and start at zero. Nonzero entries are parameters:
+    ``a1_2`` is the entry in row 1 and column 2 of A.
 
     Parameters
     ----------
     A, B, C : array_like, shapes (n, n), (n, m) and (k, n)
         The matrices; a single column of B and a single row of C may be lists of n numbers.
     D : array_like, shape (k, m), optional
-        The direct gain; zero where absent.
+        The feedthrough matrix; by default zero.
     name : str
         Name of the scene.
 
     Raises
     ------
     SceneError
-        If an entry is no finite number, or shapes do not fit.
+        If an entry is not a finite number, or shapes do not match.
 
     Examples
     --------
@@ -86,18 +86,18 @@ def transfer_function(
     """Make a transfer function y = N(s)/D(s) u, to be a part of a scene.
 
     Coefficients are parameters: ``b2``, ``b1``, ``b0`` of the numerator and ``a2``, ``a1``, ``a0``
-    of the denominator, by the power of s; those of the numerator that are zero are left out. States
-    begin at zero.
+    of the denominator, numbered by the power of s; zero ones of the numerator are left out. States
+    start at zero.
 
     Parameters
     ----------
     numerator, denominator : array_like, shape (m,) and (n,)
-        Coefficients, the highest power of s first. The numerator's order must not be the higher.
+        Coefficients, the highest power of s first. The numerator must not have the higher order.
 
     Raises
     ------
     SceneError
-        If a coefficient is no finite number, the first one of the denominator is zero, or the
+        If a coefficient is not a finite number, the first one of the denominator is zero, or the
         numerator has the higher order.
 
     Examples
@@ -125,7 +125,8 @@ def transfer_function(
         scene.parameter(f"b{i}", powers[i])
     for i, value in zip(range(n, -1, -1), a.tolist(), strict=True):
         scene.parameter(f"a{i}", value)
-    # In controllable form, x_i' = x_(i+1), the highest rate w follows from the denominator.
+    # In controllable canonical form, x_i' = x_(i+1); the highest rate w follows from the
+    # denominator.
     back = " - ".join(["u", *(f"a{i}*x{i + 1}.v" for i in range(n))])
     scene.output("highest", f"({back})/a{n}")
     for i in range(1, n + 1):
@@ -136,7 +137,7 @@ def transfer_function(
 
 
 def _integrate(scene: Scene, i: int, rate: str | float) -> None:
-    """Add a state, the integral of an expression."""
+    """Add a state: the integral of an expression."""
     scene.edge(f"x{i}", "capacitor", f"n{i}", "ground", capacitance=1.0)
     scene.edge(f"rate{i}", "current_source", "ground", f"n{i}", current=rate)
 
@@ -158,7 +159,7 @@ def _names(letter: str, n: int) -> list[str]:
 
 
 def _rows(scene: Scene, letter: str, matrix: npt.NDArray[np.float64]) -> list[dict[int, str]]:
-    """Declare the entries that are not zero; give their names by row and column."""
+    """Declare the nonzero entries as parameters; return their names by row and column."""
     rows: list[dict[int, str]] = [{} for _ in matrix]
     for i, j in zip(*np.nonzero(matrix), strict=True):
         name = f"{letter}{i + 1}_{j + 1}"

@@ -1,7 +1,7 @@
-"""Sensitivities against finite differences over a range of step sizes.
+"""Comparison of sensitivities with finite differences over a range of step sizes.
 
-In: a model compiled with sensitivities. Out: a report with the deviation over the step size for
-each of them, and whether it is as small as rounding and integration errors allow.
+In: a model compiled with sensitivities. Out: a report with the deviation as a function of the step
+size for each of them, and whether it is as small as rounding and integration errors allow.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Model(Protocol):
 
     @property
     def simulate(self) -> Callable[..., Result]:
-        """Its runs."""
+        """Simulate; see :meth:`cotree.Model.simulate`."""
         ...
 
 
@@ -67,7 +67,7 @@ class Experiment:
         return (*self.model.states, *self.model.outputs)
 
     def run(self, changed: Mapping[str, float] | None = None) -> Result:
-        """Integrate with some parameters or initial values changed.
+        """Simulate with changed parameters or initial values.
 
         Raises
         ------
@@ -78,31 +78,31 @@ class Experiment:
         """
         parameters, initial = self._values("parameters"), self._values("initial")
         for name, value in (changed or {}).items():
-            # A state stands for its initial value, as among sensitivities.
+            # The name of a state represents its initial value, as for sensitivities.
             (initial if name in self.model.states else parameters)[name] = value
         return self.model.simulate(
             (float(self.t_eval[0]), float(self.t_eval[-1])),
             self.t_eval,
-            # A run that stops early has not all the points.
+            # A run that stops early does not have all points.
             throw=True,
             **{**self.settings, "parameters": parameters, "initial": initial},
         )
 
     def value(self, name: str) -> float:
-        """Return the parameter's value, or the initial value of a state."""
+        """Return the value of a parameter, or the initial value of a state."""
         p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
-            # The scene's own value, before constraints may have moved it.
+            # The scene's own value, before it is changed to satisfy constraints.
             own = self.model.kernels.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
 
     def size(self, name: str, result: Result) -> float:
-        """Return the size that steps of a parameter or initial value are relative to.
+        """Return the scale of steps of a parameter or initial value.
 
-        It is the parameter's own size. An initial value is often zero or small by chance, so its
-        size is the largest value of the state in ``result``. Where that is zero too, it is 1 in
-        the unit at hand, since nothing better is known.
+        It is the magnitude of the parameter. An initial value is often zero or small by chance; its
+        scale is the largest magnitude of the state in ``result``. If this is zero, too, the scale
+        is 1.
         """
         if name in self.model.states:
             size = float(np.max(np.abs(result[name])))
@@ -116,7 +116,7 @@ class Experiment:
         Parameters
         ----------
         name : str
-            A parameter, or a state whose initial value is meant.
+            A parameter, or a state, which represents its initial value.
         step : float
             Half the distance between the two runs, in the unit of ``name``.
 
@@ -134,7 +134,7 @@ class Experiment:
         value = self.value(name)
         above, below = value + step, value - step
         difference = quantities(self.run({name: above})) - quantities(self.run({name: below}))
-        # The distance as rounded, not 2 * step: at small steps the two differ.
+        # The rounded distance instead of 2 * step: at small steps the two differ.
         return difference / (above - below)
 
     def _values(self, key: str) -> dict[str, float]:
@@ -155,16 +155,18 @@ def sensitivities(result: Result, name: str) -> Array:
     return np.vstack([result.s[:, j], result.output_sensitivities[:, j]])
 
 
-# Relative steps from 1e-1 to 1e-9 in half decades: from where truncation shows in any nonlinear
-# system to where rounding hides everything.
+# Relative steps from 1e-1 to 1e-9 in half decades: from a range in which truncation dominates to
+# one in which rounding does.
 _RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
 _N_TIMES = 21
 _RTOL = 1e-12
-# The absolute tolerance is this much less.
+# The absolute tolerance is the relative one times this factor.
 _ATOL_SHARE = 1e-2
-# The second run is this much looser; what changes is the integration error of the looser one.
+# The second run has tolerances larger by this factor; the difference of both runs is the
+# integration error of the second.
 _LOOSER = 10.0
-# A central difference at its best step has an error of about eps**(2/3), see `check_sensitivities`.
+# At the best step, the error of a central difference is about eps**(2/3), see
+# `check_sensitivities`.
 _ROUNDING = 10.0 * float(np.finfo(float).eps) ** (2.0 / 3.0)
 
 
@@ -175,23 +177,23 @@ class ParameterCheck(Reported):
     Attributes
     ----------
     name : str
-        The parameter, or the state whose initial value is meant.
+        The parameter, or the state, which represents its initial value.
     value : float
         Its value, in its own unit.
     steps : tuple of float
-        Step sizes h, in the same unit, falling.
+        Decreasing step sizes h, in the same unit.
     deviations : tuple of float
-        V(h) = max abs(S - FD(h)) over states, outputs and times; nan where a run failed.
+        V(h) = max abs(S - FD(h)) over states, outputs and times; nan if a run failed.
     quantities : tuple of str
-        The state or output where that maximum is found, "" where a run failed.
+        The state or output of that maximum; "" if a run failed.
     closest : str
-        The state or output whose least deviation comes closest to what is allowed.
+        The state or output whose smallest deviation is closest to its tolerance.
     deviation, tolerance : float
-        Its least deviation over all steps, and what is allowed.
+        Its smallest deviation over all steps, and the tolerance.
     step : float
         The step of this deviation; nan without one.
     note : str
-        A remark for the reader: the parameter reaches nothing, or it could not be checked.
+        A remark: the parameter has no effect, or could not be checked.
     """
 
     name: str
@@ -207,12 +209,12 @@ class ParameterCheck(Reported):
 
     @property
     def passed(self) -> bool:
-        """Return whether the deviation is as small as it should be; False where it is not known."""
-        # A deviation that is not known is nan, which no comparison accepts.
+        """Return whether the deviation is within the tolerance; False if it is unknown."""
+        # An unknown deviation is nan, for which comparisons are false.
         return self.deviation <= self.tolerance
 
     def report(self) -> Report:
-        """Build the report: the verdict, and the deviation over the step size."""
+        """Build the report: the verdict, and the deviation as a function of the step size."""
         found = f"{'PASS' if self.passed else 'FAIL'}  {self.name} = {self.value:.10g}"
         if not math.isnan(self.deviation):
             found += (
@@ -267,14 +269,14 @@ class CheckReport(Reported):
 
     @property
     def verdict(self) -> str:
-        """Describe how many parameters passed, and which did not."""
+        """Describe how many parameters passed, and which failed."""
         failed = [row.name for row in self.rows if not row.passed]
         if not failed:
             return f"all sensitivities passed: {len(self.rows)}"
         return f"{len(failed)} of {len(self.rows)} sensitivities failed: {', '.join(failed)}"
 
     def report(self) -> Report:
-        """Build the report: of each parameter the deviations in text, and the verdict in HTML."""
+        """Build the report: the deviations of each parameter as text, the verdict in HTML."""
         head = ("parameter", "value", "closest", "deviation", "allowed", "verdict")
         rows = [
             (
@@ -305,21 +307,21 @@ def check_sensitivities(
     model : Model
         Compiled with sensitivities.
     sensitivities : sequence of str, optional
-        The sensitivities to check; all of them where absent.
+        The sensitivities to check; by default all.
     t_end : float, optional
-        End of the runs, [s]; the scene's where absent.
+        End of the runs, [s]; by default the scene's.
     plain : Model, optional
-        The same scene compiled without sensitivities, for the differences: most of the runs, which
-        then take a fraction of the time.
+        The same scene compiled without sensitivities, for the differences. They are most of the
+        runs, which then take a fraction of the time.
     parameters : mapping of str to float, optional
-        Parameter values in place of the scene's.
+        Parameter values that replace the scene's.
     method : str, optional
-        The method of all runs; what ``auto`` takes where absent.
+        The method of all runs; by default that of ``auto``.
     report : callable, optional
-        Gets the parts of :meth:`CheckReport.summary` one by one, each as soon as it is known.
+        Called with each part of :meth:`CheckReport.summary` as soon as it is available.
     **settings
-        Of all runs, as of :meth:`cotree.Model.simulate`; by default ``rtol`` is 1e-12 and ``atol``
-        a hundredth of it.
+        Settings of all runs, see :meth:`cotree.Model.simulate`. By default ``rtol`` is 1e-12, and
+        ``atol`` a hundredth of it.
 
     Returns
     -------
@@ -333,36 +335,36 @@ def check_sensitivities(
     ModelError
         If a value or a setting is refused.
     SolveError
-        If the run at the values themselves fails. A failed run at changed values is no error: its
-        step is left out.
+        If the run at the unchanged values fails. If a run at changed values fails, its step is left
+        out.
 
     Notes
     -----
-    Every run takes the same method and the same tolerances. The steps h are 1e-1 to 1e-9
-    in half decades, relative to the size P of what is changed: that of the parameter, or the
-    largest value that a state takes where its initial value is meant, or 1 if that is zero.
+    All runs have the same method and tolerances. The steps h are 1e-1 to 1e-9 in half decades,
+    relative to the scale P of the changed value: the magnitude of a parameter, or the largest
+    magnitude of a state for its initial value, or 1 if that is zero.
 
     For each state and output, V(h) is the largest absolute deviation of the sensitivity S from the
-    central difference FD(h) over the times. V falls as h**2 with truncation, rises as 1/h with
-    rounding and integration errors, and has a floor where S itself is wrong. With a step
-    of eps**(1/3) P a central difference of a smooth quantity y is good to about eps**(2/3) times
+    central difference FD(h) over the times. V has a truncation error proportional to h**2, rounding
+    and integration errors proportional to 1/h, and does not fall below the error of S. With a step
+    of eps**(1/3) P, a central difference of a smooth quantity y has an error of eps**(2/3) times
 
         scale = max(max|S|, max|y| / P),
 
-    if y is known to rounding. It is known to its integration error only, so that the
-    least V over all steps is to stay below
+    if y is exact up to rounding. Since y has an integration error, the smallest V over all steps
+    must be below
 
         10 eps**(2/3) scale + e_S + e_y / h*,
 
-    where e_S and e_y are the changes of S and y in a run at ten times the tolerances, and at
-    least what the solver was asked for, atol + rtol max|S| and atol + rtol max|y|. The step h* is
-    the one where FD itself is best: the smaller of the two neighbours whose differences agree best.
-    It is found without S, so that a wrong S cannot choose the step that excuses it.
+    where e_S and e_y are the changes of S and y in a run with ten times the tolerances, and at
+    least the requested accuracy, atol + rtol max|S| and atol + rtol max|y|. The step h* is that of
+    the most accurate FD: the smaller of the two neighbours whose differences agree best. It does
+    not depend on S, so that a wrong S cannot select a favourable step.
 
     A parameter passes if this holds for every state and output.
     """
     names = _checked_names(model, sensitivities)
-    # A short way to learn what "auto" chooses and where the scene ends.
+    # A short run determines the method "auto" and the end of the scene's runs.
     rtol, given = settings.pop("rtol", None) or _RTOL, settings
     common: dict[str, Any] = {"parameters": dict(parameters or {}), **given}
     span = None if t_end is None else (0.0, t_end)
@@ -385,29 +387,29 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """The runs that are made before differences are formed."""
+    """The runs at the unchanged values."""
 
-    experiment: Experiment  # the experiment from which differences are formed
-    #: Runs with sensitivities, at the tolerances and at looser ones.
+    experiment: Experiment  # the experiment of which differences are formed
+    #: Runs with sensitivities, at the tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result
-    #: The same runs of the experiment.
+    #: The same without sensitivities, if the experiment has none.
     tight: Result
     loose: Result
 
     def asked(self, array: Array) -> Array:
-        """Return the accuracy asked for: atol + rtol times the largest size over time."""
+        """Return the requested accuracy: atol + rtol times the largest magnitude over time."""
         rtol = float(self.experiment.settings["rtol"])
-        # atol is a share of rtol, hence the common factor.
+        # atol is proportional to rtol, hence the common factor.
         return rtol * (_ATOL_SHARE + _largest(array))
 
 
 def _reference_runs(
     model: Model, plain: Model | None, report: CheckReport, common: Mapping[str, Any]
 ) -> _Runs:
-    """Run at the values themselves, at the tolerances and at looser ones."""
+    """Run with the unchanged values, at the tolerances and at larger ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
-    # For each model two experiments: at the tolerances, and at looser ones.
+    # For each model two experiments: at the tolerances, and at larger ones.
     own, differenced = (
         tuple(
             _experiment(each, times, report.method, common, factor * report.rtol)
@@ -417,7 +419,7 @@ def _reference_runs(
     )
     tight, loose = (run.run() for run in own)
     runs = _Runs(differenced[0], tight, loose, tight, loose)
-    # Integration errors e_y are those of the model that is differenced, not of the one with S.
+    # The integration errors e_y are those of the model that is differenced, not those of S.
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
@@ -442,21 +444,22 @@ def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...
 
 
 def _check(runs: _Runs, name: str) -> ParameterCheck:
-    """Check one sensitivity; arrays have the axes step, quantity, time."""
+    """Check one sensitivity; the axes of arrays are step, quantity and time."""
     experiment = runs.experiment
     s, y = sensitivities(runs.with_s, name), quantities(runs.tight)
     size = experiment.size(name, runs.tight)
     steps = np.array([size * relative for relative in _RELATIVE_STEPS])
     differences, refusal = _differences(experiment, name, steps, y.shape)
-    # Over time; nan where a run at a step failed.
+    # Over time; nan if a run at a step failed.
     deviations = np.max(np.abs(s - differences), axis=2)
-    # `scale`, e_S, e_y and h* of the notes of `check_sensitivities`, each by quantity.
+    # `scale`, e_S, e_y and h* of the notes of `check_sensitivities`, by quantity.
     scale = np.maximum(_largest(s), _largest(y) / size)
     s_error = np.maximum(_largest(s - sensitivities(runs.with_s_loose, name)), runs.asked(s))
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
-    # The largest share of what is allowed; a quantity without any difference comes before all.
+    # The largest ratio of deviation to tolerance; a quantity without any difference counts as
+    # largest.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""
@@ -486,37 +489,37 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
 def _differences(
     experiment: Experiment, name: str, steps: Array, shape: tuple[int, ...]
 ) -> tuple[Array, str]:
-    """Form the central differences at all steps, nan and the reason where a run fails."""
-    # Steps that fail stay nan, and the others are compared.
+    """Form the central differences at all steps; nan, with the reason, if a run fails."""
+    # Failed steps remain nan, and the others are compared.
     found = np.full((len(steps), *shape), np.nan)
     refusal = ""
     for k, step in enumerate(steps.tolist()):
         try:
             found[k] = experiment.central_difference(name, step)
         except Error as error:
-            # A mass below zero, or a configuration that the solver cannot leave.
+            # For example a negative mass, or a singular configuration.
             refusal = str(error)
     return found, refusal
 
 
 def _largest(values: Array) -> Array:
-    """Return the largest size over time, shape (n_quantities,)."""
+    """Return the largest magnitude over time, shape (n_quantities,)."""
     largest: Array = np.max(np.abs(values), axis=-1)
     return largest
 
 
 def _least(deviations: Array) -> Array:
-    """Return the least deviation over the steps that are known, nan where none is."""
+    """Return the smallest known deviation over the steps; nan if all are unknown."""
     least = np.min(np.where(np.isnan(deviations), np.inf, deviations), axis=0)
     return np.where(np.isfinite(least), least, np.nan)
 
 
 def _best_steps(differences: Array, steps: Array) -> Array:
-    """Give, for each quantity, the smaller of the two neighbouring steps that agree best."""
-    # Neighbours differ by truncation where steps are long and by rounding where they are short; in
-    # between they agree best.
+    """Return for each quantity the smaller of the two neighbouring steps that agree best."""
+    # Differences of neighbours are dominated by truncation at long steps and by rounding at short
+    # ones.
     spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
-    # Steps fall, so the second of two neighbours is the smaller one.
+    # Steps decrease, so the second of two neighbours is the smaller one.
     found: Array = steps[best + 1]
     return found

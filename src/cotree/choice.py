@@ -1,4 +1,4 @@
-"""Choice of the tree and of the axes of each cluster: try, count, keep the cheapest."""
+"""Choice of the tree and of the axes of each cluster by the cost of the equations."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
 
-_LONG = 5  # moving branches from which elimination along the tree is counted too
-_PER_OPERATION = 0.5  # cycles, where nothing waits
-_SHARE_OF_JACOBIANS = 0.1  # of the evaluations of the right-hand side
-_FEW = 3  # turning clusters up to which every choice is tried
+_LONG = 5  # moving branches above which elimination along the tree is a candidate
+_PER_OPERATION = 0.5  # cycles of an independent operation
+_SHARE_OF_JACOBIANS = 0.1  # evaluations of the Jacobian per evaluation of the right-hand side
+_FEW = 3  # rotating clusters up to which all choices are tried
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """One way to form the equations, and its cost.
+    """A formulation of the equations, and its cost.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Alternative:
     n_operations : int
         Estimated operations of the right-hand side with all sensitivities.
     n_cycles : float
-        Estimated cycles that these take.
+        Estimated cycles of these operations.
     """
 
     trees: Trees
@@ -74,7 +74,7 @@ class Alternative:
 
 
 def tried(caption: str, alternatives: Iterable[Alternative]) -> Table:
-    """List formulations in a table."""
+    """Return a table of formulations."""
     head = "operations", "cycles", "states", "multipliers", "way", "clusters in own axes", "tree"
     return Table(head, [row.cells() for row in alternatives], caption)
 
@@ -95,7 +95,7 @@ class Operations(Reported, dict[str, OperationCount]):
         self.alternatives = tuple(alternatives)
 
     def report(self) -> Report:
-        """Build the report: what each kernel takes, and the formulations."""
+        """Build the report: operations of each kernel, and the formulations."""
         rows = [(name, n.kernel, n.prepare, n.total) for name, n in self.items() if n.total]
         head = "kernel", "each call", "prepared", "total"
         return Report("Operations", Table(head, rows), self.tried())
@@ -104,7 +104,7 @@ class Operations(Reported, dict[str, OperationCount]):
         return self.summary()
 
     def tried(self) -> Table:
-        """List the formulations."""
+        """Return a table of the formulations that were tried."""
         caption = "formulations tried, the fewest estimated cycles first"
         return tried(caption, self.alternatives)
 
@@ -116,19 +116,21 @@ def choose_first_graph(
     baumgarte: float = 0.0,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
-    """Form the first graph in the tree and the axes that cost least.
+    """Form the first graph in the tree and the axes of least cost.
 
-    Returns all alternatives that were tried, too, the cheapest first. ``check`` may refuse the
-    first graph of the first tree, before others are formed; ``baumgarte`` is the rate, [1/s], at
-    which violated constraints decay. Raises what the first tree, or the check, raises.
+    Also returns all alternatives that were tried, the cheapest first. ``check`` may raise an error
+    for the first graph of the first tree, before others are formed; ``baumgarte`` is the rate,
+    [1/s], at which violations of constraints decay. Raises the errors of the first tree and of the
+    check.
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)
     for other in others:
-        # What only another tree cannot do is no fault of the scene.
+        # Errors of other trees are not errors of the scene.
         with contextlib.suppress(ModelError, FormulationError):
             found += _tried(scene, other, sensitivities, baumgarte)
-    # Cycles decide, not operations: operations that wait for each other take longer.
+    # The criterion is the number of cycles, since dependent operations take longer than independent
+    # ones.
     found.sort(key=lambda item: item[0].n_cycles)
     return found[0][1], tuple(item[0] for item in found)
 
@@ -140,11 +142,11 @@ def _tried(
     baumgarte: float,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> list[tuple[Alternative, FirstGraph]]:
-    """Form the first graph of one tree in several axes; the first of them is checked."""
+    """Form the first graph of one tree in several axes; check the first of them."""
     found: list[tuple[Alternative, FirstGraph]] = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
-        # What the check refuses does not depend on the axes.
+        # The check does not depend on the axes.
         if check is not None and not found:
             check(formed)
         eliminations = _eliminations(formed, may_defer=not sensitivities)
@@ -164,10 +166,10 @@ def _tried(
 
 
 def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink, ...]]:
-    """List the ways to eliminate: by the matrix, and along the tree where it branches often.
+    """List the ways to eliminate unknowns: by the matrix, and along the tree if it is deep.
 
-    Sensitivities do not wait for each other, so that a shorter path to the factors is not worth
-    more operations.
+    Operations of sensitivities are independent, so that they do not benefit from a shorter critical
+    path.
     """
     # For few bodies, elimination along the tree only adds operations.
     if len(first.motion.geometry) < _LONG:
@@ -181,15 +183,15 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
-    """List sets of clusters: all sets of a few, else none and all; none where the trees differ."""
-    # Axes belong to clusters of one tree, in which translation and rotation are walked together.
+    """List sets of clusters: all sets of a few, otherwise none and all; with two trees none."""
+    # Axes belong to clusters of a single tree for translation and rotation.
     if not trees.is_one:
         yield ()
         return
     turning, spaces = [], motion_spaces(scene.mechanics).of
-    cluster = 0  # numbered as the walk meets the freedoms that carry them
+    cluster = 0  # numbered in the order of the traversal
     for step in tree_walk(trees.translation):
-        # An edge that is walked against its direction has its freedoms in reverse order.
+        # The freedoms of an edge that is traversed backwards are in reverse order.
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:
@@ -205,10 +207,10 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
 def _estimates(
     ways: Sequence[FirstGraph], sensitivities: Sequence[str]
 ) -> Iterator[tuple[int, float]]:
-    """Count operations and cycles of the right-hand side for each way to eliminate its unknowns.
+    """Count operations and cycles of the right-hand side for each way to eliminate unknowns.
 
-    One sensitivity stands for all. The cycles count the Jacobian in, as far as implicit methods
-    form it: a column in place of all.
+    One sensitivity represents all. The cycles include those of the Jacobian for implicit methods,
+    of which one column represents all.
     """
     states, n = [state.name for state in ways[0].states], len(sensitivities)
     middle = [names[len(names) // 2] for names in (sensitivities, states) if names][:1]
@@ -230,16 +232,16 @@ def _estimates(
         if not middle or not unknowns:
             yield n_alone, time_alone
             continue
-        # What is solved for changes with the way, what is differentiated does not.
+        # The unknowns depend on the way of elimination, the differentiated expressions do not.
         direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
         known = dict(zip(first.unknowns, unknowns, strict=True))
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
         (derivative,) = solved.along([direction])
         shared = set(alone)
-        # Nodes that the right-hand side has formed are not computed a second time.
+        # Nodes of the right-hand side are not computed again.
         apart = [node for node in reachable(derivative.unknowns) if node not in shared]
         along = count_operations(apart).total
-        # Derivatives along several directions do not wait for one another.
-        # A Jacobian has a column for each state, and is formed in a share of the evaluations.
+        # Derivatives along several directions are independent of each other. A Jacobian has a
+        # column for each state, and is evaluated less often than the rates.
         times = n + _SHARE_OF_JACOBIANS * len(states)
         yield n_alone + n * along, time_alone + _PER_OPERATION * times * along

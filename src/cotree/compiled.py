@@ -1,4 +1,4 @@
-"""The compiled model of a scene, as users see it: thin over the stages that do the work."""
+"""The compiled model of a scene: a thin layer over the stages of the compiler."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from cotree.model.trim import TrimPoint
     from cotree.scene.settings import OtherSettings, Settings, SettingsDict
 
-#: What users call, in the order of a session.
+#: Methods for users, in the order of a session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Texts that hold numbers, such as those of an optimiser, would be kept without end. What is dropped
-# here is still in the cache on disk.
+# Number of variants that a model caches: texts with changing numbers, such as those of an
+# optimiser, would accumulate. Dropped variants are still in the cache on disk.
 _MOST_VARIANTS = 32
 
-# Settings of runs that a model keeps what it has prepared for.
+# Number of settings for which a model caches preparations of runs.
 _MOST_KEPT = 8
 
 
@@ -56,9 +56,9 @@ class Model(Reported):
     """A compiled scene.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
-    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
-    Several threads may call the same model at the same time, with other parameters each.
+    :attr:`parameters` and :attr:`inputs`; None selects the scene's values. Parameters may also be a
+    mapping of names to values; the others keep the scene's. Results are new arrays. Several threads
+    may call the same model at the same time, each with its own parameters.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Model(Reported):
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are taken.
     kernels : CompiledModel
-        The kernels in C, with names, units and patterns of all that they take and return.
+        The kernels in C, with names, units and patterns of their arguments and results.
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
@@ -90,14 +90,14 @@ class Model(Reported):
 
     @property
     def spec(self) -> BuildSpec:
-        """All that the model was compiled from.
+        """The specification that the model was compiled from.
 
         Raises
         ------
         ModelError
-            If the model came from another process, and its scene cannot be read here.
+            If the model was unpickled and its scene cannot be read in this process.
         """
-        # Components that a user registered there need not be known here before that.
+        # Components registered in that process need not be known before.
         if isinstance(self._spec, bytes):
             self._spec = open_spec(self._spec)
         return self._spec
@@ -120,7 +120,7 @@ class Model(Reported):
         return Operations(self.kernels.program.operations, self.spec.formed.alternatives)
 
     def summary(self) -> str:
-        """Describe the kernels, the formulations tried and what each pass did."""
+        """Describe the kernels, the formulations tried and the effect of each pass."""
         passes = (report.summary() for report in self.spec.formed.reports)
         return Report(self.kernels.program.summary(), self.operations.tried(), *passes).text()
 
@@ -150,11 +150,12 @@ class Model(Reported):
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters.
         initial : mapping of str to float, optional
-            Initial values of states in place of the scene's; they depend on no parameter. Those of
-            algebraic unknowns are guesses, but for storages by content. Where they are all
-            coordinates, or all speeds, the scene's of joints that are no states give way to them.
+            Initial values of states that replace the scene's; they depend on no parameter. Those of
+            algebraic unknowns are guesses, except for storages by content. If all coordinates, or
+            all speeds, are given, initial values of joints in the scene that are not states are
+            ignored.
         u : array_like, shape (n_inputs,), optional
-            Inputs at that time, which algebraic unknowns depend on.
+            Inputs at that time, on which algebraic unknowns depend.
 
         Returns
         -------
@@ -170,7 +171,7 @@ class Model(Reported):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        # Guards look at the parameters as soon as a kernel is called.
+        # Guards check the parameters at every call of a kernel.
         return find_start(self._point_at(t, p, u), initial or {})
 
     def _point_at(self, t: Any, p: Any, u: Any) -> EvaluationPoint:
@@ -187,12 +188,12 @@ class Model(Reported):
         t : float, or array_like of shape (m,)
             Time, [s].
         y : array_like, shape (n_states,) or (n_states, m)
-            States; with two axes, those of m points, which are evaluated in one call into C.
+            States; with two axes those of m points, which are evaluated in one call of C.
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            Parameters; of m points (n_parameters, m), too.
+            Parameters; shape (n_parameters, m) is allowed for m points.
         u : array_like, shape (n_inputs,), optional
-            Inputs; of m points (n_inputs, m), too. Where the scene's own input depends on a
-            parameter, so do sensitivities.
+            Inputs; shape (n_inputs, m) is allowed for m points. The scene's own inputs may depend
+            on parameters, which sensitivities include.
 
         Returns
         -------
@@ -204,14 +205,14 @@ class Model(Reported):
         ParameterError
             If an array has the wrong shape, or the parameters are refused by the model.
         SingularSystemError
-            If the mass matrix is singular here. Of m points, the message names the column.
+            If the mass matrix is singular. For m points the message names the column.
         """
         return self.kernels.rhs(t, y, p, u)
 
     def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
 
-        Parameters and errors as for :meth:`rhs`; of m points the shape is (n_states, n_states, m).
+        Parameters and errors as for :meth:`rhs`; for m points the shape is (n_states, n_states, m).
         """
         return self.kernels.jacobian(t, y, p, u)
 
@@ -242,7 +243,7 @@ class Model(Reported):
     def output_sensitivity(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters).
 
-        Parameters and errors as for :meth:`sensitivity_rhs`; of m points the shape ends with m.
+        Parameters and errors as for :meth:`sensitivity_rhs`; with m points the last axis is theirs.
         """
         return self.kernels.output_sensitivity(t, y, s, p, u)
 
@@ -264,10 +265,10 @@ class Model(Reported):
     ) -> Result:
         """Integrate states and sensitivities together.
 
-        What depends on settings alone is prepared at the first of several runs with the same ones.
-        Arrays, lists and numbers are compared by their values, functions of Python by identity;
-        settings with more than 10,000 times are prepared at each run. Several threads may call it
-        at the same time; a result depends on the values of its own call alone.
+        Data that depend on the settings only are prepared once for several runs with equal
+        settings. Arrays, lists and numbers are compared by value, Python functions by identity;
+        settings with more than 10,000 times are prepared at each run. Several threads may call this
+        method at the same time; a result depends only on the arguments of its own call.
 
         Parameters
         ----------
@@ -277,16 +278,16 @@ class Model(Reported):
         Returns
         -------
         Result
-            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and all by name.
+            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and values by name.
 
         Raises
         ------
         ModelError
             If a parameter, initial value or input is not accepted.
         SolveError
-            If the method is unknown or its settings make no sense.
+            If the method is unknown or its settings are invalid.
         TypeError
-            If there is no such setting.
+            If a setting is unknown.
 
         Examples
         --------
@@ -306,7 +307,7 @@ class Model(Reported):
             "throw": throw,
             **settings,
         }
-        # Names in expressions of inputs are parameters if the call gives them values.
+        # Unknown names in expressions of inputs are parameters if the call gives their values.
         names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
         model, preparation = cached_for(
             self._kept,
@@ -325,7 +326,7 @@ class Model(Reported):
         return filled(Result, values)
 
     def _prepared(self, given: Mapping[str, Any]) -> tuple[Model, Preparation]:
-        """Prepare runs with some settings; the scene gives those that are left open."""
+        """Prepare runs with some settings; the others are the scene's."""
         model, settings = self._variant(settings_from(self._defaults, given))
         return model, Preparation(model.kernels, settings)
 
@@ -382,8 +383,8 @@ class Model(Reported):
         SingularSystemError
             If the mass matrix is singular there.
         SolveError
-            If dry friction is not in its mode there: a start at rest has the mode 0 until a run
-            begins, whether forces stay within their limits or not.
+            If a mode of dry friction contradicts speeds or forces: at rest the mode is 0 before a
+            run, even if forces exceed their limits.
         """
         from cotree.model.linearize import linearize
 
@@ -488,12 +489,12 @@ class Model(Reported):
         sensitivities : sequence of str
             Parameters and states to check; by default those of the model, or else all parameters.
         t_end : float, optional
-            End of the runs, [s]; the scene's where absent.
+            End of the runs, [s]; by default the scene's.
         report : callable, optional
-            Gets the parts of the report's summary one by one, each as soon as it is known.
+            Called with each part of the report's summary as soon as it is available.
         parameters, method, **settings
-            Of all runs, see :class:`cotree.Settings`; by default ``rtol`` is 1e-12 and ``atol`` a
-            hundredth of it.
+            Settings of all runs, see :class:`cotree.Settings`; by default ``rtol`` is 1e-12 and
+            ``atol`` a hundredth of it.
 
         Returns
         -------
@@ -504,7 +505,7 @@ class Model(Reported):
 
         names = tuple(sensitivities) or self.sensitivities or self.parameters
         model = self if set(names) <= set(self.sensitivities) else self._with(names)
-        # Differences need no sensitivities: runs without them take a fraction of the time.
+        # Differences are formed by runs without sensitivities, which take a fraction of the time.
         plain = self._with(()) if self.sensitivities else self
         own: dict[str, Any] = {"parameters": parameters, "method": method, "report": report}
         return check_sensitivities(model, names, t_end, plain, **own, **settings)
@@ -520,13 +521,13 @@ class Model(Reported):
         Parameters
         ----------
         t : float, optional
-            Time at which rates are taken, [s]; needed where they depend on it.
+            Time of the evaluation, [s]; required if the rates depend on it.
 
         Returns
         -------
         casadi.Callback
-            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
-            compiled with sensitivities to. Keep it as long as what was made of it.
+            The function (x, u, p) -> dx of states, inputs, and the parameters that the model was
+            compiled with sensitivities to. Keep a reference as long as expressions use it.
 
         Raises
         ------
@@ -548,7 +549,7 @@ class Model(Reported):
         return jax_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_jax"))
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
-        """Return the model with expressions among the inputs compiled in, and the rest to set."""
+        """Return the model with expressions of inputs compiled in, and the remaining inputs."""
         given = settings.inputs
         expressions = expressions_among(given) if given and isinstance(given, Mapping) else {}
         if not expressions:
@@ -578,26 +579,26 @@ class Model(Reported):
         cpp: bool = False,
         single_file: bool = False,
     ) -> CProject:
-        """Write model, header, integrators, a main program and build files that need no Python.
+        """Write a C project: model, header, integrators, main program and build files.
 
         Parameters
         ----------
         directory : str or Path
-            The target folder; made if it does not exist.
+            The target folder; created if it does not exist.
         integrator : str
-            ``dopri5``, ``rkf45``, ``dop853``; if stiff ``rodas5``, ``rodas4``; of one step length
-            ``rk4``, if stiff ``euler``. Several, separated by commas, are all compiled in, for the
-            option ``--method`` of the main program; the first one runs by default.
+            ``dopri5``, ``rkf45``, ``dop853``; for stiff models ``rodas5``, ``rodas4``; with a fixed
+            step ``rk4``, or ``euler`` for stiff models. Several, separated by commas, are all
+            compiled, for the option ``--method`` of the main program; the first is the default.
         step : float, optional
-            Length of the steps of ``rk4`` and ``euler``, [s].
+            Step size of ``rk4`` and ``euler``, [s].
         real : str
             Type of all numbers, ``double`` or ``float``.
         prefix : str
-            What names in C and files begin with, in place of the scene's name.
+            Prefix of names in C and of files; by default the scene's name.
         cpp : bool
             Whether to write a header for C++, too.
         single_file : bool
-            Whether to write one header and one source; all their names begin with the prefix.
+            Whether to write one header and one source, in which all names have the prefix.
 
         Returns
         -------
@@ -607,17 +608,17 @@ class Model(Reported):
         Raises
         ------
         CodegenError
-            If the directory cannot be written; if integrator, scene and step do not go together;
-            or if the prefix or the type of numbers is not accepted.
+            If the directory cannot be written, integrator, scene and step are incompatible, or the
+            prefix or the type of numbers is invalid.
         """
         from cotree.export.c_checks import Evaluated
         from cotree.export.c_project import Kit, write_c_project
 
         d, kit = self._defaults, Kit(integrator, real, prefix, cpp, single_file)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        # A C project does not search for operating points.
+        # C projects do not search for operating points.
         start = self.start() if self.kernels.begins_at_rest else None
-        # Kernels of the project alone are new nodes of the program's arena, which threads share.
+        # Kernels of the project are new nodes of the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(
@@ -666,7 +667,7 @@ class Model(Reported):
         Raises
         ------
         CodegenError
-            If an argument is unknown, or the scene does not allow what it asks for.
+            If an argument is unknown, or the scene does not support it.
         SceneError
             If the file cannot be written.
         BuildError

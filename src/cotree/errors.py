@@ -1,13 +1,13 @@
-"""The exception tree: every error a user can cause, with the builtin a caller would expect.
+"""Exceptions: every error that a user can cause, derived from the expected builtin.
 
 ::
 
     Error
-    ├── ModelError (ValueError)            the scene is wrong
+    ├── ModelError (ValueError)            the scene is invalid
     │   ├── SceneError                     a file, field, name or value of a scene
     │   ├── ExpressionError                an expression string
     │   ├── ParameterError                 a parameter's name or value
-    │   ├── UnitError                      a unit that is none, or does not fit
+    │   ├── UnitError                      an unknown or incompatible unit
     │   └── TopologyError                  the linear graph or its tree
     ├── FormulationError (ValueError)      the equations cannot be formed
     │   └── SingularSystemError            the mass matrix is singular
@@ -16,8 +16,8 @@
     ├── SolveError (RuntimeError)          the integration failed or cannot start
     └── StoreError (RuntimeError)          the store of an ensemble cannot be used
 
-Messages name the edge, node, parameter or file line at fault and say what to do about it; the
-functions below shorten what they quote.
+Messages name the edge, node, parameter or file line at fault and the remedy; the functions below
+abbreviate quoted texts.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 
 class Error(Exception):
-    """Base of every error that cotree raises on purpose."""
+    """Base class of the errors that cotree raises."""
 
     def _render_traceback_(self) -> list[str]:
-        """Show a notebook the statements of its user and the sentence, without frames of cotree.
+        """Show in notebooks the user's statements and the message, without frames of cotree.
 
         ``%debug`` still has all frames.
         """
@@ -43,23 +43,23 @@ class Error(Exception):
 
 
 class ModelError(Error, ValueError):
-    """The scene is wrong."""
+    """The scene is invalid."""
 
 
 class SceneError(ModelError):
-    """A file, field, name or value of a scene is wrong."""
+    """A file, field, name or value of a scene is invalid."""
 
 
 class ExpressionError(ModelError):
-    """An expression string cannot be accepted."""
+    """An expression string is invalid."""
 
 
 class ParameterError(ModelError):
-    """A parameter's name or value is wrong."""
+    """A parameter's name or value is invalid."""
 
 
 class UnitError(ModelError):
-    """A unit is unknown, or does not fit where it stands."""
+    """A unit is unknown, or has the wrong dimension."""
 
 
 class TopologyError(ModelError):
@@ -71,7 +71,7 @@ class FormulationError(Error, ValueError):
 
 
 class SingularSystemError(FormulationError):
-    """The mass matrix is singular: something moves without inertia."""
+    """The mass matrix is singular: some motion has no inertia."""
 
 
 class CodegenError(Error, RuntimeError):
@@ -103,37 +103,37 @@ class SolveError(Error, RuntimeError):
 
 
 class StoreError(Error, RuntimeError):
-    """The store of an ensemble cannot be read or written, or holds something else."""
+    """The store of an ensemble cannot be read or written, or contains something else."""
 
 
 class UnsolvedError(Exception):
-    """The algebraic unknowns cannot be followed to a point; a shorter step may help."""
+    """The algebraic unknowns cannot be continued to a point; a shorter step may help."""
 
 
-#: Names that a message lists, and names among which a similar one is looked for.
+#: Largest number of names in a message, and among which a similar one is searched for.
 _MOST_LISTED, _MOST_COMPARED = 200, 1000
 _MOST_IN_SENTENCE = 8
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """Return a hint at the known name that was probably meant, for the end of a message."""
+    """Return a suggestion of the known name that was probably meant, for the end of a message."""
     choices = sorted(known)
-    # Names come from files: they may be many and long, and every pair takes time to compare.
+    # Names from files may be many and long, and the comparison of each pair takes time.
     close = _closest(str(name)[:80], choices[:_MOST_COMPARED])
     if close:
         return f"; did you mean '{brief(close)}'?"
-    # A file of another tool may name thousands of things.
+    # A file of another tool may have thousands of names.
     if len(choices) > _MOST_LISTED:
         return ""
     return f"; known: {', '.join(map(brief, choices)) if choices else 'none'}"
 
 
 def _closest(name: str, choices: Sequence[str]) -> str:
-    """Find the choice that is most alike: but for the case of its letters, or else with it."""
+    """Return the most similar choice: first up to upper and lower case, then with it."""
     folded: dict[str, str] = {}
     for choice in choices:
         folded.setdefault(choice.lower(), choice)
-    # Another case alone is the likeliest slip, and the only one that a single letter shows.
+    # A difference in case only is the most likely mistake, and the only one for single letters.
     if name.lower() in folded:
         return folded[name.lower()]
     close = difflib.get_close_matches(name, choices, n=1)
@@ -149,10 +149,10 @@ def check_known(
     after: str = "",
     error: type[Error] = SceneError,
 ) -> None:
-    """Raise an error for the first name that is not known, and suggest one that is.
+    """Raise an error for the first unknown name, with a suggestion.
 
-    The message has ``what`` before the name, as in ``"edge 'k' has no field"``, and ``after``
-    behind it.
+    The message has ``what`` before the name, as in ``"edge 'k' has no field"``, and ``after`` after
+    it.
     """
     names = frozenset(known)
     for name in given:
@@ -161,13 +161,13 @@ def check_known(
 
 
 def brief(text: object, longest: int = 60) -> str:
-    """Put a text on one line of printable characters, cut short, for a message."""
+    """Return a text as one line of printable characters, shortened, for a message."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
     return line if len(line) <= longest else f"{line[: longest - 3]}..."
 
 
 def listed(names: Iterable[str]) -> str:
-    """List names in a sentence; of a long list the first ones, enough to find the mistake."""
+    """List names in a sentence; only the first ones of a long list."""
     names = list(names)
     hidden = len(names) - _MOST_IN_SENTENCE
     return ", ".join(names[:_MOST_IN_SENTENCE]) + (f" and {hidden} more" if hidden > 0 else "")
@@ -179,7 +179,7 @@ def _own_frames(trace: TracebackType | None) -> list[str]:
     A line for each frame, with the statement under it.
     """
     package = str(Path(__file__).parent)
-    # Only where a notebook shows an error: commands start faster without.
+    # Imported only when a notebook shows an error, for a faster start of commands.
     import traceback
 
     lines = []
@@ -187,7 +187,7 @@ def _own_frames(trace: TracebackType | None) -> list[str]:
         parts = Path(frame.filename).parts
         if frame.filename.startswith(package) or "IPython" in parts or "ipykernel" in parts:
             continue
-        # A cell has a file name that tells nobody anything.
+        # The file name of a notebook cell is not informative.
         where = "cell" if any("ipykernel" in part for part in parts) else frame.filename
         lines += [f"{where}, line {frame.lineno}, in {frame.name}", f"    {frame.line}"]
     return lines

@@ -1,4 +1,4 @@
-"""Files: texts read within bounds, and files that are written whole or not at all."""
+"""Files: texts of limited size, and files that are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 
 def template_folder() -> Path:
-    """Find the templates: beside the installed package, or in the source tree."""
-    # An installed package holds a copy of the templates; the source tree has them beside ``src``.
+    """Return the folder of the templates: in the installed package, or in the source tree."""
+    # An installed package contains a copy of the templates; in the source tree they are next to
+    # ``src``.
     package = Path(__file__).resolve().parent
     for folder in (package / "_templates", package.parents[1] / "templates"):
         if (folder / "c").is_dir():
@@ -28,18 +29,18 @@ def template_folder() -> Path:
 
 
 def read_text(source: str | Path, largest: int) -> str:
-    """Read a text file in UTF-8 of at most ``largest`` bytes; SceneError if it is none."""
-    if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
+    """Read a UTF-8 text file of at most ``largest`` bytes; raise SceneError otherwise."""
+    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names that are too long
         raise SceneError(f"'{brief(source, 200)}' is not a file: check its path")
     try:
         with Path(source).open("rb") as file:
-            data = file.read(largest + 1)  # whatever its size was said to be
+            data = file.read(largest + 1)  # independent of the reported size
     except OSError as error:
         raise SceneError(f"{source} cannot be read: {error.strerror}") from None
     if len(data) > largest:
         raise SceneError(f"{source} is larger than {largest} bytes")
     try:
-        # Some editors begin a file with a byte order mark.
+        # Some editors write a byte order mark.
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
@@ -56,11 +57,11 @@ def is_number(text: str) -> bool:
 
 
 def read_rows(text: str, where: str) -> list[tuple[int, list[str]]]:
-    """Read the rows of a table, with the number of the line that each row ends in.
+    """Read the rows of a table, with the line number at which each row ends.
 
-    Commas, semicolons or tabs separate cells: the most frequent one in the first row. Blank lines,
-    and comments that begin with ``#``, are skipped. If commas do not separate cells, they are
-    decimal points.
+    Cells are separated by commas, semicolons or tabs, whichever is most frequent in the first row.
+    Blank lines and comments that begin with ``#`` are skipped. If commas do not separate cells,
+    they are decimal points.
     """
     lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
     separator = max(",;\t", key=next(lines, "").count)
@@ -84,14 +85,14 @@ def _with_point(cell: str) -> str:
 def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
     """Write rows of comma-separated values.
 
-    Numbers have the fewest digits that read back equal; those that are not a number are empty.
+    Numbers have the fewest digits that read back as the same number; nan is an empty cell.
     """
     writer = csv.writer(file, lineterminator="\n")
     writer.writerows(map(_cell, row) for row in rows)
 
 
 def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
-    """Write a table as a file, whole or not at all."""
+    """Write a table to a file, completely or not at all."""
     with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         write_rows(file, rows)
 
@@ -103,7 +104,7 @@ def _cell(value: object) -> object:
 
 
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
-    """Return the suffix, in small letters, of a file to write; ``act`` begins the message."""
+    """Return the suffix of a file to write, in lower case; ``act`` begins the message."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise SceneError(
@@ -114,7 +115,7 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
 
 
 def check_parent(path: Path) -> None:
-    """Refuse a file to write whose folder does not exist."""
+    """Raise an error if the folder of a file to write does not exist."""
     if not path.parent.is_dir():
         raise SceneError(
             f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
@@ -122,9 +123,9 @@ def check_parent(path: Path) -> None:
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
-    """Return the path of what is to be written; SceneError if no file can have that name.
+    """Return the path of a file to write; raise SceneError if the name is impossible.
 
-    Such a name holds a NUL, or characters that the system has none for.
+    Such a name contains a NUL, or characters that the system cannot encode.
     """
     target = Path(path)
     try:
@@ -139,12 +140,12 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 
 @contextlib.contextmanager
 def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
-    """Return a draft to write, which takes a file's place once it is complete.
+    """Return a temporary file that replaces a file once it is complete.
 
-    A reader never sees a file half written, and what fails leaves an older file as it was.
+    A reader never sees an incomplete file, and after an error the old file is unchanged.
     """
     target = target_path(path, what)
-    # In the same folder, since a file takes another one's place at once only within a file system.
+    # In the same folder, since files can only be replaced atomically within a file system.
     draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         yield draft
@@ -152,6 +153,6 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
     except OSError as error:
         raise SceneError(f"cannot write {what} '{target}': {error.strerror or error}") from None
     finally:
-        # A draft that has taken the file's place is gone; one of a failed write must not stay.
+        # After success the temporary file has been renamed; after an error it is removed.
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)

@@ -1,7 +1,7 @@
-"""The table of methods of integration.
+"""The table of integration methods.
 
-A new method of a known family is one row of ``METHODS``; its name is then in the documentation of
-settings and in the help of commands.
+A new method of a known family is a row of ``METHODS``. Its name then appears in the documentation
+of settings and in the help of commands.
 """
 
 from __future__ import annotations
@@ -17,29 +17,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the table of methods."""
+    """A row of the table of methods."""
 
-    name: str  # the user's name for it
-    #: "cotree", "scipy", "sundials" or, of SUNDIALS' integrators that have vectors of their own for
+    name: str  # the name in settings
+    #: "cotree", "scipy", "sundials" or, for the integrators of SUNDIALS with separate vectors of
     #: sensitivities, "correctors".
     family: str
     implicit: bool  # whether it uses a Jacobian
-    multistep: bool  # whether a step builds on those before
-    #: The method that stands in where C cannot run this one; of correctors and SciPy's methods, for
-    #: which none does, the method that the refusal names.
+    multistep: bool  # whether a step depends on earlier ones
+    #: The method used if C cannot run this one; for SciPy's methods and correctors, the method that
+    #: the error suggests.
     instead: str = ""
     #: The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
-    #: SciPy's.
+    #: SciPy.
     stepper: str = ""
-    #: Whether C always integrates algebraic unknowns, and never solves for them at each evaluation.
+    #: Whether C always integrates algebraic unknowns instead of solving for them at each
+    #: evaluation.
     keeps_algebraic: bool = False
-    #: The number that SUNDIALS gives to the corrector of sensitivities with vectors of their own.
+    #: The number of the corrector in SUNDIALS, for separate vectors of sensitivities.
     corrector: int = 0
 
 
 _ROWS = (
-    # SciPy's RK45 is the pair of Dormand and Prince, too; of Fehlberg's pair, with which the paper
-    # integrates its example, SciPy has none.
+    # SciPy's RK45 is the pair of Dormand and Prince, too. SciPy does not have the pair of Fehlberg,
+    # which the paper uses for its example.
     Method("dopri5", "cotree", False, False, "RK45", "dopri5"),
     Method("rkf45", "cotree", False, False, "RK45", "rkf45"),
     Method("dop853", "cotree", False, False, "DOP853", "dop853"),
@@ -54,7 +55,7 @@ _ROWS = (
     Method("cvode", "sundials", True, True, "BDF", "cvode"),
     # IDA's equations need not be solved for the rates.
     Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
-    # SUNDIALS numbers its correctors: 1 is simultaneous, 2 is staggered.
+    # Correctors of SUNDIALS: 1 is simultaneous, 2 is staggered.
     Method("cvodes", "correctors", True, True, "cvode", "cvodes", corrector=2),
     Method("cvodes-simultaneous", "correctors", True, True, "cvode", "cvodes", corrector=1),
     Method("idas", "correctors", True, True, "ida", "idas", keeps_algebraic=True, corrector=2),
@@ -62,11 +63,10 @@ _ROWS = (
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
 
-#: Major and minor version whose structures ``cotree_sundials.c`` fills.
+#: Major and minor version of the structures in ``cotree_sundials.c``.
 SUNDIALS_VERSION = (7, 9)
 
-#: Libraries of SUNDIALS with sensitivities, and their counterparts without, whose names functions
-#: have.
+#: Libraries of SUNDIALS with sensitivities, and those without, whose functions have the same names.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
 #: Libraries of SUNDIALS by name.
@@ -74,12 +74,12 @@ SUNDIALS = ("cvode", "ida", "cvodes", "idas")
 
 
 def method_row(method: str) -> Method:
-    """Return a method's row of the table.
+    """Return the row of a method.
 
     Raises
     ------
     SolveError
-        If no method has this name; the message gives the nearest one.
+        If no method has this name; the message suggests a similar one.
     """
     if method not in METHODS:
         raise SolveError(f"There is no method '{method}'{nearest(method, [*METHODS, 'auto'])}")
@@ -87,6 +87,6 @@ def method_row(method: str) -> Method:
 
 
 def names_of(family: str, implicit: bool | None = None) -> str:
-    """List the methods of a family, or its explicit or implicit ones, with commas."""
+    """List the names of a family of methods, or of its explicit or implicit ones, with commas."""
     rows = [row for row in METHODS.values() if row.family == family]
     return ", ".join(row.name for row in rows if implicit in (None, row.implicit))

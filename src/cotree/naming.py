@@ -1,7 +1,7 @@
-"""Names: what a scene may call things, and what they are called in C.
+"""Names in scenes, and their identifiers in C.
 
-Names and texts of a scene are untrusted. A name is accepted or refused here before anything else
-sees it; only names that passed reach C, and free texts (units, docs) reach it escaped.
+Names and texts of a scene are untrusted. A name is checked here before any other use. Only checked
+names reach C; free texts (units, documentation) are escaped.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
 
-_LONGEST_PATH = 1000  # characters of the name of something in a part of a part
+_LONGEST_PATH = 1000  # characters of a name within nested parts
 
-#: Names with a meaning of their own in expressions.
+#: Reserved names of expressions.
 RESERVED = frozenset({"t", "pi"})
 
-#: Entries of an edge in a scene that are no fields of its component.
+#: Entries of an edge in a scene that are not fields of its component.
 _OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
 
-#: Kinds whose names stand before a dot in expressions, as in ``in.v``: they may be any word.
+#: Kinds whose names precede a dot in expressions, as in ``in.v``: reserved words are allowed.
 _DOTTED = frozenset({"node", "edge", "joint", "part"})
 
 _C_KEYWORDS = frozenset(
@@ -39,17 +39,17 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Files, functions and targets of a C project that are not the model's have these names, or begin
-#: with that, in any case of letters.
+#: Files, functions and targets of a C project other than the model's have these names or prefixes,
+#: in upper or lower case.
 _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 
 def check_name(kind: str, name: object) -> str:
-    """Accept the name of a node, edge, parameter, input or output.
+    """Check the name of a node, edge, parameter, input or output.
 
     Raises SceneError if it is not a letter or underscore followed by at most 63 letters, digits or
-    underscores, or is a word of the language of expressions, unless it is that of a node or edge,
-    which stands before a dot there.
+    underscores, or is a reserved word of expressions. Nodes and edges may have reserved words as
+    names, since a dot follows them.
     """
     if not isinstance(name, str) or not _NAME.match(name):
         raise SceneError(
@@ -69,7 +69,7 @@ def check_name(kind: str, name: object) -> str:
 
 
 def check_path(kind: str, name: object) -> str:
-    """Accept one name or several joined by dots, of something in a part: ``leg1.foot``."""
+    """Check a name, or names joined by dots, of a declaration in a part: ``leg1.foot``."""
     if isinstance(name, str) and "." in name and len(name) <= _LONGEST_PATH:
         for step in name.split("."):
             check_name(kind, step)
@@ -78,18 +78,18 @@ def check_path(kind: str, name: object) -> str:
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split the name of a variable into its owner and its own: ``leg1.knee`` and ``theta``.
+    """Split the name of a variable into owner and own name: ``leg1.knee`` and ``theta``.
 
-    The owner is empty where there is no dot.
+    The owner is empty if there is no dot.
     """
     owner, _, variable = name.rpartition(".")
     return owner, variable
 
 
 def owner_among(name: str, owners: Container[str]) -> str:
-    """Return the node or edge that a name begins with; empty where there is none.
+    """Return the node or edge that a name begins with; empty if there is none.
 
-    Variables of components with several ports have a dot of their own: ``M.shaft.tau``.
+    Variables of components with several ports have a dot in their own names: ``M.shaft.tau``.
     """
     owner = name
     while owner and owner not in owners:
@@ -98,7 +98,7 @@ def owner_among(name: str, owners: Container[str]) -> str:
 
 
 def check_scene_name(name: object) -> str:
-    """Accept the name of a scene; like other names, but dashes are allowed too."""
+    """Check the name of a scene; other than other names, it may have dashes."""
     if not isinstance(name, str) or not _SCENE_NAME.match(name):
         raise SceneError(
             f"scene name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
@@ -108,7 +108,7 @@ def check_scene_name(name: object) -> str:
 
 
 def check_text(value: object, what: str) -> str:
-    """Accept a unit, a meaning or another text for people."""
+    """Check a unit, a description or another text for people."""
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
     if any("\ud800" <= char <= "\udfff" for char in value):
@@ -117,7 +117,7 @@ def check_text(value: object, what: str) -> str:
 
 
 def c_identifier(name: str) -> str:
-    """Turn an accepted name into a C identifier."""
+    """Convert a checked name to a C identifier."""
     identifier = name.replace("-", "_")
     lower = identifier.lower()
     taken = identifier in _C_KEYWORDS or lower in _NOT_OF_MODELS or lower.startswith(_OWN)
@@ -125,7 +125,7 @@ def c_identifier(name: str) -> str:
 
 
 def c_string(text: str) -> str:
-    """Write a text as a C string literal, in ASCII; what ASCII lacks becomes '?'."""
+    """Write a text as a C string literal in ASCII; other characters become '?'."""
     ascii_text = text.encode("ascii", "replace").decode()
     safe = "".join(char if char.isprintable() else " " for char in ascii_text)
     # '?' is escaped because two of them begin a trigraph in C99.
@@ -133,7 +133,7 @@ def c_string(text: str) -> str:
 
 
 def c_comment(text: str) -> str:
-    """Make a text fit to stand inside a C comment, on one line."""
+    """Escape a text for a C comment on one line."""
     ascii_text = text.encode("ascii", "replace").decode()
     safe = "".join(char if char.isprintable() else " " for char in ascii_text)
     return safe.replace("\\", "/").replace("??", "? ").replace("*/", "* /").replace("/*", "/ *")

@@ -1,10 +1,10 @@
-"""The way of the data, every stage by name, with timings.
+"""All stages from a scene to its C text, by name, with timings.
 
 ::
 
     scene -> linear graphs -> trees -> first graph -> equations -> program -> C text
 
-:mod:`cotree.spec` goes on from there to kernels.
+:mod:`cotree.spec` continues from there to kernels.
 """
 
 from __future__ import annotations
@@ -68,26 +68,27 @@ class Formed:
 def draw_graphs(
     scene: SceneDescription, tree: TreeChoice
 ) -> tuple[dict[str, LinearGraph], dict[str, Tree]]:
-    """Draw the linear graphs of a scene and choose their trees.
+    """Form the linear graphs of a scene and choose their trees.
 
-    Raises TopologyError if the scene has no edges, a node is floating, or a named tree is none.
+    Raises TopologyError if the scene has no edges, a node is floating, or a named tree is not a
+    tree.
     """
     check_edges(scene)
     mechanics = scene.mechanics
     graphs = linear_graphs(mechanics)
     trees = choose_trees(mechanics, graphs, tree)
-    # A scene of networks alone has no mechanical graphs.
+    # A scene of networks only has no mechanical graphs.
     if not mechanics.edges:
         graphs, trees = {}, {}
     # Networks have a graph and a normal tree for each domain.
     _, networks, normal = draw_networks(scene)
-    # Of a network the tree of across variables is shown, as of a mechanism.
+    # For networks, as for mechanisms, the tree of across variables is shown.
     across = {domain: tree.across for domain, tree in normal.items()}
     return {**graphs, **networks}, {**trees, **across}
 
 
 def check_edges(scene: SceneDescription) -> None:
-    """Refuse a scene without edges."""
+    """Raise an error for a scene without edges."""
     if not scene.edges and not scene.events:
         raise TopologyError(f"scene '{scene.name}' has no edges: add components between nodes")
 
@@ -128,8 +129,9 @@ def formulate(
     with within_range(scene):
         check_scene_units(scene)
         trees = trees_to_try(scene, tree)
-        # Walks, elimination and derivatives along one parameter are done for every alternative; the
-        # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
+        # Circuits, cutsets, elimination and derivatives by one parameter are formed for every
+        # alternative, the full set of sensitivity graphs (Eq. (4) of the paper) only for the chosen
+        # one.
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
         _check_corners(first, sensitivities)
         if sensitivities:
@@ -138,14 +140,14 @@ def formulate(
 
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
-    """Refuse sensitivities that would jump at a corner whose time is not known beforehand."""
+    """Raise an error if sensitivities would jump at a kink whose time is unknown before the run."""
     parameters = first.system.tunable
     for what, symbols in (first.network.corners if first.network else {}).items():
-        # A corner that depends on states or inputs moves with every parameter.
+        # The time of a kink that depends on states or inputs depends on every parameter.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
-                continue  # the corner stays where it is
+                continue  # the kink does not move
             raise FormulationError(
                 f"{what} has a corner, and storages are tied to it such that its rate of change "
                 f"is needed: where that jumps, the sensitivity to '{name}' would, too, and when "
@@ -155,9 +157,9 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
 
 
 def _check_impacts(first: FirstGraph) -> None:
-    """Refuse sensitivities across impacts whose inertia, or friction, is a function of time.
+    """Raise an error for sensitivities across impacts whose inertia or friction depends on time.
 
-    The time of an impact moves with parameters, and what these pass on would move with it.
+    The time of an impact depends on parameters, and so would these values at the impact.
     """
     ports = first.network.ports if first.network else {}
     stops = [port.edge.name for port in ports.values() if port.kind is Kind.STOP]
@@ -178,11 +180,11 @@ def _check_impacts(first: FirstGraph) -> None:
 
 
 def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
-    """List the trees that are named, or those among which operations are counted."""
+    """List the trees that the user named, or those whose operations are counted."""
     check_edges(scene)
     mechanics = scene.mechanics
-    # The tree decides which across variables become coordinates (Section 3 of the paper), and so
-    # the number and the length of the equations.
+    # The tree determines which across variables become coordinates (Section 3 of the paper), and
+    # thus the number and the length of the equations.
     if tree is None:
         return candidate_trees(mechanics)
     return [joint_tree(mechanics, choose_trees(mechanics, linear_graphs(mechanics), tree))]
@@ -190,10 +192,10 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
 
 @without_collection()
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
-    """Count what the equations of each tree cost, the cheapest first; one line for each tree.
+    """Count the cost of the equations of each tree, the cheapest first, in one line per tree.
 
-    Trees that translation and rotation do not share come last: they are taken only if they are
-    named. A scene that has no equations yet has none. Raises TopologyError as :func:`draw_graphs`.
+    Pairs of different trees for translation and rotation are last: they are only used if they are
+    named. A scene without equations has no trees. Raises TopologyError as :func:`draw_graphs`.
     """
     trees = trees_to_try(scene, None)
     try:
@@ -223,11 +225,11 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
 
 
 def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
-    """Form the network of a model at rest, whose scene asks for its operating point."""
-    # Sensitivities to initial values are the model's own: a scene at rest has none of these.
+    """Form the network at rest of a model that starts at its operating point."""
+    # Sensitivities to initial values belong to the model: a scene at rest has none.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]
-    for total, _ in layout.followers:  # which a start finds from what follows from it
+    for total, _ in layout.followers:  # a start computes it from the variable that follows from it
         wanted[total] = "0"
     try:
         standing = standing_scene(scene, wanted, jump_values(scene))
@@ -250,7 +252,7 @@ def form_text(
     baumgarte: float,
     locates_corners: bool = True,
 ) -> Formed:
-    """Take a scene to its C text; parameters as of :class:`cotree.spec.BuildSpec`."""
+    """Form the C text of a scene; parameters as of :class:`cotree.spec.BuildSpec`."""
     with within_range(scene):
         return _form_text(scene, sensitivities, tree, baumgarte, locates_corners)
 
@@ -263,14 +265,14 @@ def _form_text(
     locates_corners: bool,
 ) -> Formed:
     marks = [time.perf_counter()]
-    # Jumps inside expressions become events here, which the engine locates. Equations for people,
-    # and those of operating points, keep jumps as they are.
+    # Jumps inside expressions become events, which the engine locates. Equations for people and for
+    # operating points keep the jumps.
     acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )
     marks.append(time.perf_counter())
-    # Steps of a run keep to the pieces of what has corners. Equations for people have none.
+    # Steps of a run freeze the branches of piecewise expressions. Equations for people have none.
     program, reports = generate(freeze_branches(equations) if locates_corners else equations)
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]

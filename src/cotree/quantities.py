@@ -1,4 +1,4 @@
-"""Quantities of models by name: what equations, programs and results share, without nodes."""
+"""Quantities of models by name, without nodes; shared by equations, programs and results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Quantity:
-    """A named parameter, input or output, with its unit and meaning."""
+    """A named parameter, input or output, with unit and description."""
 
     name: str
     unit: str = ""
@@ -26,12 +26,12 @@ class RedundantRow:
 
 @dataclass(frozen=True)
 class PositionRow:
-    """A position that is not a state: the sum of those along its f-circuit."""
+    """A position that is not a state: the sum of the states along its f-circuit."""
 
-    #: Of the position.
+    #: Name and unit of the position.
     name: str
     unit: str
-    terms: tuple[tuple[int, int], ...]  # signs, and the states by their numbers
+    terms: tuple[tuple[int, int], ...]  # signs, and indices of the states
 
     def sum_of(self, values: Any) -> Any:
         """Sum an array of states, or of their sensitivities, along its last axis."""

@@ -1,10 +1,10 @@
-"""Silence what other libraries say, while several threads may ask for that at once.
+"""Suppression of warnings of other libraries in several threads at once.
 
 The cycle collector is paused here, too.
 
-``warnings.catch_warnings`` restores the filters that it found on its way in. Of two threads that
-overlap, the one that leaves last restores those that the other had made, and the program stays
-mute. Here the first to come adds one filter, and the last to leave removes it.
+``warnings.catch_warnings`` restores the filters that it found at its start. If two threads overlap,
+the one that ends last restores the filters of the other, and warnings remain suppressed. Here the
+first thread adds a filter, and the last one removes it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 _lock = threading.Lock()
 
-#: How many ask for a filter, and the list that it was put into; none where it stood there before.
+#: Number of users of each filter, and the list that contains it; None if the program had it
+#: already.
 _ignored: dict[tuple[Any, ...], tuple[int, list[Any]]] = {}
 
 
@@ -31,12 +32,12 @@ _ignored: dict[tuple[Any, ...], tuple[int, list[Any]]] = {}
 def without_warnings(
     message: str = "", category: type[Warning] = Warning, module: str = ""
 ) -> Iterator[None]:
-    """Ignore some warnings, as ``warnings.filterwarnings``, in all threads meanwhile."""
+    """Ignore some warnings, as ``warnings.filterwarnings``, in all threads."""
     pattern = re.compile(message, re.IGNORECASE) if message else None
-    # As `warnings` keeps its filters: action, message, category, module, line; 0 is any line.
+    # As `warnings` stores filters: action, message, category, module, line; 0 is any line.
     entry = ("ignore", pattern, category, re.compile(module) if module else None, 0)
     with _lock:
-        # Only the first of those who ask adds the filter, and none if the program has it already.
+        # Only the first user adds the filter, unless the program has it already.
         count, filters = _ignored.get(entry, (0, []))
         if not count and entry not in warnings.filters:
             filters = _filters()
@@ -50,7 +51,7 @@ def without_warnings(
             if count > 1:
                 _ignored[entry] = count - 1, filters
             elif filters:
-                # Somebody's catch_warnings may have copied the list, or put an older one back.
+                # A catch_warnings elsewhere may have copied the list or restored an older one.
                 for listed in (filters, _filters()):
                     while entry in listed:
                         listed.remove(entry)
@@ -62,9 +63,9 @@ def _filters() -> list[Any]:
 
 
 def level_of_user() -> int:
-    """Return the stack level for ``warnings.warn`` that blames the line of the user.
+    """Return the stack level with which ``warnings.warn`` names the user's line.
 
-    It is that of the first caller outside this package, however deep the call is inside.
+    It is that of the first caller outside this package.
     """
     package, level = str(Path(__file__).parent), 1
     frame = sys._getframe(1)
@@ -75,7 +76,7 @@ def level_of_user() -> int:
 
 @contextlib.contextmanager
 def without_collection() -> Iterator[None]:
-    """Pause the cycle collector: an arena is one large structure that lives as a whole."""
+    """Pause the cycle collector, since an arena is one large structure without garbage."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

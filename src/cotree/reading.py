@@ -1,4 +1,4 @@
-"""Readers of other tools' files, as users call them."""
+"""Functions that read files of other tools."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ def read_urdf(
 ) -> Scene:
     """Read a robot from a URDF file.
 
-    Links become nodes, joints edges of the same name; torques and forces of joints are inputs
-    ``JOINT_torque`` and ``JOINT_force``; masses, centres of mass, moments of inertia, damping,
-    friction and gravity are parameters. What was not read, and names that had to change, stand in
-    ``scene.origin``.
+    Links become nodes, and joints become edges of the same name. Torques and forces of joints are
+    inputs ``JOINT_torque`` and ``JOINT_force``. Masses, centres of mass, moments of inertia,
+    damping, friction and gravity are parameters. ``scene.origin`` lists ignored elements and
+    changed names.
 
     Parameters
     ----------
     path : str or Path
         The file.
     base : {"fixed", "free"}
-        Whether the root link is welded to the ground, or moves freely as edge ``base``.
+        Whether the root link is welded to the ground, or has a free joint named ``base``.
     mimic : bool
-        Whether joints that mimic others follow them; else they are joints of their own.
+        Whether joints that mimic others follow them; otherwise they are independent.
     snap : float
-        Angles of frames this close, [rad], to a multiple of a quarter turn are taken as that. Files
-        often write quarter turns with few digits; exact ones save many operations. Zero, the
-        default, takes them as they are written.
+        Angles of frames closer than this, [rad], to a multiple of a quarter turn are rounded to it.
+        Files often have quarter turns with few digits; exact ones save many operations. By default,
+        zero, angles are not rounded.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def read_urdf(
     Raises
     ------
     SceneError
-        If the file cannot be read, or is not a robot; the message begins with file and line.
+        If the file cannot be read or is not a robot; the message begins with file and line.
     """
     return read_urdf_scene(path, Scene, UrdfOptions(base, mimic, snap))
 
@@ -52,10 +52,10 @@ def read_urdf(
 def read_spice(path: str | Path) -> Scene:
     """Read a circuit from a SPICE netlist.
 
-    Nodes and elements keep their names where a scene can have them; values of elements are
+    Nodes and elements keep their names if these are valid in scenes. Values of elements are
     parameters of the same name, those of models ``MODEL_parameter``. Runs begin at the operating
-    point, or with ``uic`` at initial values, and end where ``.tran`` says. What was not read, and
-    names that had to change, stand in ``scene.origin``; docs/spice.md lists what is known.
+    point, or with ``uic`` at the initial values, and end at the time of ``.tran``. ``scene.origin``
+    lists ignored statements and changed names; docs/spice.md lists the supported ones.
 
     Parameters
     ----------
@@ -79,12 +79,12 @@ def read_spice(path: str | Path) -> Scene:
 def read_sbml(path: str | Path) -> Scene:
     """Read a model of reactions from an SBML file, Level 2 or 3.
 
-    Species become edges of the chemical domain, whose states are concentrations or amounts;
-    parameters, sizes of compartments and initial values (``A_0`` of a species ``A``) are
-    parameters. What changes has an output of its identifier, with the value that formulas of the
-    model mean by it; so have rates of reactions. Names that had to change, and what was not read,
-    stand in ``scene.origin``; docs/sbml.md lists what is known. Needs python-libsbml, which
-    ``pip install cotree[sbml]`` brings.
+    Species become edges of the chemical domain, whose states are concentrations or amounts.
+    Parameters, sizes of compartments and initial values (``A_0`` of a species ``A``) are
+    parameters. Variables and rates of reactions are outputs under their identifiers, with the
+    values that they have in formulas of the model. ``scene.origin`` lists ignored elements and
+    changed names; docs/sbml.md lists the supported elements. Requires python-libsbml, which
+    ``pip install cotree[sbml]`` installs.
 
     Parameters
     ----------

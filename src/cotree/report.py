@@ -1,8 +1,7 @@
-"""Reports of objects: text at a prompt and in a terminal, HTML in a notebook.
+"""Reports of objects: text in terminals, HTML in notebooks.
 
-In: names, numbers and texts. Out: aligned columns of text; and HTML in which all of them are
-escaped, since they may come from a stranger's file, in the colours of the page that it stands in,
-dark or light.
+In: names, numbers and texts. Out: aligned columns of text, and HTML in the light or dark colours of
+its page. All texts are escaped in HTML, since they may come from untrusted files.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from cotree.errors import Error
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-#: Rows and columns of a table that HTML shows, characters of a cell, width of a line of text, and
-#: lines that a long text takes.
+#: Limits: rows and columns of a table in HTML, characters of a cell, width of a line of text, and
+#: lines of a long text.
 MOST_ROWS, MOST_COLUMNS, _MOST_TEXT, _LINE, _MOST_WRAPPED = 24, 12, 160, 96, 4
 
 _SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
@@ -28,24 +27,24 @@ _SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under headings.
+    """A table: rows under headings.
 
     Attributes
     ----------
     head : sequence of str
         Headings of the columns.
     rows : sequence of sequence
-        Cells: texts, and numbers, which stand to the right.
+        Cells: texts, and numbers, which are right-aligned.
     caption : str
         The name of the table.
     align : str
-        For each column ``l`` or ``r``; by the cells of the first row where absent.
+        For each column ``l`` or ``r``; by default decided by the first row.
     digits : int
         Significant digits of numbers.
     in_text : int, optional
-        Number of columns that text has, all where absent; HTML has all of them.
+        Number of columns in text, by default all; HTML has all of them.
     most : int
-        Number of rows that HTML has; a note has the number of the others.
+        Largest number of rows in HTML; a note states the number of the others.
     """
 
     head: Sequence[str]
@@ -58,16 +57,16 @@ class Table:
 
     @property
     def is_headed(self) -> bool:
-        """Whether text has the headings."""
+        """Return whether the text has headings."""
         return any(self.head)
 
     @property
     def is_apart(self) -> bool:
-        """Whether text has empty lines around the table."""
+        """Return whether the text has empty lines around the table."""
         return bool(self.caption) or self.is_headed
 
     def text(self, most: int | None = None) -> str:
-        """Return the first rows in aligned columns, or all; nothing where there are none."""
+        """Return some or all rows in aligned columns; empty without rows."""
         if not self.rows or self.in_text == 0:
             return ""
         lines = self._lines([self._written(row[: self.in_text]) for row in self.rows[:most]])
@@ -80,7 +79,7 @@ class Table:
         return "\n".join([self.caption, *lines] if self.caption else lines)
 
     def html(self) -> str:
-        """Return a table of HTML; nothing where there are no rows."""
+        """Return an HTML table; empty without rows."""
         if not self.rows or not self.most:
             return ""
         shown = [_row("td", self._written(row), self._sides) for row in self.rows[: self.most]]
@@ -89,7 +88,7 @@ class Table:
         note = ", ".join(f"{n} more {what}" for what, n in hidden.items() if n > 0)
         title = f'<caption style="text-align:left">{escaped(self.caption)}</caption>'
         body = f"<thead>{head}</thead><tbody>{''.join(shown)}</tbody>"
-        # Some pages put tables into the middle.
+        # Some pages centre tables.
         found = f'<table style="margin-left:0">{title if self.caption else ""}{body}</table>'
         return found + (f'<p style="opacity:.7">… {note}</p>' if note else "")
 
@@ -121,13 +120,13 @@ def _row(tag: str, cells: Sequence[str], sides: str) -> str:
 
 
 class Values(Table):
-    """Values: rows of name, value, unit, and what only HTML has."""
+    """A table of values: name, value, unit, and columns for HTML only."""
 
     is_headed = False
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
         width = max(len(row[0]) for row in rows)
-        # A space holds the place of a minus sign.
+        # A space reserves the place of a minus sign.
         gaps = [" " if isinstance(row[1], float) and not row[1] < 0.0 else "" for row in self.rows]
         return [
             f"{name:<{width}} = {gap}{' '.join(rest)}"
@@ -136,10 +135,10 @@ class Values(Table):
 
 
 class Facts(Table):
-    """Facts: rows of a label and a text; long texts are wrapped."""
+    """A table of labels and texts; long texts are wrapped."""
 
     def __init__(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Leave out rows without a text."""
+        """Drop rows without a text."""
         super().__init__((), [(label, text) for label, text in rows if text])
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
@@ -152,21 +151,21 @@ class Facts(Table):
 
 
 def _wrapped(text: str, width: int) -> list[tuple[bool, str]]:
-    """Wrap a text to the first lines of it, each with whether it is the first."""
+    """Wrap a text to its first lines, each with whether it is the first."""
     lines = textwrap.wrap(text, width, break_on_hyphens=False)[:_MOST_WRAPPED]
     return [(i == 0, line) for i, line in enumerate(lines)]
 
 
 @dataclass(frozen=True)
 class Report:
-    """A title, and sentences and tables below it.
+    """A title with sentences and tables.
 
     Attributes
     ----------
     title : str
         The first line.
     parts : tuple of str or Table
-        In their order; those that are empty are left out. HTML joins the lines of a text.
+        Parts in order; empty ones are left out. HTML joins the lines of a text.
     """
 
     title: str
@@ -177,7 +176,7 @@ class Report:
         object.__setattr__(self, "parts", parts)
 
     def text(self, most: int | None = None) -> str:
-        """Return lines of text, with at most some rows of each table."""
+        """Return the report as text, with a limited number of rows of each table."""
         lines, was_apart = [self.title] if self.title else [], False
         for part in self.parts:
             text = part if isinstance(part, str) else part.text(most)
@@ -196,7 +195,7 @@ class Report:
 
     def html(self) -> str:
         """Return HTML."""
-        # MathJax would set what stands between two dollar signs, in a unit or a message.
+        # MathJax would format text between two dollar signs, in a unit or a message.
         head = '<div class="tex2jax_ignore mathjax_ignore">'
         title = f"<p><b>{escaped(self.title, 1000)}</b></p>" if self.title else ""
         parts = [
@@ -208,7 +207,7 @@ class Report:
 
 
 class Reported:
-    """Base of objects that show a report where they are printed and in notebooks."""
+    """Base of objects that show a report when printed and in notebooks."""
 
     def report(self) -> Report:
         """Build the report."""
@@ -223,16 +222,16 @@ class Reported:
         return self.report().text()
 
     def __repr__(self) -> str:
-        """Return its title and facts."""
+        """Return the title and the facts."""
         return self.report().brief()
 
     def _repr_html_(self) -> str:
-        """Show the report in a notebook."""
+        """Return the report as HTML for notebooks."""
         return self.report().html()
 
 
 class Listing(Reported, dict[str, Any]):
-    """A table by name, which shows itself a line a row.
+    """A table by name, shown with one line per row.
 
     Its rows have ``cells()``: texts and numbers, the name first.
 
@@ -251,7 +250,7 @@ class Listing(Reported, dict[str, Any]):
         return Report("", Table(self.head, [row.cells() for row in self.values()]))
 
     def __repr__(self) -> str:
-        """Return a line for each row, of a long table for the first ones."""
+        """Return a line for each row, or for the first ones of a long table."""
         return self.report().text(MOST_ROWS) or "{}"
 
     __str__ = __repr__
@@ -276,7 +275,7 @@ def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | No
 
 
 def json_values(value: Any) -> Any:
-    """Turn numbers, arrays and tables into those that JSON has; None if one is not finite."""
+    """Convert numbers, arrays and tables to JSON values; None if a number is not finite."""
     if isinstance(value, Mapping):
         return {key: json_values(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # NumPy's arrays and numbers
@@ -287,7 +286,7 @@ def json_values(value: Any) -> Any:
 
 
 def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: Any) -> Table:
-    """Return a table that only HTML has: a matrix with the names of its rows and columns.
+    """Return a matrix with names of rows and columns as a table for HTML only.
 
     Parameters
     ----------
@@ -304,18 +303,18 @@ def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: An
 
 
 def escaped(text: object, most: int = _MOST_TEXT) -> str:
-    """Put a text on one line of HTML, cut short, in which nothing is markup or mathematics."""
+    """Return a text as one line of HTML, shortened and escaped."""
     line = " ".join(str(text).split())
     return html.escape(line if len(line) <= most else f"{line[: most - 1]}…")
 
 
 def cut(line: str, most: int = _LINE) -> str:
-    """Cut a line of text short."""
+    """Shorten a line of text."""
     return line if len(line) <= most else f"{line[: most - 1]}…"
 
 
 def names(items: Sequence[str], most: int = 8) -> str:
-    """List names; of many the first ones and their number."""
+    """List names; of many, the first ones and their number."""
     if len(items) <= most:
         return ", ".join(items) or "none"
     return f"{', '.join(items[:most])}, … ({len(items)})"

@@ -1,7 +1,7 @@
-"""Results with their pictures.
+"""Results of runs with their plots.
 
-In: the record of a run and the model that made it. Out: a ``Result``, which can be drawn over time
-and, where bodies move in space, animated.
+In: the record of a run and its model. Out: a ``Result``, which can be plotted over time and, if
+bodies move in space, animated.
 """
 
 from __future__ import annotations
@@ -29,26 +29,25 @@ class Result(RunRecord):
     Attributes
     ----------
     model : WatchedModel or None
-        The model that ran; it is left behind where a result is copied or pickled.
+        The model; copies and pickles of a result do not have it.
     settings : Settings or None
-        The settings of the run, which are left behind with it.
+        The settings of the run; copies and pickles do not have them.
     """
 
     model: WatchedModel | None = None
     settings: Settings | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the model behind, which is a library in memory, and settings of it."""
-        # Another process could not use its pointers, nor inputs that are functions.
+        """Return the state without the model, which is a library in memory, and its settings."""
+        # Pointers, and inputs that are functions, are not valid in another process.
         return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:
-        """Return the same run at as many times as make its curves smooth.
+        """Return the same run at as many times as smooth curves need.
 
-        Values between the points of this result are those of the method's own interpolation, with
-        both sides of each jump. Of runs that have 400 points, failed, took more than 4000 steps or
-        have functions of Python as inputs, and of results without their model, this is the result
-        itself.
+        Values between the points of this result are computed by the method's own interpolation,
+        with both sides of each jump. The result itself is returned if it has 400 points or its run
+        failed, took more than 4000 steps or had Python functions as inputs, and if it has no model.
         """
         from cotree.solvers.simulate import at_more_times
 
@@ -65,29 +64,28 @@ class Result(RunRecord):
     ) -> Figure:
         """Draw curves over time by the titles of ``columns()``.
 
-        Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()``
-        shows the figure, and a notebook does, where matplotlib's pyplot was imported before, and
-        at any interactive prompt.
+        Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()`` shows
+        the figure. Notebooks, and interactive prompts, show it by themselves if matplotlib's pyplot
+        was imported before.
 
         Parameters
         ----------
         names : str, sequence of str or of (str, str), optional
-            States, outputs, inputs, and sensitivities as "d(j1.s)/d(L)" or ("j1.s", "L"); where
-            none is named, all those of the states and outputs that are stand beside them. The
-            coordinates where absent.
+            States, outputs, inputs, and sensitivities as "d(j1.s)/d(L)" or ("j1.s", "L"). If no
+            sensitivity is named, all those of the named states and outputs are plotted next to
+            them. By default the coordinates.
         ax : Axes, optional
-            Axes to draw into, beside what they show: curves of one unit, and no sensitivity that is
-            not named.
+            Existing axes to draw into: curves of one unit, and only sensitivities that are named.
 
         Returns
         -------
         Figure
-            A panel for each unit, and beside it one for each parameter.
+            A panel for each unit, and next to it one for each parameter.
 
         Raises
         ------
         SceneError
-            If there is nothing of a name in the result, or curves for ``ax`` have several units.
+            If the result does not contain a name, or curves for ``ax`` have several units.
         """
         from cotree.plot import draw_curves, plot_result
 
@@ -106,36 +104,37 @@ class Result(RunRecord):
         model: WatchedModel | None = None,
         trust_paths: bool = False,
     ) -> Animation:
-        """Draw the mechanism as it moves, in its plane or in space.
+        """Animate the mechanism, in its plane or in space.
 
-        Positions between the points of the result follow from values, rates and accelerations at
-        both ends; where a body turns by more than about half a turn between two points, ask for
-        more with ``simulate(t_eval=...)``. A run that failed is shown up to where it got.
+        Positions between the points of the result are interpolated from values, rates and
+        accelerations at both ends. If a body rotates by more than about half a turn between two
+        points, request more with ``simulate(t_eval=...)``. A failed run is shown up to its last
+        point.
 
         Parameters
         ----------
         fps : float
-            Frames for each second of watching. Of more than 2000 frames 2000 are made.
+            Frames per second of the animation; at most 2000 frames are drawn.
         speed : float, optional
-            Seconds of the run for each second of watching. Runs of 2 to 30 s are shown as they
-            happened where absent, others slower or faster.
+            Seconds of the run per second of the animation. By default runs of 2 to 30 s are shown
+            in real time, others slower or faster.
         view : (float, float), optional
-            Azimuth and elevation of the viewer, [deg]; a plane is viewed along its normal where
-            absent.
+            Azimuth and elevation of the viewer, [deg]; by default a plane is viewed along its
+            normal.
         model : WatchedModel, optional
-            The model that ran, which copied and pickled results do not keep.
+            The model, for results that were copied or unpickled.
         trust_paths : bool
-            Whether a robot's file may name meshes outside its folder and its packages.
+            Whether a robot's file may refer to meshes outside its folder and its packages.
 
         Returns
         -------
         cotree.watch.Animation
-            With ``save("name.gif")`` and ``save("name.html")``; a notebook shows it.
+            Has ``save("name.gif")`` and ``save("name.html")``; notebooks show it.
 
         Raises
         ------
         SceneError
-            If nothing in the scene moves in space, or a setting makes no sense.
+            If no body of the scene moves in space, or a setting is invalid.
         """
         from cotree.watch import animate
 

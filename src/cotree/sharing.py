@@ -1,7 +1,7 @@
-"""Caches that threads share: one thread computes a value at its first use, while others wait.
+"""Caches that threads share: one thread computes a value at its first use, the others wait.
 
-They hold compiled libraries, preparations of runs, and derivatives that are rarely needed. Only one
-thread at a time may form derivatives, since these are nodes that an arena numbers in order.
+They contain compiled libraries, preparations of runs, and derivatives that are rarely used. Only
+one thread at a time may form derivatives, since they are nodes, which an arena numbers in order.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Held while nodes are made in an arena that other threads can reach, such as that of a compiled
-#: model. Neither compilation nor integration runs under it.
+#: Held while nodes are formed in an arena that other threads can reach, such as that of a compiled
+#: model. It is not held during compilation and integration.
 forming = threading.RLock()
 
 
 def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Cache the results of a function as ``functools.cache`` does; other threads wait for them."""
+    """Cache the results of a function like ``functools.cache``; other threads wait for them."""
     lock, found = threading.RLock(), functools.cache(make)
 
     @functools.wraps(make)
@@ -36,9 +36,9 @@ def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 class RecentCache(Generic[_T]):
-    """A cache of the most recently used values; it is thread-safe.
+    """A thread-safe cache of the most recently used values.
 
-    Simultaneous calls with a new key may compute its value several times, and one is stored.
+    Simultaneous calls with a new key may each compute its value; one is stored.
     """
 
     def __init__(self, most: int) -> None:
@@ -59,13 +59,13 @@ class RecentCache(Generic[_T]):
         return made
 
 
-class locked_cached_property(functools.cached_property[_T]):  # a decorator, as its base is
+class locked_cached_property(functools.cached_property[_T]):  # a decorator, hence in lower case
     """A property computed at its first use, by one thread at a time; see :data:`forming`."""
 
-    # For type checkers it is its base.
+    # Type checkers see its base class.
     if not TYPE_CHECKING:
 
         def __get__(self, instance: Any, owner: type | None = None) -> Any:
-            """Return the value; from the second time on Python finds it in the instance itself."""
+            """Return the value; later accesses read it from the instance directly."""
             with forming:
                 return super().__get__(instance, owner)

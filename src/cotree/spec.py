@@ -1,9 +1,9 @@
-"""All that a model is compiled from, and the way from there to kernels that can be called.
+"""The specification that a model is compiled from, and its compilation to kernels.
 
-Forming equations and printing them takes most of the time of a model whose library is compiled.
-Programs with their C text are therefore kept beside libraries, found by all that they follow from:
-the specification and the sources of cotree itself. The stages before the program are gone through
-again where someone asks for them, as linearization and animation do.
+If the library of a model is cached, forming and printing its equations takes most of the time.
+Therefore programs with their C text are cached, too, with the specification and cotree's own
+sources as key. The stages before the program are repeated if they are needed, as by linearization
+and animation.
 """
 
 from __future__ import annotations
@@ -35,34 +35,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BuildSpec:
-    """All that a model is compiled from."""
+    """The specification that a model is compiled from."""
 
-    scene: SceneDescription  # the scene, which nobody changes afterwards
+    scene: SceneDescription  # the scene, which is not changed afterwards
     sensitivities: tuple[str, ...] = ()  # parameters and states to take sensitivities to
     tree: TreeChoice = None  # the branches; None chooses them
-    #: The user's choices for the compiler.
+    #: The user's options for the compiler.
     options: BuildOptions = field(default_factory=BuildOptions)
-    #: Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
+    #: Rate, [1/s], at which violations of constraints decay; zero: by projection.
     baumgarte: float = 0.0
-    #: Whether runs locate the corners of rates, in place of leaving them to the error test.
+    #: Whether runs locate kinks of the rates instead of leaving them to the error test.
     locates_corners: bool = True
 
     @property
     def key(self) -> object:
-        """All that the program and its text follow from; None if that is unknown."""
-        # Laws that a user registered are functions, which cannot be compared.
+        """All that determines the program and its text; None if it is unknown."""
+        # Registered laws are functions, which cannot be compared.
         if any(edge.statement["type"] not in OWN for edge in self.scene.edges.values()):
             return None
         return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Without what was formed of it.
+        # Without cached properties.
         return BuildSpec, tuple(getattr(self, row.name) for row in fields(self))
 
     @locked_cached_property
     def formed(self) -> Formed:
         """All stages up to the C text: the first graph, formulations tried, reports of passes."""
-        # Where the program was kept, nothing of the formulation is even imported.
+        # If the program is cached, the formulation is not even imported.
         from cotree.pipeline import form_text
 
         return form_text(
@@ -70,7 +70,7 @@ class BuildSpec:
         )
 
     def of(self, scene: SceneDescription, sensitivities: Sequence[str] | None = None) -> BuildSpec:
-        """Return the specification of another scene of the same edges, in the same coordinates.
+        """Return the specification of another scene with the same edges and coordinates.
 
         The scene is not changed afterwards. Sensitivities are the same unless given.
         """
@@ -81,7 +81,7 @@ class BuildSpec:
         return replace(self, scene=scene, tree=tree, sensitivities=names)
 
     def compile(self) -> tuple[CompiledModel, dict[str, float]]:
-        """Form the equations, generate C, compile and load it; what was kept is taken.
+        """Form the equations, generate C, compile and load it; cached results are used.
 
         Returns
         -------
@@ -93,16 +93,16 @@ class BuildSpec:
         Raises
         ------
         ModelError, FormulationError, CodegenError, BuildError
-            If a stage cannot do its work; the message says which edge, node or name is at fault.
+            If a stage fails; the message names the edge, node or name at fault.
 
         Warns
         -----
         RuntimeWarning
-            If no body has the inertia of an edge, or there is no compiler.
+            If an edge's inertia belongs to no body, or there is no compiler.
         """
         begun = time.perf_counter()
         text = kept(self.key, lambda: self.formed.text)
-        # Where the program was kept, nothing was formed.
+        # If the program was cached, these stages were not run.
         formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
         times = dict(formed.times) if formed else times
@@ -122,7 +122,7 @@ class BuildSpec:
 
             return text_at_rest(text.layout, self.scene)
 
-        # Only bound here: the network at rest is formed when a start is first asked for.
+        # A callable: the network at rest is formed at the first request of a start.
         key = None if self.key is None else ("at rest", self.key)
         return lambda: kept(key, form)
 
@@ -136,7 +136,7 @@ def open_spec(data: bytes) -> BuildSpec:
             assert isinstance(spec, BuildSpec)
             return spec
         except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
-            # Without the names that are known here.
+            # Without the types that are registered in this process.
             reason = str(error).split(";")[0].rstrip(".")
     raise ModelError(
         "this model came from another process as C text, and what is asked for needs its "

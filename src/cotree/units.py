@@ -1,8 +1,8 @@
 """Units: texts such as ``N m s/rad`` or ``mm``, their dimensions, and factors to SI.
 
-Products, quotients and powers of symbols are read here, and so are the symbols of SI; the library
-pint knows the others. It sees no more than a name: its parser evaluates arithmetic, and a text such
-as ``10**10**10`` from a file would keep it busy for ever.
+Products, quotients and powers of symbols are parsed here, and symbols of SI are known; other
+symbols are looked up in the library pint. Pint only receives names: its parser evaluates
+arithmetic, so that a text such as ``10**10**10`` from a file would never return.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 
 from cotree.errors import UnitError, brief, nearest
 
-#: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are numbers in SI. Fields
-#: say rad and Hz where it matters: a speed in rad/s is none in Hz, though both are 1/s.
+#: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are dimensionless in SI.
+#: Fields distinguish rad and Hz: a speed in rad/s is not a frequency in Hz, although both are 1/s.
 Dimension = tuple[float, ...]
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "Hz")
@@ -32,7 +32,7 @@ def _of(**exponents: float) -> Dimension:
 
 _NONE = _of()
 
-#: Symbols whose factor is one. Where several have one dimension, the first stands for it.
+#: Symbols whose factor is one. If several have the same dimension, the first represents it.
 _SI: dict[str, Dimension] = {
     **{base: _of(**{base: 1}) for base in _BASES[:_ANGLE]},
     "rad": _of(rad=1),
@@ -60,23 +60,23 @@ _TOKEN = re.compile(
     r"|(?P<op>\*\*|[*·.×/^()-])|(?P<power>[⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))\s*"
 )
 _RAISED = {ord("⁻"): "-", **{ord(raised): str(i) for i, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
-#: Signs as Python has them, which parses the text and never evaluates it.
+#: Operators in Python's notation, for parsing without evaluation.
 _SPELT = {"^": "**", "·": "*", ".": "*", "×": "*"}
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: a value in it times ``factor`` plus ``offset`` is one in ``si``.
+    """A unit: a value in it times ``factor`` plus ``offset`` is the value in ``si``.
 
     Attributes
     ----------
     text : str
-        As it was written.
+        The original text.
     si : str
-        The unit of SI in its place.
+        The unit of SI that replaces it.
     factor, offset : Fraction
-        One and zero for units of SI themselves. Fractions, since 35 mm is to be the double that
-        0.035 m is.
+        One and zero for units of SI. They are fractions, so that 35 mm is the same double as
+        0.035 m.
     dimension : tuple of float
         Exponents of the base units, and of angle and cycles.
     """
@@ -89,7 +89,7 @@ class Unit:
 
     @property
     def is_si(self) -> bool:
-        """Whether values in it are values in SI."""
+        """Whether it is a unit of SI."""
         return self.factor == 1 and self.offset == 0
 
     def to_si(self, value: float) -> float:
@@ -97,16 +97,16 @@ class Unit:
         return float(Fraction(repr(value)) * self.factor + self.offset)
 
     def fits(self, other: Unit) -> bool:
-        """Whether values in both may stand for the same quantity.
+        """Return whether both are units of the same quantity.
 
-        Radians may be left out, but cycles are no radians.
+        Radians may be left out, but cycles are not radians.
         """
         return same_dimension(self.dimension, other.dimension)
 
 
 @dataclass(frozen=True)
 class _Symbol:
-    """A symbol: its factor and offset, its dimension, and symbols of SI in its place."""
+    """A symbol: its factor and offset, its dimension, and its representation in SI."""
 
     factor: Fraction
     offset: Fraction
@@ -115,19 +115,19 @@ class _Symbol:
 
 
 def same_dimension(a: Dimension, b: Dimension) -> bool:
-    """Whether two dimensions are the same; radians count only against cycles."""
+    """Return whether two dimensions are equal; radians are only distinguished from cycles."""
     if any(abs(x - y) > 1e-9 for x, y in zip(a[:_N_TRUE], b[:_N_TRUE], strict=True)):
         return False
     return not ((a[_ANGLE] and b[_CYCLE]) or (b[_ANGLE] and a[_CYCLE]))
 
 
 def unit_text(dimension: Dimension) -> str:
-    """Write a dimension as a unit of SI: one symbol if there is one, else base units."""
-    # Radians are left out beside other units; a torque per radian times radians is a torque.
+    """Write a dimension as a unit of SI: one symbol if there is one, otherwise base units."""
+    # Radians are left out next to other units; a torque per radian times radians is a torque.
     if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
         dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
     if dimension == _SI["J"]:
-        return "N m"  # of energies and of torques
+        return "N m"  # for energies and torques
     for symbol, known in _SI.items():
         if known == dimension:
             return symbol
@@ -135,7 +135,7 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def check_unit(text: str, what: str) -> Unit | None:
-    """Read a unit, such as ``kg m^2`` or ``W/(m^2 K)``; None for an empty text.
+    """Parse a unit, such as ``kg m^2`` or ``W/(m^2 K)``; None for an empty text.
 
     ``what`` names its owner in messages: "unit of parameter 'L'".
     """
@@ -148,17 +148,17 @@ def check_unit(text: str, what: str) -> Unit | None:
 
 
 def stated_unit(text: str) -> Unit | None:
-    """Read the unit that a field or result states; None where it states none, or one of several."""
+    """Parse the unit that a field or result states; None if it states none, or one of several."""
     if not text or text == "any" or " or " in text:
         return None
     try:
         return read_unit(text)
     except UnitError:
-        return None  # components of users may state what they like
+        return None  # components of users may state any text
 
 
 def check_fits(unit: Unit, wanted: str, what: str) -> None:
-    """Raise UnitError, which names both, if a unit has another dimension than the one wanted."""
+    """Raise UnitError, which names both, if a unit does not have the required dimension."""
     stated = stated_unit(wanted)
     if stated is None or unit.fits(stated):
         return
@@ -170,7 +170,7 @@ def check_fits(unit: Unit, wanted: str, what: str) -> None:
 
 @lru_cache(maxsize=1024)
 def read_unit(text: str) -> Unit:
-    """Read a unit; UnitError, which continues "which holds ...", if it is none."""
+    """Parse a unit; raise UnitError, "which holds ...", if it is invalid."""
     if len(text) > _LONGEST:
         raise UnitError(f"which is longer than {_LONGEST} characters")
     parts = _parts(text.strip())
@@ -184,7 +184,7 @@ def read_unit(text: str) -> Unit:
     factor = Fraction(1)
     for symbol, power in symbols:
         whole = power.is_integer()
-        # Powers of fractions by whole numbers are exact; others go by doubles.
+        # Powers of fractions by whole numbers are exact; others are computed as doubles.
         factor *= symbol.factor ** int(power) if whole else _exact(float(symbol.factor) ** power)
     if not 1e-100 < factor < 1e100:
         raise UnitError("whose factor to SI is out of reach")
@@ -197,12 +197,12 @@ def read_unit(text: str) -> Unit:
 
 
 def _exact(value: float) -> Fraction:
-    """Return the decimal fraction that a number is written as."""
+    """Return a number as the decimal fraction that it is written as."""
     return Fraction(repr(float(value)))
 
 
 def _parts(text: str) -> list[tuple[str, float]]:
-    """Read a product: symbols with their exponents, from left to right."""
+    """Parse a product: symbols with their exponents, from left to right."""
     words: list[str] = []
     names: list[str] = []
     at, is_operand = 0, False
@@ -221,7 +221,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
         word = f"**{word.translate(_RAISED)}" if kind == "power" else word
         words.append(_SPELT.get(word, word))
     if words == ["-"]:
-        return []  # a dash says that there is none
+        return []  # a dash means no unit
     try:
         return _factors(ast.parse("".join(words), mode="eval").body, names, 1.0)
     except SyntaxError:
@@ -229,7 +229,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
 
 
 def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, float]]:
-    """List the symbols of a tree with their exponents, all times a power."""
+    """List the symbols of a tree with their exponents, all multiplied by a power."""
     if abs(power) > _LARGEST_POWER:
         raise UnitError(f"which has a power beyond {_LARGEST_POWER:g}")
     match tree:
@@ -249,7 +249,7 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
 
 
 def _written(parts: list[tuple[str, float]]) -> str:
-    """Write symbols with exponents as a text, those with negative ones below a stroke."""
+    """Write symbols with exponents as a text, those with negative ones after a slash."""
     total: dict[str, float] = {}
     for name, power in parts:
         total[name] = total.get(name, 0.0) + power
@@ -274,7 +274,7 @@ def _symbol(name: str) -> _Symbol:
 
 @lru_cache(maxsize=512)
 def _foreign(name: str) -> _Symbol:
-    """Ask the library for a symbol that is not of SI, or has a prefix."""
+    """Find a symbol with a prefix, or outside SI, in the library."""
     import pint
 
     registry = _registry()
@@ -297,7 +297,7 @@ def _foreign(name: str) -> _Symbol:
         exponents["Hz"] = 1.0
     dimension = _of(**exponents)
     offset = _exact(zero.magnitude)
-    if offset:  # the difference of two temperatures has more rounding than the library's table
+    if offset:  # differences of temperatures in the library's table have larger rounding errors
         one = registry.Quantity(1.0, f"delta_{own}").to_base_units()
     factor = _exact(one.magnitude)
     si = next((n for n, own_dimension in _SI.items() if own_dimension == dimension), None)
@@ -306,7 +306,7 @@ def _foreign(name: str) -> _Symbol:
 
 
 def _unknown(name: str, registry: Any) -> str:
-    """Return that there is no such unit, and which may be meant."""
+    """Return the message that a unit is unknown, with a suggestion."""
     usual = [f"{prefix}{symbol}" for prefix in ("", *"MkcmunpG") for symbol in _SI]
     close = nearest(name, usual)
     if "did you mean" not in close:
@@ -318,15 +318,15 @@ def _unknown(name: str, registry: Any) -> str:
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    """Make the library's table of units: once, since it takes a good part of a second."""
+    """Return the library's table of units, created once, since this takes almost a second."""
     import pint
 
     return pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
 
 
 def quotient(unit: str, divisor: str) -> str:
-    """Write a unit over another, m over N m as m/(N m); nothing if one of them is not known."""
-    # An unknown unit makes the quotient unknown, which is not the same as a number.
+    """Return a unit divided by another, m by N m as m/(N m); empty if one of them is unknown."""
+    # An unknown unit makes the quotient unknown, not dimensionless.
     if not unit or not divisor:
         return ""
     if divisor == "1":

@@ -1,7 +1,7 @@
-"""C text to shared library to loaded functions, addressed by content.
+"""From C text to a loaded shared library, cached by content.
 
-:func:`find_toolchain` finds a compiler, :func:`build_library` gives a library from the cache or
-from that compiler, :func:`load_library` loads it; :func:`obtain_library` does all but the first.
+:func:`find_toolchain` finds a compiler, :func:`build_library` returns a library from the cache or
+compiles it, :func:`load_library` loads it; :func:`obtain_library` does both.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
+"""Cache of compiled libraries: a folder of the user, keyed by all inputs of each library.
 
-A library stands there as ``<key>.so``, an object file that several libraries link as ``<key>.o``,
-and C text, with the program that it was printed from, as ``<key>.text``, each
-with its checksum in ``<key>.sha256``. All are published by atomic rename from a private folder, so
-a reader never meets half a file. A file whose checksum does not fit, whatever the reason, counts as
-absent and is made again.
+A library is stored as ``<key>.so``, an object file that several libraries link as ``<key>.o``, and
+C text with the program that it was printed from as ``<key>.text``, each with its checksum in
+``<key>.sha256``. All are published by atomic rename from a private folder, so that a reader never
+sees an incomplete file. A file that does not match its checksum counts as absent and is built
+again.
 
-Of processes that want the same library at the same time, one builds it and the others wait for a
-lock. The lock only saves work: a process that cannot get it builds for itself, correctly.
+If several processes need the same library, one builds it and the others wait for a lock. The lock
+only saves work: a process that cannot acquire it builds the library itself, correctly.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _T = TypeVar("_T")
 _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
-#: Files of cotree that texts follow from.
+#: Files of cotree that determine cached texts.
 _SOURCES = {".py", ".jinja", ".c", ".h"}
-# Only these names are ever removed from the folder, which may hold other things.
+# Only files with these names are removed from the folder, which may contain others.
 _KEY = re.compile(r"[0-9a-f]{64}")
 _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
-#: The end of the name of a library in the cache, of an object file that several ones link, and of
-#: pickled C text with what it was printed from.
+#: Suffix of a library in the cache, of an object file that several libraries link, and of pickled C
+#: text with its program.
 LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
 
-#: Whether texts are cached. Tests that change how texts are formed switch it off.
+#: Whether texts are cached. Tests that change the generator disable it.
 KEEPS = True
-# No build takes as long, so the process of a private folder that has not changed for a day is gone.
+# Age at which a private folder is abandoned, since no build takes as long.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
 
@@ -89,7 +89,7 @@ def cache_directory() -> Path:
             f"The cache folder '{directory}' cannot be created ({error.strerror}); name another "
             f"one with the environment variable {_VARIABLE}."
         ) from error
-    # A folder that existed before has the rights it was given then.
+    # A folder that existed before keeps its permissions.
     _check_private(directory, status)
     return directory
 
@@ -119,18 +119,18 @@ def cache_key(
         "version": toolchain.version,
         "flags": list(flags),
         "cpu_features": cpu_features,
-        # Home folders are shared between machines whose C libraries differ.
+        # Machines with different C libraries may share a home folder.
         "platform": [sysconfig.get_platform(), *platform.libc_ver()],
     }
-    # Sorted, so that the order in which a mapping was filled does not matter.
+    # Sorted, so that the key does not depend on the order of the mapping.
     return hashlib.sha256(json.dumps(ingredients, sort_keys=True).encode()).hexdigest()
 
 
 def find_published(key: str, end: str = LIBRARY) -> Path | None:
-    """Return the file of a key, or None if it is absent or not what was published."""
+    """Return the file of a key, or None if it is missing or does not match its checksum."""
     library, checksum = _published_paths(key, end)
     try:
-        # A damaged library would crash the process when it is loaded, not raise.
+        # Loading a damaged library would crash the process instead of raising an error.
         is_intact = checksum.read_bytes() == _digest(library)
     except OSError:
         return None
@@ -138,18 +138,18 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 
 
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
-    """Move a file from a private folder of the cache to its place."""
+    """Move a file from a private folder to its place in the cache."""
     library, checksum = _published_paths(key, end)
-    # Objects of one library are published by threads side by side.
+    # Threads publish the objects of one library concurrently.
     written = built.with_name(f"{built.name}.checksum")
     written.write_bytes(_digest(built))
     try:
-        # A reader between the two renames finds a checksum that does not fit, and builds for
-        # itself.
+        # A reader between the two renames finds a checksum that does not match, and builds the
+        # library itself.
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows never replaces a library that is loaded: that one has been published before.
+        # Windows cannot replace a loaded library, which has been published before.
         if find_published(key, end) is None:
             raise
     return library
@@ -165,11 +165,11 @@ def kept(of: object, make: Callable[[], _T]) -> _T:
     if data is None:
         return make()
     key = hashlib.sha256(_sources() + data).hexdigest()
-    # A cache that cannot be used counts as empty.
+    # If the cache cannot be used, the value is computed.
     with contextlib.suppress(BuildError, OSError):
         path = find_published(key, TEXT)
         if path is not None:
-            # The folder belongs to the user alone, and its libraries are run as they are.
+            # Unpickling is safe, since only the user can write to the folder.
             found: _T = pickle.loads(path.read_bytes())
             return found
     made = make()
@@ -184,18 +184,18 @@ def kept(of: object, make: Callable[[], _T]) -> _T:
 
 
 def pickled(value: object) -> bytes | None:
-    """Pickle a value; None where something in it cannot be."""
+    """Pickle a value; None if it cannot be pickled."""
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        # External functions are functions of Python, which may not be picklable.
+        # External functions are Python functions, which may not be picklable.
         return None
 
 
 @cache
 def _sources() -> bytes:
-    """Describe cotree's own files: cached texts are invalid if any of them changes."""
-    # An array that one version of NumPy pickled may not be read by another.
+    """Identify cotree's own files: cached texts are invalid if any of them changes."""
+    # Another version of NumPy may not be able to read pickled arrays.
     rows = [sys.version, np.__version__]
     for folder in (Path(__file__).parents[1], template_folder()):
         for path in sorted(path for path in folder.rglob("*.*") if path.suffix in _SOURCES):
@@ -206,7 +206,7 @@ def _sources() -> bytes:
 
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
-    """Open a folder for one build inside the cache, hence on the same file system.
+    """Create a private folder for one build inside the cache, hence on the same file system.
 
     Folders that killed builds left behind are removed first.
     """
@@ -219,30 +219,29 @@ def private_directory() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def building(key: str, time_limit: float) -> Iterator[None]:
-    """Hold the lock of a library while it is looked up again and built.
+    """Hold the lock of a library while it is searched for again and built.
 
-    Another process that builds it is waited for, at most ``time_limit`` seconds; after that both
-    build.
+    Wait at most ``time_limit`` seconds for another process that builds it; then both build.
     """
     import filelock
 
     lock = filelock.FileLock(cache_directory() / f"{key}.lock", timeout=time_limit)
-    # Some network file systems have no locks.
+    # Some network file systems do not support locks.
     with contextlib.suppress(filelock.Timeout, OSError, NotImplementedError):
         lock.acquire()
     try:
         yield
     finally:
         if lock.is_locked:
-            # Whoever waits for the removed file then finds the library, as does one who makes
-            # a new one; after a failure they build side by side.
+            # A process that waits for the removed file then finds the library, and so does one that
+            # creates a new file. After a failed build they may build concurrently.
             with contextlib.suppress(OSError):
                 Path(lock.lock_file).unlink()
             lock.release()
 
 
 def keep_failed(files: Mapping[str, str], key: str) -> Path:
-    """Write the sources of a failed build to ``failed/<key>`` and give that folder."""
+    """Write the sources of a failed build to ``failed/<key>`` and return that folder."""
     directory = cache_directory() / _FAILED / key
     directory.mkdir(parents=True, exist_ok=True)
     write_files(files, directory)
@@ -250,16 +249,16 @@ def keep_failed(files: Mapping[str, str], key: str) -> Path:
 
 
 def write_files(files: Mapping[str, str], directory: Path) -> None:
-    """Write texts into a folder, with the same bytes on each platform."""
+    """Write texts to a folder, with the same bytes on every platform."""
     for name, text in files.items():
         (directory / name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def clear_cache() -> int:
-    """Remove libraries, texts, kept sources and remains of interrupted builds.
+    """Remove libraries, texts, sources of failed builds and remains of interrupted builds.
 
-    Only files that cotree names are touched, whatever else the folder holds. Libraries that are
-    loaded stay usable, and a build under way in another process begins again.
+    Only files with names of cotree are removed. Loaded libraries remain usable, and a build in
+    progress in another process is restarted.
 
     Returns
     -------
@@ -341,9 +340,9 @@ def _digest(path: Path) -> bytes:
 
 
 def _remove_tree(directory: Path) -> int:
-    """Remove a folder; give the number of files that were in it."""
+    """Remove a folder; return the number of files in it."""
     n_files = sum(path.is_file() for path in directory.rglob("*"))
-    # A build that ends meanwhile removes its own folder.
+    # A build that ends in the meantime removes its own folder.
     with contextlib.suppress(FileNotFoundError):
         shutil.rmtree(directory)
     return n_files

@@ -1,8 +1,8 @@
-"""Compile C text into a shared library, or find the library that the same text gave before.
+"""Compile C text to a shared library, or return the cached library of the same text.
 
-``-ffast-math`` is never used: it breaks checks for NaN and the order of operations that the code
-generator chose. ``-ffp-contract`` is explicit, since compilers differ in its default, which changes
-last digits: it is off, unless ``native`` is requested.
+``-ffast-math`` is never used: it breaks checks for NaN and changes the order of operations.
+``-ffp-contract`` is set explicitly, since its default differs between compilers and affects the
+last digits: it is off unless ``native`` is requested.
 """
 
 from __future__ import annotations
@@ -43,15 +43,16 @@ if TYPE_CHECKING:
 
 
 _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
-# Register allocation of one long block dominates: above these counts -O1 takes minutes.
+# Register allocation of one long block dominates the compilation: above these operation counts -O1
+# takes minutes.
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
-# Operations of all functions together beyond which gcc gets -Og: for straight code that takes half
-# the instructions of -O1 (panda with 70 parameters 16 for 30 thousand million), and what it makes
-# takes 0.9 to 1.2 of the time, long kernels as often less as more. For clang it is -O1.
+# Number of operations of all functions above which gcc uses -Og. Straight-line code then takes half
+# as long to compile as with -O1 (panda with 70 parameters 16 instead of 30 thousand million
+# instructions) and runs in 0.9 to 1.2 times the time. For clang it is -O1.
 _LONG_FOR_GCC = 6_000
-# The number of equations is read through a pointer: it is constant in a loop only if types do not
-# alias.
+# The number of equations is read through a pointer; only with strict aliasing is it a loop
+# constant.
 _LOOPS_GCC = (
     "-O1 -fstrict-aliasing -ftree-loop-vectorize -fvect-cost-model=dynamic "
     "-finline-small-functions -ftree-pre -funswitch-loops -ftree-slp-vectorize -fpeel-loops "
@@ -76,9 +77,9 @@ class BuildOptions:
 
     #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
-    #: Use every instruction of this machine's processor, products and sums fused to one among them.
-    #: The library then serves machines with the same features only, and its results may differ in
-    #: the last digits.
+    #: Use all instructions of this machine's processor, including fused multiply-add. The library
+    #: then only runs on machines with the same features, and its results may differ in the last
+    #: digits.
     native: bool = False
     time_limit: float = 600.0  # time after which the compiler is stopped, [s]
 
@@ -88,7 +89,7 @@ class BuildOptions:
                 f"The build option optimize is '{self.optimize}', which is unknown"
                 f"{nearest(self.optimize, ('auto', *_LEVELS))}"
             )
-        # Written so that NaN is refused too.
+        # Written such that NaN is rejected, too.
         if not self.time_limit > 0.0:
             raise BuildError(
                 f"The build option time_limit is {self.time_limit:g} s; give a positive time."
@@ -98,9 +99,9 @@ class BuildOptions:
 def compiler_flags(
     toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all: int = 0
 ) -> tuple[str, ...]:
-    """Choose the flags that stand before the files' names.
+    """Return the compiler flags that precede the file names.
 
-    The numbers of operations in the longest C function and in all decide what ``'auto'`` means.
+    ``'auto'`` depends on the numbers of operations in the longest C function and in total.
 
     >>> from cotree.build import BuildOptions, Toolchain, compiler_flags
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
@@ -108,43 +109,43 @@ def compiler_flags(
     True
     """
     flags = ["-std=c99", _level(toolchain, options, n_operations, n_all)]
-    # Code on Windows is always relocatable, and clang refuses the flag there.
+    # Code on Windows is always relocatable, and clang rejects the flag there.
     if sys.platform != "win32":
         flags.append("-fPIC")
-    # Fused products and sums round once instead of twice, which changes last digits.
+    # Fused operations round once instead of twice, which changes the last digits.
     contract = "fast" if options.native else "off"
     # Without errno, square roots are single instructions.
     flags += ["-shared", f"-ffp-contract={contract}", "-fno-math-errno"]
     if toolchain.kind == "zig":
-        # Zig adds debug information and traps on signed overflow unless told otherwise.
-        # Its runtime lacks the functions that tell processors apart.
+        # By default Zig adds debug information and traps on signed overflow. Its runtime lacks the
+        # functions that identify processors.
         flags += ["-g0", "-fno-sanitize=all", "-DCOTREE_NO_DISPATCH"]
     flags += _processor_flags(toolchain, options)
     return tuple(flags)
 
 
 def loop_flags(toolchain: Toolchain) -> str:
-    """Return the flags, separated by blanks, of a file whose loops over equations become vectors.
+    """Return the flags, separated by blanks, of a file whose loops over equations are vectorised.
 
-    These are the parts of ``-O3`` that the loops gain from: they need half of the compiler's time,
-    and the code executes at most a hundredth more instructions.
+    They are the parts of ``-O3`` from which the loops benefit: compilation takes half the time of
+    ``-O3``, and the code executes at most 1 % more instructions.
     """
     return "-O3" if toolchain.is_clang else _LOOPS_GCC
 
 
 def cpu_features() -> str:
-    """Name the instruction sets of this processor, or the processor where they are not listed."""
+    """Return the instruction sets of this processor, or its name if they are unknown."""
     return _processor_entry("flags", "Features") or platform.processor()
 
 
 def processor_name() -> str:
-    """Name this processor, or its architecture where nothing more is known."""
+    """Return the name of this processor, or its architecture if nothing else is known."""
     return _processor_entry("model name") or platform.processor() or platform.machine()
 
 
 @cache
 def _processor_entry(*labels: str) -> str:
-    """Return the first of some labels that Linux has of a processor; empty if there is none."""
+    """Return the first of some entries in Linux's data on the processor, or an empty string."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             for line in lines:
@@ -160,10 +161,10 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
     if options.optimize != "auto":
         return options.optimize
     limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
-    # One function too long for the register allocator decides for the whole library.
+    # One function that is too long for register allocation decides for the whole library.
     if n_operations > limit:
         return "-O0"
-    # Fused products and sums come with -O2 only; it takes the compiler twice as long.
+    # Contraction to fused operations requires -O2, whose compilation takes twice as long.
     if options.native:
         return "-O2"
     return "-Og" if n_all > _LONG_FOR_GCC and not toolchain.is_clang else "-O1"
@@ -171,20 +172,20 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
 
 def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
     if not options.native:
-        # Zig alone compiles for the machine it runs on unless told otherwise.
+        # Only Zig compiles for the host processor by default.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # Elsewhere than on x86, compilers agree on -mcpu only. Numbers of different statements put into
-    # a vector wait for each other: without, most kernels are quicker, short ones by up to a third.
+    # On other processors than x86, compilers only share -mcpu. Packing independent statements into
+    # vectors adds dependencies: without it most kernels are faster, short ones by up to a third.
     return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
 
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
 _OUTPUT = "library.so"
-# The most attempts at a library that another process's clear_cache() keeps removing.
+# Largest number of attempts to build a library that the clear_cache() of other processes removes.
 ATTEMPTS = 3
 _FULL = re.compile("no space left on device|disk quota exceeded", re.IGNORECASE)
-# Less room than this for a compiler's temporary files is none.
+# With less free space than this, a compiler cannot write its temporary files.
 _LEAST_ROOM = 1 << 20
 
 
@@ -195,7 +196,7 @@ class BuiltLibrary:
     path: Path  # absolute path of the library
     seconds: float  # time spent on finding or building it, [s]
     cached: bool  # true if the compiler was not needed
-    #: The compiler's command lines, with file names relative to the folder of the C text.
+    #: Command lines of the compiler, with file names relative to the folder of the C text.
     command: str
 
 
@@ -210,7 +211,7 @@ def build_library(
     levels: Mapping[str, str] = MappingProxyType({}),
     shared: Collection[str] = (),
 ) -> BuiltLibrary:
-    """Compile a model, unless the cache holds it.
+    """Return a model's library from the cache, or compile it.
 
     Parameters
     ----------
@@ -249,16 +250,16 @@ def build_library(
         )
 
     *compiling, linking = _steps((*toolchain.command, *flags), sources, levels)
-    # What takes longest begins first, so that no processor waits for it at the end.
+    # The longest steps begin first, so that no processor idles at the end.
     compiling.sort(key=lambda step: (step.source not in levels, -len(files[step.source])))
     steps = [*compiling, linking]
-    # Levels of single files change the bytes of the library, so they belong to its key.
+    # Levels of single files affect the library, so they are part of its key.
     key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
     found = find_published(key)
     path = found
     if path is None:
         headers = {name: files[name] for name in shared if name.endswith(".h")}
-        # The last step links, or is the only one: it makes a library and no object.
+        # The last step, which may be the only one, builds the library instead of an object.
         steps[:-1] = [
             replace(step, key=key_of({**headers, name: files[name]}, levels.get(name, "")))
             if (name := step.source) in shared
@@ -266,16 +267,16 @@ def build_library(
             for step in steps[:-1]
         ]
         with building(key, options.time_limit):
-            found = find_published(key)  # another process may have built it meanwhile
+            found = find_published(key)  # another process may have built it in the meantime
             path = found or _compile(files, steps, key, options.time_limit)
     commands = " && ".join(shlex.join(step.command) for step in steps)
     return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
 
 
 def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the names of the C files, in an order that does not depend on the mapping's."""
+    """Return the names of the C files, sorted."""
     for name in files:
-        # A name must stay inside its folder, and must not read as a compiler's option.
+        # A name must not leave its folder or be read as a compiler option.
         if not _FILE_NAME.fullmatch(name):
             raise BuildError(
                 f"The file name '{name}' cannot be used for C text; use letters, digits and "
@@ -289,7 +290,7 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Step:
-    """A command, the C file that it compiles, and the key of its object where that is kept."""
+    """A command, the C file that it compiles, and the key of its object if it is cached."""
 
     source: str
     command: tuple[str, ...]
@@ -299,10 +300,10 @@ class _Step:
 def _steps(
     compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
 ) -> list[_Step]:
-    """Write the commands: one for a single file, else one for each file and one that links."""
-    # The library comes last: linkers take from it only what the files before it ask for.
+    """Return the commands: one for a single file, otherwise one per file and one that links."""
+    # Libraries come last: a linker only takes from them what preceding files require.
     to = ("-o", _OUTPUT, "-lm")
-    # The level of a single file comes after the common one: of several levels the last one counts.
+    # The level of a single file follows the common one, since the last level takes effect.
     own = {source: (*compiler, *levels.get(source, "").split()) for source in sources}
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
@@ -310,13 +311,13 @@ def _steps(
         _Step(source, (*command, "-c", source, "-o", f"{source}.o"))
         for source, command in own.items()
     ]
-    # The common flags hold -shared, which matters only to this last step, the one that links.
+    # The common flags include -shared, which only affects the last step.
     objects = [f"{source}.o" for source in sources]
     return [*steps, _Step(sources[0], (*compiler, *objects, *to))]
 
 
 def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float) -> Path:
-    """Compile in a private folder, publish the library and give its path."""
+    """Compile in a private folder, publish the library and return its path."""
     try:
         for _ in range(ATTEMPTS):
             found = _attempt(files, steps, key, time_limit)
@@ -335,7 +336,7 @@ def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_li
 def _attempt(
     files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float
 ) -> Path | None:
-    """Compile once; None if the private folder was taken away meanwhile."""
+    """Compile once; return None if another process removed the private folder."""
     with private_directory() as directory:
         try:
             write_files(files, directory)
@@ -343,7 +344,7 @@ def _attempt(
             if outcome.status == 0 and (directory / _OUTPUT).is_file():
                 return publish(directory / _OUTPUT, key)
         except FileNotFoundError:
-            # With its sources still there the folder was not taken away: something else is missing.
+            # The sources are still in the folder, so it was not removed: another file is missing.
             if _is_complete(directory, files):
                 raise
             return None
@@ -352,7 +353,7 @@ def _attempt(
             return None
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    # The private folder is removed: the sources are kept elsewhere for the user.
+    # The private folder is removed, so the sources are copied for the user.
     source = keep_failed(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
@@ -367,7 +368,7 @@ def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_full(directory: Path, outcome: Outcome) -> bool:
-    """Return whether a compiler failed for lack of disk space; it may end without a message."""
+    """Return whether a compiler failed for lack of disk space, possibly without a message."""
     if _FULL.search(outcome.output):
         return True
     with contextlib.suppress(OSError):
@@ -376,26 +377,26 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps but the last in parallel, then the last; give a failure, or the last."""
+    """Run all steps in parallel but the last, then the last; return it, or a failure."""
     *first, last = steps
-    owner = threading.current_thread()  # of all steps, whichever thread waits for them
+    owner = threading.current_thread()  # the owner of all steps, whichever thread runs them
 
     def run(step: _Step) -> Outcome:
         made = directory / f"{step.source}.o"
         found = find_published(step.key, OBJECT) if step.key else None
-        # Another process may clear the cache between the look and the copy.
+        # Another process may clear the cache between the check and the copy.
         with contextlib.suppress(FileNotFoundError):
             if found is not None:
                 shutil.copyfile(found, made)
                 return Outcome(0, "")
         outcome = run_limited(step.command, directory, time_limit, owner)
         if step.key and outcome.status == 0:
-            # The library is linked from the one, the other moves to the cache.
+            # One copy is linked, the other is published in the cache.
             copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")
             publish(copy, step.key, OBJECT)
         return outcome
 
-    # Threads suffice, as each waits for a process. The first file that fails is reported.
+    # Threads suffice, since each waits for a process. The first failure is reported.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for step, outcome in zip(first, pool.map(run, first), strict=True):
             if outcome.status != 0:

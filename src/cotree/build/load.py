@@ -1,4 +1,4 @@
-"""Load a shared library through cffi in ABI mode: no compiler and no Python headers are needed."""
+"""Load shared libraries with cffi in ABI mode, without a compiler or Python headers."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ class LoadedLibrary:
     """A shared library in this process."""
 
     ffi: FFI  # the types of the declarations; makes and casts pointers
-    lib: Any  # the library; its functions and variables are attributes, found at first use
+    lib: Any  # the library; functions and variables are attributes, resolved at first use
 
 
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
-    """Load a shared library, once per process, path and declarations (without preprocessor lines).
+    """Load a shared library, once per process, path and declarations.
 
-    Only intact files belong here: the system's loader may crash on a damaged one. Raises BuildError
-    if the system refuses to load the file, or it lacks something that is declared.
+    The declarations have no preprocessor lines. The file must be intact, since the system's loader
+    may crash on a damaged one. Raises BuildError if the system cannot load it, or a declared name
+    is missing.
     """
-    # Absolute, since the system searches its own folders for a bare name.
+    # An absolute path, since the system would search its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
 
 
@@ -38,7 +39,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
 def _load(path: str, cdef: str) -> LoadedLibrary:
     import cffi
 
-    # Each library has types of its own, so that equal names in two of them never meet.
+    # Each library has its own types, so that equal names in two libraries do not conflict.
     ffi = cffi.FFI()
     ffi.cdef(cdef)
     try:
@@ -49,8 +50,9 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are looked up at first use, where a library of something else would be a riddle. An
-    # engine declares what it calls in other libraries, too: one without any name is foreign.
+    # Names are resolved at first use, where the wrong library would cause an obscure error. An
+    # engine also declares functions of other libraries: only a library without any of the names is
+    # foreign.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(
@@ -65,14 +67,15 @@ def obtain_library(
 ) -> tuple[BuiltLibrary, LoadedLibrary]:
     """Find or build a library and load it; ``options`` are those of :func:`build_library`.
 
-    A library that another process's ``clear_cache()`` removes before it is loaded is built again.
+    If the ``clear_cache()`` of another process removes the library before it is loaded, it is built
+    again.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)
         try:
             return built, load_library(built.path, declarations)
         except BuildError:
-            # A file that is still there is itself at fault, and would be again.
+            # If the file still exists, it is invalid, and building it again would not help.
             if built.path.exists() or attempt == ATTEMPTS:
                 raise
     raise AssertionError("the last attempt returns or raises")

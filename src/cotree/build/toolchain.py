@@ -1,7 +1,7 @@
 """Find a C compiler: environment in, :class:`Toolchain` out.
 
 The order is the ``CC`` environment variable, ``cc``, ``gcc``, ``clang``, then the ``ziglang``
-package. ``COTREE_COMPILER=none`` says that there is no compiler, whatever is installed.
+package. ``COTREE_COMPILER=none`` disables all compilers.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 _LAST_WORDS = 2.0
 
 
-# Running commands with the thread of each, and threads whose work is no longer needed. Threads are
-# identified by objects, since systems reuse the numbers of threads that ended.
+# Running commands by thread, and threads whose results are no longer needed. Threads are identified
+# by objects, since systems reuse thread numbers.
 _running: dict[subprocess.Popen[bytes], threading.Thread] = {}
 _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
@@ -56,12 +56,12 @@ def run_limited(
     time_limit: float,
     owner: threading.Thread | None = None,
 ) -> Outcome:
-    """Run a command, without a shell, and wait for it, at most ``time_limit`` seconds.
+    """Run a command without a shell, for at most ``time_limit`` seconds.
 
-    The command's temporary files go to ``directory``, which is also its current directory, so that
-    nothing outlives it there. It reads nothing, and whatever it started dies with it when time runs
-    out or the caller is interrupted. Raises OSError if it cannot be started, BuildError if the
-    ``owner``, by default the calling thread, has been abandoned (:func:`abandon`).
+    The command's temporary files are written to ``directory``, which is also its current directory.
+    It has no input. Its whole process group is killed if time runs out or the caller is
+    interrupted. Raises OSError if it cannot be started, BuildError if the ``owner``, by default the
+    calling thread, has been abandoned (:func:`abandon`).
     """
     folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
@@ -72,7 +72,7 @@ def run_limited(
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        # One signal to the session's group then reaches the passes that a compiler starts, too.
+        # A signal to the process group also reaches the passes that a compiler starts.
         start_new_session=True,
     )
     with process:
@@ -80,18 +80,18 @@ def run_limited(
         try:
             _check_wanted(owner)
             output, _ = process.communicate(timeout=time_limit)
-            _check_wanted(owner)  # one that was killed for that has not failed
+            _check_wanted(owner)  # a command that was killed for this reason has not failed
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
-            # Read the rest of the output, with a limit: processes that left the group may keep the
-            # pipe open.
+            # Read the rest of the output with a time limit: processes outside the group may keep
+            # the pipe open.
             try:
                 output, _ = process.communicate(timeout=_LAST_WORDS)
             except subprocess.TimeoutExpired as error:
                 output = error.stdout or b""
             status = None
-        # Ctrl-C ends the compiler with the caller.
+        # Ctrl-C stops the compiler together with the caller.
         except BaseException:
             _kill_group(process)
             raise
@@ -101,11 +101,11 @@ def run_limited(
 
 
 def abandon(thread: threading.Thread) -> None:
-    """Kill the compilers of a thread, which starts no others: the program is about to end."""
+    """Kill the compilers of a thread and start no others, because the program is about to end."""
     _abandoned.add(thread)
     for process, owner in list(_running.items()):
         if owner is thread:
-            with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
+            with contextlib.suppress(ProcessLookupError):  # it may have ended in the meantime
                 _kill_group(process)
 
 
@@ -117,8 +117,8 @@ def _check_wanted(thread: threading.Thread) -> None:
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
     """Return a shell command that sets the limit and then runs the command.
 
-    A preexec_fn is unsafe in a process with threads, which NumPy's libraries start. A system that
-    refuses the limit runs the command without one.
+    A preexec_fn is unsafe in a process with threads, which NumPy's libraries start. If the system
+    rejects the limit, the command runs without one.
     """
     if sys.platform == "win32":
         return list(command)
@@ -127,33 +127,33 @@ def _with_memory_limit(command: Sequence[str]) -> list[str]:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill the compiler with the passes it has started."""
+    """Kill the compiler and the passes that it has started."""
     if sys.platform == "win32":
         process.kill()
         return
-    # The leader's number names the group for certain until the leader has been waited for. Not
-    # poll(): it would wait for a leader that is gone while its passes live on.
+    # The leader's number identifies the group until the leader is waited for. Therefore poll() is
+    # not called: it would reap the leader while its passes are still running.
     if process.returncode is None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
 _NAMES = ("cc", "gcc", "clang")
-# Time limit of a first call, which may wait for a network file system or a virus scanner, [s].
+# Time limit of the first call, which may wait for a network file system or a virus scanner, [s].
 _ANSWER_TIME = 10.0
 
 
 @dataclass(frozen=True)
 class Toolchain:
-    """A C compiler that runs."""
+    """A C compiler that has been run successfully."""
 
-    command: tuple[str, ...]  # program with its absolute path, then arguments that every call needs
-    version: str  # first line of what ``--version`` prints
-    #: ``'zig'`` where the compiler is reached through zig, whose defaults differ.
+    command: tuple[str, ...]  # absolute path of the program, and arguments of every call
+    version: str  # first line of the output of ``--version``
+    #: ``'zig'`` if the compiler is run through zig, whose defaults differ.
     kind: Literal["cc", "zig"]
 
     @property
     def is_clang(self) -> bool:
-        """True if the compiler is a clang, under its own name or inside zig."""
+        """True if the compiler is clang, directly or inside zig."""
         return self.kind == "zig" or "clang" in self.version.lower()
 
 
@@ -170,7 +170,7 @@ def find_toolchain() -> Toolchain | None:
     if requested:
         return _requested_toolchain(requested)
     for command in _candidate_commands():
-        # A name on PATH that does not answer is passed over; only CC is taken or refused.
+        # A program on PATH that does not respond is skipped; only CC must be usable.
         with contextlib.suppress(BuildError):
             return _toolchain(command)
     return None
@@ -203,7 +203,7 @@ def _requested_toolchain(requested: str) -> Toolchain:
 
 
 def _split(text: str) -> list[str]:
-    """Split a command line; on Windows a backslash separates folders and escapes nothing."""
+    """Split a command line; on Windows a backslash separates folders and is no escape."""
     if sys.platform == "win32":
         return [part.strip('"') for part in shlex.split(text, posix=False)]
     return shlex.split(text)
@@ -215,15 +215,15 @@ def _candidate_commands() -> Iterator[tuple[str, ...]]:
         if program is not None:
             yield (program,)
     if sys.executable and importlib.util.find_spec("ziglang") is not None:
-        # -P: without it a folder 'ziglang' in the current directory would be run.
+        # -P: otherwise a folder 'ziglang' in the current directory would be imported.
         yield (sys.executable, "-P", "-m", "ziglang", "cc")
 
 
 def _find_program(name: str) -> str | None:
     """Return the absolute path of a program.
 
-    Relative entries of PATH (and, on Windows, the current directory) are passed over: nothing is
-    ever run from the current directory unless its path is spelled out.
+    Relative entries of PATH and, on Windows, the current directory are skipped: nothing is run from
+    the current directory unless its path is given explicitly.
     """
     if os.path.dirname(name):
         return shutil.which(os.path.abspath(name))
@@ -233,7 +233,7 @@ def _find_program(name: str) -> str | None:
 
 
 def _toolchain(command: tuple[str, ...]) -> Toolchain:
-    # Zig is a program of its own, or a module that Python runs.
+    # Zig is a program, or a module that Python runs.
     is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
     return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
 
@@ -248,10 +248,10 @@ def _version_text(command: tuple[str, ...]) -> str:
     return version
 
 
-# Other failures are raised, hence not remembered: a compiler installed meanwhile is found.
+# Other failures raise and are therefore not cached: a compiler installed later is found.
 @functools.cache
 def _answer(command: tuple[str, ...]) -> str | None:
-    """Ask a compiler for its version; None where it does not answer in time."""
+    """Return the version of a compiler; None if it does not respond in time."""
     try:
         _check_command_line_tools(command[0])
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
@@ -267,7 +267,7 @@ def _answer(command: tuple[str, ...]) -> str | None:
 
 
 def _check_command_line_tools(program: str) -> None:
-    """Refuse Apple's stand-ins in /usr/bin, which open a dialog if the tools are missing."""
+    """Raise an error for Apple's placeholders in /usr/bin, which open a dialog."""
     if sys.platform == "darwin" and os.path.dirname(program) == "/usr/bin":
         answer = subprocess.run(
             ["/usr/bin/xcode-select", "-p"],

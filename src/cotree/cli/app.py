@@ -360,7 +360,7 @@ def save_scene(
     scene: SceneName,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .toml file.")],
 ) -> None:
-    """Write a scene as TOML, whatever it was read from."""
+    """Write a scene of any format as TOML."""
     write_file(output, read_scene(scene).save)
 
 

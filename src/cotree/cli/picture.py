@@ -50,7 +50,7 @@ def draw_run(
 
 
 def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
-    """Draw the curves of a run into a file, ``.html`` or ``.gif``, in place of an animation."""
+    """Draw the curves of a run into a file, ``.html`` or ``.gif``, instead of an animation."""
     figure = plot_result(result.smooth(), names or None)
     with written_whole(path, "the picture") as draft:
         if path.suffix.lower() == ".html":

@@ -171,7 +171,7 @@ SINGLE = Target(
 )
 #: Targets of C projects, by the type of their numbers.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
-#: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
+#: Maps of columns: as many at a time as a vector has lanes, for any number of columns.
 LANES = DOUBLE.lanes
 #: Members of an ensemble: whole kernels, a member in each lane.
 MEMBERS = Target(

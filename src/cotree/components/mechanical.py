@@ -286,7 +286,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
 
 
 #: Sources of velocity, which are constraints on joints: whether they rotate, and their field.
-PACED = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
+VELOCITY_SOURCES = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
 MASS = storage(

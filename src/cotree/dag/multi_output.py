@@ -252,7 +252,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             # x = A^-1 b, from the columns of the inverse, which all columns of the map share.
             rhs = [made.get(arg, arg) for arg in system.args[n * n : n * n + n]]
             columns = [solution[node.data] for solution in inverses[system]]
-            # The rank, behind the unknowns, is that of the matrix alone.
+            # The rank, which follows the unknowns, is that of the matrix only.
             made[node] = columns[0] if node.data >= n else _product(dag, columns, rhs)
         else:
             made[node] = dag.rebuild(node, tuple(args))
@@ -339,7 +339,7 @@ def solve_pivoted(
     reference : float
         Size of the terms of the entries, where these may be the remainder of a cancellation.
     shape : SolveShape, optional
-        Requirements on the solution; where absent, all unknowns must be unique.
+        Requirements on the solution; by default all unknowns must be unique.
 
     Returns
     -------

@@ -104,7 +104,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     Raises
     ------
     ParameterError
-        If an axis is empty, has a value twice or one that is no finite number, or is given twice.
+        If an axis is empty, repeats a value, has one that is not finite, or is given twice.
 
     Examples
     --------

@@ -269,7 +269,7 @@ class Experiment:
         (n_times,). Missing values are nan, or empty in a file. A unit may be part of the name of a
         column, ``angle [deg]``; columns without a unit are in SI.
     inputs : mapping of str to number, str or (times, values), optional
-        Inputs of this run in place of the scene's; see :meth:`cotree.Model.simulate`. New names in
+        Inputs of this run that replace the scene's; see :meth:`cotree.Model.simulate`. New names in
         expressions are parameters, which are given in ``parameters`` or estimated. A column with
         the name of an input is used as that input, with linear interpolation, unless the input is
         given here.

@@ -263,7 +263,7 @@ class FitResult(Reported):
         Parameters
         ----------
         names : sequence of str, optional
-            Estimated parameters; all where absent.
+            Estimated parameters; by default all.
         level : float
             Level of confidence.
         """

@@ -87,7 +87,7 @@ class Kit:
     #: Prefix of names in C and of files; empty for the name of the scene.
     prefix: str = ""
     has_wrapper: bool = False  # whether there is a header for C++, too
-    #: Whether all C stands in one header and one source, without build files.
+    #: Whether all C is in one header and one source, without build files.
     is_single: bool = False
 
     def methods(self) -> list[str]:
@@ -126,7 +126,7 @@ def write_c_project(
     directory : Path
         Folder of the files, created if it is missing.
     kit : Kit or str
-        What the project is made of, or the methods alone.
+        The contents of the project, or the methods only.
     t_end, rtol, atol : float
         End time of a run without arguments, [s], and tolerances of states and sensitivities. Those
         that single precision cannot meet are loosened.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
 from cotree.formulation.elements import Sums, Wrench
-from cotree.formulation.laws import Applied, paced_rows
+from cotree.formulation.laws import Applied, prescribed_rate_rows
 from cotree.formulation.through import carried, hand_on, project
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
-    for row in (*constraint_rows(motion), *paced_rows(motion)):
+    for row in (*constraint_rows(motion), *prescribed_rate_rows(motion)):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
             # The power of the pull for a unit of each speed is the derivative of the rate by that

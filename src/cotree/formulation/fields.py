@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from cotree.components import Component, Field, MotionStep, Shape
 from cotree.components.component import Role
-from cotree.components.mechanical import PACED
+from cotree.components.mechanical import VELOCITY_SOURCES
 from cotree.dag import vector
 from cotree.dag.continuity import have_time_events, margins, may_jump
 from cotree.dag.derivative import tangents
@@ -171,7 +171,7 @@ def is_varying(node: Node) -> bool:
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
     """Guard the minors of an inertia tensor, which are not negative for a real body."""
-    # Thin rods, and entries of 1e-35 beside zeros, have minors of zero up to rounding: a fraction
+    # Thin rods, and tensors with entries of 1e-35, have minors of zero up to rounding: a fraction
     # of the tensor's size is added to its diagonal as a tolerance.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
     found = []
@@ -400,5 +400,5 @@ def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
             continue
         (rate,) = tangents([value], {time: time.dag.one})
         # A jump of the position, or of the speed, would require an impulse.
-        for node in (value,) if edge.component.name in PACED else (value, rate):
+        for node in (value,) if edge.component.name in VELOCITY_SOURCES else (value, rate):
             yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Acts, Freedom, Role
-from cotree.components.mechanical import PACED, counterpart_of
+from cotree.components.mechanical import VELOCITY_SOURCES, counterpart_of
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.errors import SceneError, nearest
@@ -224,7 +224,7 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
 
 
 @dataclass(frozen=True)
-class Sitter:
+class JointElement:
     """A component that acts on a joint."""
 
     #: Its name and its type.
@@ -234,8 +234,8 @@ class Sitter:
 
 
 @dataclass(frozen=True)
-class Paced:
-    """A coordinate minus a prescribed course: its rate is constrained, and its value follows."""
+class PrescribedRate:
+    """A coordinate with a prescribed rate: only its rate is constrained."""
 
     measure: Measure  # the coordinate
     #: The prescribed rate, of parameters and time, and the symbol of time.
@@ -260,18 +260,18 @@ class Paced:
         return self.measure.pull(view)
 
 
-def paced_rows(motion: Motion) -> Iterator[Row]:
+def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
     """List the rows of sources of velocity on joints."""
     for edge in motion.system.edges.values():
-        if edge.component.role is Role.CONSTRAINT and edge.component.name in PACED:
-            turns, field = PACED[edge.component.name]
-            sitter = Sitter(edge.name, edge.component.name, turns)
-            measure = joint_measure(sitter, edge.expressions["joint"].text.strip(), motion)
-            paced = Paced(measure, edge.scalars[field], motion.system.time)
-            yield Row(f"{edge.name}.motion", edge.name, "rad/s" if turns else "m/s", paced)
+        if edge.component.role is Role.CONSTRAINT and edge.component.name in VELOCITY_SOURCES:
+            turns, field = VELOCITY_SOURCES[edge.component.name]
+            element = JointElement(edge.name, edge.component.name, turns)
+            measure = joint_measure(element, edge.expressions["joint"].text.strip(), motion)
+            prescribed = PrescribedRate(measure, edge.scalars[field], motion.system.time)
+            yield Row(f"{edge.name}.motion", edge.name, "rad/s" if turns else "m/s", prescribed)
 
 
-def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
+def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
     """Measure the coordinate ``joint`` or ``joint.coordinate`` on which a component acts.
 
     Raises SceneError if there is no such coordinate, or it slides but the component rotates.
@@ -283,30 +283,30 @@ def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
     if edge is None or edge.component.role is not Role.JOINT:
         known = [e.name for e in motion.system.edges.values() if e.component.role is Role.JOINT]
         raise SceneError(
-            f"edge '{sitter.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
+            f"edge '{element.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
         )
     # Rotational components act about revolute joints, translational ones along sliding joints. A
     # free rotation has no single angle.
     steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
-    known = [step.name for step in steps if step.rotates is sitter.turns]
+    known = [step.name for step in steps if step.rotates is element.turns]
     names = [name for name in known if wanted in ("", name)]
     if len(names) != 1:
-        raise SceneError(_joint_message(sitter, edge, wanted, known, bool(steps)))
+        raise SceneError(_joint_message(element, edge, wanted, known, bool(steps)))
     measure = named_measure(motion, f"{joint}.{names[0]}")
     if measure is None:
         raise SceneError(
-            f"edge '{sitter.edge}' acts on '{joint}.{names[0]}', which closes a loop and "
+            f"edge '{element.edge}' acts on '{joint}.{names[0]}', which closes a loop and "
             "cannot be measured there: name a tree that contains the joint"
         )
     return measure
 
 
 def _joint_message(
-    sitter: Sitter, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
+    element: JointElement, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
     """Describe why a component cannot act on a joint, and which can."""
-    own = f"edge '{sitter.edge}'"
-    does, what = ("turns", "angle") if sitter.turns else ("slides", "length")
+    own = f"edge '{element.edge}'"
+    does, what = ("turns", "angle") if element.turns else ("slides", "length")
     on = f"joint '{joint.name}' of type '{joint.component.name}'"
     named = " or ".join(f'joint = "{joint.name}.{name}"' for name in known)
     if known and not wanted:
@@ -314,7 +314,7 @@ def _joint_message(
     if known:
         place = f"{joint.name}.{wanted}"
         return f"{own} acts on '{place}', which is no {what} of {on}: name {named}"
-    other, cure = counterpart_of(sitter.type), f"act on a joint that {does}"
+    other, cure = counterpart_of(element.type), f"act on a joint that {does}"
     if other and has_others:
-        cure = f"use a {other} instead of the {sitter.type}, or {cure}"
+        cure = f"use a {other} instead of the {element.type}, or {cure}"
     return f"{own} {does}, but {on} has no {what} to act on: {cure}"

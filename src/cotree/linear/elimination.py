@@ -170,7 +170,7 @@ class FewestUpdates:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Choose the next pivot."""
-        # Nothing is left, or a row without entries: singular whatever the values are.
+        # Nothing is left, or a row without entries: singular for all values.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
@@ -218,7 +218,7 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
     """Match each column with a distinct row that has an entry in it, preferably its own.
 
-    None where there is no such matching: the matrix is then singular whatever its values.
+    None where there is no such matching: the matrix is then singular for all values.
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}

@@ -66,7 +66,7 @@ class Core:
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
         # Scaled to a unit diagonal, so that entries are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
-        return dict(zip(self.places, found, strict=False))  # the rank stands behind them
+        return dict(zip(self.places, found, strict=False))  # the rank follows them
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class SparseFactors:
 
     dag: Dag  # the arena
     factors: Factors[Node]  # pivot by pivot
-    is_symmetric: bool  # whether the multipliers below a pivot are those beside it, too
+    is_symmetric: bool  # whether the multipliers of a pivot's row are those of its column
     core: Core | None = None  # what is left without pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        # Substitution in unsymmetric factors belongs to the item that asks for it.
+        # Substitution in unsymmetric factors belongs to the item that needs it.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
             # Forwards with L, the core in between, then backwards.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):

@@ -296,7 +296,7 @@ class TreeFactors:
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
-                    # u = tau - s.p: what is left to accelerate this speed.
+                    # u = tau - s.p: the effort that accelerates this speed.
                     rest[at] = rest[at] - _power(link, speed, force, torque)
                     # p + w u / d acts on the parent.
                     force = vector.add(force, vector.scale(rest[at], gate.force))

@@ -119,7 +119,7 @@ class OperatingPoint:
         return load_model(self.text, self._model.options or BuildOptions())
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
-        """Return the states at rest, and their sensitivities in place of those among s.
+        """Return the states at rest, and s with their sensitivities.
 
         Parameters
         ----------

@@ -81,7 +81,7 @@ class Rest(Protocol):
         ...
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
-        """Return the states at rest, and their sensitivities in place of those among s."""
+        """Return the states at rest, and s with their sensitivities."""
         ...
 
 
@@ -164,9 +164,9 @@ class CompiledModel:
         Parameters
         ----------
         values : mapping of str to float, or array_like of shape (n_parameters,), optional
-            Values in place of the scene's by name, or all of them.
+            Values that replace the scene's, by name or as an array of all.
         others : array_like, shape (n_parameters,), optional
-            Values in place of the scene's for those that are not named.
+            Default values instead of the scene's.
 
         Raises
         ------
@@ -545,7 +545,7 @@ class EvaluationPoint:
     model: CompiledModel
     t: float  # time, [s]
     p: Array  # parameters
-    u: Array | None = None  # inputs in place of the scene's
+    u: Array | None = None  # inputs that replace the scene's
 
     @property
     def inputs(self) -> Array:

@@ -152,7 +152,7 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     at : EvaluationPoint
         The model at the start.
     initial : mapping of str to float
-        Initial values of states in place of the scene's, and of their sensitivities.
+        Initial values of states and sensitivities that replace the scene's.
     """
     model = at.model
     initial, slopes = _apart(initial)

@@ -100,7 +100,7 @@ class StartInC:
         at : EvaluationPoint
             The model at the start.
         initial : mapping of str to float
-            Initial values of states in place of the scene's, finite numbers.
+            Initial values of states that replace the scene's, finite numbers.
         given : ndarray, shape (n_states * (1 + n_sensitivities),), optional
             All initial values and their sensitivities, if they are not the scene's alone.
 

@@ -38,7 +38,7 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
     model : CompiledModel
         The model.
     initial : mapping of str to float
-        Initial values of the run in place of the scene's.
+        Initial values of the run that replace the scene's.
     y : ndarray, shape (n_states,)
         The start that was found.
 

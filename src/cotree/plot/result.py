@@ -1,4 +1,4 @@
-"""Results over time, with sensitivities beside them ([1] Fig. 5 and 6).
+"""Results over time, with sensitivities next to them ([1] Fig. 5 and 6).
 
 In: a result. Out: a matplotlib `Figure`.
 """
@@ -139,7 +139,7 @@ def plot_result(
     overlay: Mapping[tuple[str, str], tuple[Array, Array]] | None = None,
     make: Callable[[float, float], Figure] | None = None,
 ) -> Figure:
-    """Plot states, outputs and inputs over time, and sensitivities beside them.
+    """Plot states, outputs and inputs over time, and sensitivities next to them.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def plot_result(
     Returns
     -------
     Figure
-        On the left one panel for each unit; beside it one panel for each unit and parameter.
+        On the left one panel for each unit; on the right one for each unit and parameter.
 
     Raises
     ------

@@ -69,7 +69,7 @@ def find_ranges(
 ) -> EventRanges:
     """Form the ranges of the values, without unknowns, of each event and then of each kink.
 
-    Values that are ``smooth`` count as states, whatever they consist of.
+    Values that are ``smooth`` count as states.
     """
     dag = equations.dag
     kinds = _kinds(equations, values, smooth)

@@ -37,7 +37,7 @@ class Element:
 
 class _Builder:
     def __init__(self, where: str, deepest: int, most: int) -> None:
-        # The text is decoded already, whatever encoding its first line declares.
+        # The text is decoded already; the encoding declared in its first line is ignored.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end

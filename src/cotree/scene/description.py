@@ -57,7 +57,7 @@ def check_allowed(entries: object) -> tuple[str, ...]:
     Raises
     ------
     SceneError
-        If it is no list of texts, or one does not begin with the name of a rule.
+        If it is not a list of texts, or one does not begin with the name of a rule.
     """
     if not isinstance(entries, (list, tuple)) or not all(isinstance(e, str) for e in entries):
         raise SceneError("allow must be a list of texts: ['unused-parameter:L']")
@@ -226,8 +226,8 @@ class SceneDescription(Reported):
         Raises
         ------
         SceneError, ParameterError, ExpressionError, UnitError
-            If the name is not allowed or taken, the unit is none, the value is neither a finite
-            number nor an expression, or a derived parameter leads back to itself.
+            If the name is invalid or taken, the unit or the value is invalid, or a derived
+            parameter depends on itself.
         """
         self._check_new("parameter", name, {**self.parameters, **self.inputs, **self.modes})
         row = make_parameter(name, value, unit, doc, tunable)
@@ -238,7 +238,7 @@ class SceneDescription(Reported):
     def set(
         self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
     ) -> None:
-        """Change the value of a parameter or an input; its doc and place stay.
+        """Change the value of a parameter or an input; its documentation and order are kept.
 
         Compiled models keep the previous value; a single run takes others by
         ``simulate(parameters={"L": 2.0})``.
@@ -250,12 +250,12 @@ class SceneDescription(Reported):
         value : float, str or (times, values)
             As of :meth:`parameter` and :meth:`input`.
         unit : str
-            Its unit; the scene's, of SI, where absent.
+            Its unit; by default that of the parameter or input, in SI.
 
         Raises
         ------
         SceneError, ParameterError, ExpressionError, UnitError
-            If there is none of this name, or the value or the unit is not accepted.
+            If the name is unknown, or the value or the unit is invalid.
         """
         if set_in_part(self, name, value, unit):
             return
@@ -301,7 +301,7 @@ class SceneDescription(Reported):
         Raises
         ------
         SceneError, ExpressionError, UnitError
-            If the name is not allowed or taken, the unit is none, or the value is none of these.
+            If the name is invalid or taken, or the unit or the value is invalid.
         """
         self._check_new("input", name, self._signals)
         self.inputs[name] = make_input(name, value, unit, doc)
@@ -325,17 +325,18 @@ class SceneDescription(Reported):
             A component type, see :data:`cotree.components.COMPONENTS`.
         *nodes : str
             Names of its nodes. Of multibody and one-dimensional mechanical components, from the
-            first to the second: across variables are second minus first. Of electrical, hydraulic
-            and thermal ones plus, then minus: across variables are plus minus minus, through
-            variables flow from plus to minus inside. Forces of multibody components are those on
-            the second node; of one-dimensional ones, through is positive where it takes up power.
+            first to the second: across variables are second minus first. For electrical, hydraulic
+            and thermal components the plus node, then the minus node: the across variable is that
+            of the plus node less that of the minus node, and the through variable flows from plus
+            to minus inside. Forces of multibody components act on the second node; in
+            one-dimensional components through is positive if the component absorbs power.
             ``nodes=[...]`` is accepted too, as in scene files.
         initial : mapping, optional
             Initial values of its coordinates and their rates, numbers or expressions of parameters.
         **fields
-            What the component needs: numbers, expressions, or lists of them, in SI;
-            ``{"value": 20, "unit": "mm"}`` in other units; the two nodes of each port, where it
-            has several.
+            Fields of the component: numbers, expressions, or lists of them, in SI;
+            ``{"value": 20, "unit": "mm"}`` in other units; the two nodes of each port if it has
+            several.
 
         Raises
         ------
@@ -418,7 +419,7 @@ class SceneDescription(Reported):
         Parameters
         ----------
         name, when : str
-            Its name in results, and an expression of whatever outputs may use, and outputs.
+            Its name in results, and an expression of outputs and of what outputs may use.
         direction : int
             -1 for downward crossings, 1 for upward ones, 0 for both.
         set : mapping of str to float or str, optional

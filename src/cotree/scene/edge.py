@@ -1,4 +1,4 @@
-"""Edges of a scene: a component between its nodes, made of a statement and checked at once.
+"""Edges of a scene: components between nodes, created from statements and checked.
 
 Typed methods, their docstrings and ``cotree components`` follow from these descriptions, which
 follow from the table of components alone.
@@ -197,13 +197,13 @@ class Edge:
     name : str
         Its name.
     component : Component
-        What it is.
+        Its component type.
     nodes : tuple of str
-        Its nodes: two, but for scalar components with several ports, or on a joint.
+        Its nodes: two, except for scalar components with several ports, or on a joint.
     fields, initial : mapping
         Values of its fields, and initial values, by name.
     ports : tuple of PortEnds
-        Of a scalar component: where each port's edge runs.
+        Of a scalar component: the end nodes of each port's edge.
     statement : mapping
         The original statement, as the table of a scene file: the component's type, the nodes as
         listed, the fields as given. The rest of an edge follows from this.

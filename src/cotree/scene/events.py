@@ -31,12 +31,12 @@ class Mode:
     name : str
         Its name in expressions and results.
     initial : Expression
-        Its value at the start, of parameters. A mode that stands for what jumps inside an
-        expression begins with the value of that: an expression of the states.
+        Its value at the start, of parameters. A mode that represents a jump inside an expression
+        starts at the value of the jumping function, an expression of the states.
     doc : str
         Its meaning, for people.
     is_jump : bool
-        Whether it stands for such a jump.
+        Whether it represents such a jump.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Event:
     restitution : Expression or None
         Of an impact: the rate of ``when`` after it over that before, with its sign changed.
     is_jump : bool
-        Whether it stands for a jump inside an expression.
+        Whether it represents a jump inside an expression.
     part : ModePart
         Role of its function for an edge with dry friction, or for a rigid stop.
     """

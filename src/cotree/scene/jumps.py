@@ -228,11 +228,11 @@ class _Rewriting:
         Parameters
         ----------
         text : str
-            How a user wrote it.
+            Its original text.
         call : ast.expr
-            What it stands for.
+            The call.
         where : str
-            What that belongs to.
+            Its owner, for messages.
         rows : tuple of (int, ast.expr, ast.expr)
             Of each event: its direction, its function, and the new mode. The mode
             itself is the name "".
@@ -270,7 +270,7 @@ class _Tree:
         self._scene, self._where, self._kept = scene, where, kept
 
     def rewritten(self, tree: ast.expr) -> ast.expr:
-        """Return a copy with modes in place of jumps."""
+        """Return a copy in which modes replace jumps."""
         return map_tree(tree, self._change)
 
     def _change(self, node: ast.expr) -> ast.expr | None:

@@ -39,28 +39,28 @@ class PartMethods:
         Parameters
         ----------
         name : str
-            Its name; what it holds is called ``name.edge.variable``, ``name.parameter``, ...
+            Its name, which precedes the names of its declarations: ``name.edge.variable``, ...
         part : Scene, str or Path
             A scene, which is copied; the name of a shipped part; or the path of a TOML file.
         count : int or sequence of int, optional
             Makes an array of parts: ``name1``, ``name2``, ...; ``name1_1`` of two counts.
         index : str or sequence of str, optional
-            What the numbers of a part are called in bindings; ``i``, ``j`` and ``k`` by default.
-            Names of nodes hold them in braces: ``left="n{i - 1}"``.
+            Names of the indices of a part in bindings; by default ``i``, ``j`` and ``k``.
+            Names of nodes contain them in braces: ``left="n{i - 1}"``.
         nodes : mapping of str to str, optional
-            Nodes of this scene, by those of the part that they are. The ground is one for all.
+            Nodes of this scene, by the nodes of the part that they replace. The ground is common.
         parameters, inputs : mapping of str to float, str, or table of value and unit, optional
-            Values of the part's parameters and inputs: numbers, or expressions of this scene. What
-            has none keeps the value of its own scene. Inputs take tables, (times, values), too.
+            Values of the part's parameters and inputs: numbers, or expressions of this scene. The
+            others keep the values of the part's scene. Inputs may also be tables (times, values).
         set : mapping of str to float or str, optional
-            Values of single parts of an array by their whole name, ``{"cell3.R": 0.05}``.
+            Values of single parts of an array by their full names, ``{"cell3.R": 0.05}``.
         **bindings
             Nodes, parameters and inputs by their names, as in the three tables.
 
         Raises
         ------
         ModelError
-            If a name is unknown or taken, a port is left open, or a value is not accepted.
+            If a name is unknown or taken, a port is not connected, or a value is invalid.
 
         Examples
         --------
@@ -93,7 +93,7 @@ class PartMethods:
 def template_of(scene: SceneDescription) -> SceneDescription:
     """Return an independent copy of a scene as a template of parts."""
     made = SceneDescription(scene.name)
-    # A plain description: equal templates are equal whatever the class of the user's scene is.
+    # A plain description, so that equality does not depend on the class of the user's scene.
     made.__dict__.update(scene.copied().__dict__)
     return made
 
@@ -123,20 +123,21 @@ class TableMethods:
         x : sequence of float
             Ascending arguments, in SI.
         y : sequence of float or str
-            Of a table of one argument its values, numbers or expressions of parameters; of a table
-            of two arguments the second ones, ascending.
+            With one argument, the values: numbers or expressions of parameters. With two arguments,
+            the second ones, ascending.
         values : sequence, optional
-            Of a table of two arguments its values, a row for each ``x`` with one number for each
-            ``y``. Of one argument its values, in place of ``y``.
+            With two arguments, the values: a row for each ``x`` with a number for each ``y``. With
+            one argument, the values instead of ``y``.
         file : path, optional
-            A CSV file that has all of these: two columns, arguments and values; or, of two
-            arguments, the second ones in the first line and the first ones in the first column.
+            A CSV file with these data: two columns, arguments and values; or, with two arguments,
+            the second ones in the first line and the first ones in the first column.
         interpolation : str
             ``linear``, bilinear for two arguments; or ``monotone``, for one argument: cubic, with a
             continuous slope, and without overshoot (Fritsch and Butland).
         beyond : str
-            What it is beyond its first and last points: ``hold`` keeps the value there; ``extend``
-            continues with the slope there, for two arguments with the outermost bilinear piece.
+            Extrapolation beyond the first and last points: ``hold`` keeps the value there;
+            ``extend`` continues with the slope there, with two arguments by the outermost bilinear
+            piece.
         doc : str
             Its meaning, for people.
 

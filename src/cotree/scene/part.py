@@ -337,19 +337,19 @@ class Part:
     name : str
         Its name; the parts of an array are called ``cell1``, ``cell2``, or ``cell1_1``.
     scene : SceneDescription
-        What it is made of. Nothing changes it afterwards.
+        Its scene, which is not changed afterwards.
     counts : tuple of int
-        How many parts an array has, along each of its directions; empty for a single part.
+        Number of parts along each direction of an array; empty for a single part.
     index : tuple of str
-        Names of the numbers of a part within the array, in bindings.
+        Names of the indices of a part in bindings.
     nodes : mapping of str to str
-        Nodes of the outer scene by those of the part.
+        Nodes of the outer scene, by nodes of the part.
     parameters, inputs : mapping of str to object
         Values of the part's parameters and inputs: numbers, or expressions of the outer scene.
     set : mapping of str to object
-        Values of parameters and inputs of single parts, by their whole name: ``cell3.R``.
+        Values of parameters and inputs of single parts, by their full names: ``cell3.R``.
     source : str
-        What it was read from: a path, the name of a shipped part or of a scene within the file.
+        Its source: a path, the name of a shipped part, or of a scene within the file.
     """
 
     name: str

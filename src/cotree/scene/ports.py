@@ -220,8 +220,8 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
-    # Across is head minus tail: plus minus minus where plus is listed first, second minus first in
-    # mechanics.
+    # The across variable is that of the head less that of the tail: plus less minus if plus is
+    # listed first, second less first in mechanics.
     ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")

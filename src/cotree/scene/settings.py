@@ -32,7 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-#: Steps and events of a run without budgets of its own.
+#: Default limits of the numbers of steps and events of a run.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
 #: The same of a run whose parameters are estimated. Far from the estimates it may become stiff: it
@@ -65,7 +65,7 @@ class Row(NamedTuple):
     doc: str  # its documentation
     #: ``check(value, name)`` returns the stored value, or raises an error.
     check: Callable[[Any, str], Any]
-    #: Help of its option on the command line, with its default in place of ``{}``; it has none if
+    #: Help of its option on the command line, in which ``{}`` is its default; it has none if
     #: empty.
     option: str = ""
     metavar: str | None = None  # the value in that help
@@ -188,9 +188,9 @@ def _count(value: Any, name: str) -> int | None:
 class Settings:
     """Settings of a run.
 
-    Values are checked where an object is made, and numbers of NumPy become those of Python.
-    ``model.simulate(t_span, **settings)`` takes method, tolerances, budgets and whatever else all
-    studies have from it; so do ``ensemble``, ``fit``, ``optimise`` and others.
+    Values are checked when an object is created, and numbers of NumPy become Python's.
+    ``model.simulate(t_span, **settings)``, ``ensemble``, ``fit``, ``optimise`` and others take
+    method, tolerances, budgets and other settings as keyword arguments.
 
     Attributes
     ----------
@@ -203,15 +203,15 @@ class Settings:
     )
     t_eval: Any = _setting(  # noqa: RUF009 - a field
         None,
-        "Times to report, shape (n_t,), [s], or their number, evenly over the span. By "
-        "default the solver's own steps; only every second, fourth, ... one is stored if all "
+        "Output times, shape (n_t,), [s], or their number, evenly spaced over the span. By "
+        "default the solver's steps; only every second, fourth, ... one is stored if all "
         "of them would take more than 256 MiB.",
         _times,
     )
     method: str = _setting(
         "auto",
         f"{_quoted('cotree')} (in C), {_quoted('scipy')} (SciPy, for models without events, "
-        f"corners, constraints and algebraic unknowns), {_quoted('sundials')}, and as an extra "
+        f"kinks, constraints and algebraic unknowns), {_quoted('sundials')}, and as an extra "
         f"{_quoted('correctors')} (SUNDIALS), or ``auto``; by default the scene's.",
         _method,
         option=f"{', '.join(METHODS)} or auto.",
@@ -230,7 +230,7 @@ class Settings:
     )
     parameters: Any = _setting(  # noqa: RUF009 - a field
         None,
-        "Values in place of the scene's, by name or of shape (n_parameters,).",
+        "Values that replace the scene's, by name or as an array of shape (n_parameters,).",
         _unchecked,
         option="Value of a parameter; may be repeated.",
         metavar="NAME=NUMBER",
@@ -239,9 +239,9 @@ class Settings:
     )
     initial: Mapping[str, float] = _setting(
         {},
-        "Initial values of states in place of the scene's; they depend on no parameter, unless "
-        'their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``: a run can continue '
-        "from the end of another one.",
+        "Initial values of states that replace the scene's. They depend on no parameter unless "
+        'their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``, so that a run can '
+        "continue from the end of another one.",
         check_mapping,
         option="Initial value of a state; may be repeated.",
         metavar="STATE=NUMBER",
@@ -249,9 +249,9 @@ class Settings:
     )
     inputs: Mapping[str, Any] = _setting(
         {},
-        "Inputs in place of the scene's: a number, (times, values), a Python function of t, or an "
-        "expression of t, parameters, states, outputs and whatever fields may name. Expressions "
-        "are compiled into the model at their first use. Parameters that the model does not have, "
+        "Inputs that replace the scene's: a number, (times, values), a Python function of t, or an "
+        "expression of t, parameters, states, outputs and other variables that fields may name. "
+        "Expressions are compiled into the model at their first use. New parameters in them, "
         "such as gains, get their values by ``parameters``; for sensitivities to them compile "
         "``scene.with_inputs(...)``.",
         check_mapping,
@@ -280,22 +280,22 @@ class Settings:
     )
     scales: Mapping[str, float] = _setting(
         {},
-        "Sizes of parameters in place of their values: ``atol`` divided by them is the "
-        "tolerance of their sensitivities. By default one for parameters of value zero, and "
-        "for initial values.",
+        "Scales of parameters: ``atol`` divided by the scale is the absolute tolerance of the "
+        "sensitivities to a parameter. By default the magnitude of its value, and one for "
+        "parameters of value zero and for initial values.",
         check_mapping,
         in_scenes=False,
     )
     max_step: float | None = _setting(
         None,
         "Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period if "
-        "sines of time drive laws that act for a part of it, as diodes do; else none.",
+        "sines of time drive elements that act during a part of it, as diodes do; otherwise none.",
         _longest_step,
     )
     max_steps: int | None = _setting(
         MOST_STEPS,
         "Budget of steps; None or infinity for no limit. A run that exceeds a budget stops with "
-        "what it has, and the message names the state that grows without bound, if one does.",
+        "its results so far; the message names a state that grows without bound, if there is one.",
         _count,
         option="Budget of steps of a run: {} if absent; inf for none.",
         metavar="N",
@@ -316,8 +316,8 @@ class Settings:
     )
     project: bool = _setting(
         True,
-        "Hold states and sensitivities to the constraints by projection. If not, drift is left to "
-        "the tolerances, or to ``baumgarte``.",
+        "Project states and sensitivities onto the constraints. Otherwise drift is limited by the "
+        "tolerances, or by ``baumgarte``.",
         _flag,
     )
 

@@ -79,7 +79,7 @@ def advice(message: str, text: str) -> str:
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 
-# Entries of every edge, whatever its type.
+# Entries of edges of all types.
 _OF_EDGES = ("type", "nodes", "initial")
 
 

@@ -161,7 +161,7 @@ def _is_seeded(branch: Branch, seed: Seed) -> bool:
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
-    # Arms and axes may depend on parameters, whatever the coordinates do.
+    # Arms and axes may depend on parameters even if the coordinates do not.
     fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
     return not all(vector.is_zero(seed.vector(local)) for local in fields)
 

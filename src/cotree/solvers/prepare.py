@@ -416,7 +416,7 @@ def _nothing(t: float, z: FloatArray) -> FloatArray:
 
 
 def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
+    """Return indices of states and nonvanishing sensitivities; None if none vanishes."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
     # In z, the n states precede the sensitivities.

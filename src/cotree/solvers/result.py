@@ -201,7 +201,7 @@ class RunRecord(Reported, Deferring):
         Raises
         ------
         UnknownNameError
-            If there is no such event, or its sensitivities to this parameter were not asked for.
+            If the event is unknown, or the model has no sensitivities to this parameter.
         """
         column = self._column(parameter)
         if event not in self.events:
@@ -218,7 +218,7 @@ class RunRecord(Reported, Deferring):
         return self.parameters_of_sensitivity.index(parameter)
 
     def unit(self, name: str) -> str:
-        """Return the unit of a state, output, input or parameter, "" where none is known."""
+        """Return the unit of a state, output, input or parameter; "" if it is unknown."""
         if name == "t":
             return "s"
         known = {*self._known, *self.inputs, *self.parameters_of_sensitivity}

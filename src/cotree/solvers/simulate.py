@@ -195,7 +195,7 @@ def _left_out(model: CompiledModel) -> list[int]:
 # is repeated.
 _SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
 
-# Distances of the points beside a jump as shares of the span, below a tenth of a pixel. An event is
+# Distances of points next to a jump as shares of the span, below a tenth of a pixel. An event is
 # located to a tolerance, so that the nearer point may be on the other side.
 _ASIDE = np.array([[1e-5], [1e-4]])
 

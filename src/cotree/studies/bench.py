@@ -163,7 +163,7 @@ def bench(
         Tight tolerances of slow methods are omitted first, then repeated runs of methods that are
         far slower than others.
     values : mapping of str to float, optional
-        Parameter values in place of the scene's.
+        Parameter values that replace the scene's.
     tree : None, sequence of str, or mapping of domain to sequence of str
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional

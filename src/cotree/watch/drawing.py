@@ -58,7 +58,7 @@ class Strut:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A name beside a point of a track."""
+    """A label at a point of a track."""
 
     text: str
     track: int
@@ -105,7 +105,7 @@ class Drawing:
         step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
         for fixed, free in ((one, two), (two, one)):
-            # Lines are at multiples of the step, whatever the start of the motion.
+            # Lines are at multiples of the step, independent of the start of the motion.
             middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
             extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
             n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}

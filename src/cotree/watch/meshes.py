@@ -1,4 +1,4 @@
-"""Meshes of robots: located beside the robot's file, read within limits, and coarsened.
+"""Meshes of robots: files near the robot's file, read within limits, and coarsened.
 
 STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
 Files are untrusted: their sizes are bounded and every number is checked.

@@ -19,7 +19,7 @@
 /* The change of the direction below which it is found. */
 #define DIRECTION_TOL COTREE_SELECT(1e-14, 1e-6f)
 
-/* Directions that the slip leaves by more than 60 degrees are set anew. */
+/* A direction that deviates from the slip by more than 60 degrees is set again. */
 #define LEAST_COSINE COTREE_F(0.5)
 
 int cotree_count_discs(const cotree_hybrid *h)

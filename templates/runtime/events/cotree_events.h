@@ -167,7 +167,7 @@ typedef struct cotree_events {
     /* Rigid stops, and dry friction at contacts, whose normal force is that of a stop. */
     int n_stops;
     int unresolved_gap;          /* the gap that an impact leaves at a speed below rounding; -1 */
-    cotree_real *gap_at_release; /* |g| of an open gap at the time at which its stop let go */
+    cotree_real *gap_at_release; /* |g| of an open gap at the time at which its stop opened */
     cotree_real *closed_side;    /* of each stop: 1 or -1, 0 while open */
     cotree_real *gaps, *opening_speed, *later_acceleration;
     cotree_real *largest_opening_speed, *largest_acceleration; /* so far */

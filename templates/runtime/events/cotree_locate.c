@@ -40,7 +40,7 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
     if (e->n_modes == 0 || !e->stays_at_zero[i]) return rounding;
     if (e->zero_level[i] > COTREE_F(0.0)) return COTREE_FMAX(rounding, e->zero_level[i]);
     /* A slip rate that has just left zero is as accurate as its terms, which may be large; a gap
-     * is as accurate as it was when its stop let go. */
+     * is as accurate as it was when its stop opened. */
     return COTREE_FMAX(TERM_ROUNDINGS * rounding,
                        COTREE_FMAX(cotree_tolerance(e, i), COTREE_F(2.0) * e->gap_at_release[i]));
 }

@@ -2,17 +2,18 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_assembly_internal.h"
 
-/* Residuals below RESIDUAL_TOLERANCE times the size of the states satisfy the constraints; those
- * below RESIDUAL_ROUNDING are rounding. A step rotates nothing by more than MAX_ROTATION, [rad], so
- * that it stays on the same branch. A step below STEP_ROUNDING is the last one. */
+/* Residuals below RESIDUAL_TOLERANCE times the magnitude of the states satisfy the constraints;
+ * those below RESIDUAL_ROUNDING are rounding errors. A step rotates nothing by more than
+ * MAX_ROTATION, [rad], so that it remains on the same branch. A step below STEP_ROUNDING is the
+ * last one. */
 #define MAX_STEPS 50
 #define RESIDUAL_TOLERANCE COTREE_SELECT(1e-11, 1.5e-05f)
 #define RESIDUAL_ROUNDING COTREE_SELECT(1e-15, 2.4e-07f)
 #define STEP_ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
 #define MAX_ROTATION COTREE_F(0.5)
 
-/* The number of other starting points after a failure, and their distance: a gradient may vanish
- * at the first one, like that of a length normal to it. */
+/* Number of further starting points after a failure, and their distance: gradients may vanish at
+ * the first one, such as that of a component perpendicular to a length. */
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 
@@ -81,7 +82,7 @@ int cotree_assembly_is_angular(const cotree_assembly *a, int speed)
     return unit[0] == 'r' && unit[1] == 'a' && unit[2] == 'd';
 }
 
-/* Return the size of a unit of a motion direction, in its own unit. */
+/* Return the scale of a motion direction, in its own unit. */
 cotree_real cotree_assembly_unit_of_speed(const cotree_assembly *a, int i)
 {
     return cotree_assembly_is_angular(a, i) ? COTREE_F(1.0) : a->length;
@@ -110,7 +111,7 @@ cotree_real cotree_assembly_scaled(const cotree_assembly *a, const cotree_real *
     return cotree_assembly_is_shift(a, i) ? x[i] / a->length : x[i];
 }
 
-/* Return the size of the terms in the residuals of a level, at least 1. */
+/* Return the magnitude of the terms in the residuals of a level, at least 1. */
 static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int level)
 {
     const int n = N_COORDINATES + (level == 1 ? N_SPEEDS : 0);
@@ -157,7 +158,7 @@ static int mark_free_directions(cotree_assembly *a, int level)
     return n_free;
 }
 
-/* Return the entry of a row from the results of both kernels. */
+/* Return the entry of a row, which is in the results of one of two kernels. */
 cotree_real cotree_assembly_pick(const cotree_assembly *a, int row, const cotree_real *constraints,
                                  const cotree_real *conditions)
 {
@@ -180,8 +181,7 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
         const int row = a->places[r];
         a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
                        cotree_assembly_unit_of_row(a, row);
-        if (!(COTREE_FABS(a->values[r]) <= *size))
-            *size = COTREE_FABS(a->values[r]); /* a nan, too */
+        if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]); /* or nan */
     }
     return status;
 }
@@ -223,7 +223,7 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
             const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
-            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* a nan, too */
+            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* or nan */
         }
         a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
     }
@@ -290,7 +290,7 @@ cotree_real cotree_assembly_largest_of(const cotree_real *x, int n)
     cotree_real largest = COTREE_F(0.0);
     int i;
     for (i = 0; i < n; ++i) {
-        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* a nan, too */
+        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* or nan */
     }
     return largest;
 }

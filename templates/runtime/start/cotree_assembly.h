@@ -30,7 +30,7 @@ typedef struct cotree_assembly {
     cotree_run *run;
     const cotree_assembly_tables *tables;
     int *is_kept;       /* n_states: 1 for prescribed states */
-    int holds[2];       /* 1, the default: conditions on coordinates, and on speeds, hold */
+    int holds[2];       /* 1, the default: conditions on coordinates, and on speeds, are included */
     cotree_real length; /* characteristic length of a rotation by one radian, [m]; 1 by default */
     int culprit;        /* after a failure: the row with the largest residual; -1: none */
     int column;         /* the sensitivity that does not exist */
@@ -44,13 +44,13 @@ typedef struct cotree_assembly {
     cotree_real longest; /* row of the gradients factorised last */
     cotree_least least;
 #if COTREE_HAS_MENDING
-    /* Of given values that move where nothing else can. */
-    cotree_start_report *report; /* NULL: they do not */
-    int is_mended[2];            /* whether those of a level have moved */
-    int is_probe;                /* 1: next to a start that was found, which is reported */
+    /* If given values may change where the constraints cannot be satisfied otherwise. */
+    cotree_start_report *report; /* NULL: they may not change */
+    int is_mended[2];            /* whether those of a level have changed */
+    int is_probe;                /* 1: at a point next to a start, without a report */
     int has_way, n_chosen;
-    int *is_giving;  /* n_speeds: directions whose given values move */
-    int *is_dropped; /* n_conditions: those that do not hold */
+    int *is_giving;  /* n_speeds: directions whose given values change */
+    int *is_dropped; /* n_conditions: those that are dropped */
     int *value_of;   /* n_speeds: the value that fixes a direction, or -1 */
     int *candidates, *is_chosen;
     cotree_real *moves, *spanned, *target, *extra, *found;
@@ -62,15 +62,16 @@ typedef struct cotree_assembly {
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
                           cotree_arena *arena);
 
-/* Move given values, those of the highest rank first, if nothing else can move. */
+/* Allow given values to change, those of the highest rank first, if the constraints cannot be
+ * satisfied otherwise. */
 void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
                                cotree_arena *arena);
 
 /* Compute length, the median lever arm (translation per rotation) of the constraint gradients. */
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
-/* Set whether conditions hold: those on coordinates unless all of these are set, those on speeds
- * likewise. */
+/* Set whether conditions are included: those on coordinates unless all coordinates are set,
+ * those on speeds likewise. */
 void cotree_assembly_hold(cotree_assembly *a, const int *is_set);
 
 /* Return the n-th of pseudo-random numbers, uniformly distributed with mean zero and standard
@@ -80,8 +81,8 @@ cotree_real cotree_pseudo_random(int n);
 /* Return whether constraints are dependent at x, or so nearly that rates are evaluated on them. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
-/* Compute the gradients of the constraints of speeds, rows of n_speeds, the longest of each group
- * as one, and the singular value below which they are nearly dependent. */
+/* Compute the gradients of the constraints of speeds, rows of n_speeds, scaled to a largest norm
+ * of one per group, and the singular value below which they are nearly dependent. */
 int cotree_assembly_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x,
                               cotree_real *rows, cotree_real *weakest);
 
@@ -95,9 +96,10 @@ int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x);
 int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
                               const cotree_real *to);
 
-/* Complete the sensitivities s at x, prescribed for some states, by those of the others. seeds:
- * a parameter for each sensitivity, or -1 less a state, for which conditions do not hold. NULL:
- * only constraints hold, and derivatives that do not exist are ignored. */
+/* Complete the sensitivities s at x, which are prescribed for some states, by those of the
+ * others. seeds: for each sensitivity a parameter, or -1 less a state, for which conditions are
+ * not included; or NULL: only constraints are included, and derivatives that do not exist are
+ * ignored. */
 int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const cotree_real *x,
                                        const int *seeds, cotree_real *s);
 

@@ -9,8 +9,8 @@
 #define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
-/* Constraints are nearly dependent if the smallest singular value of their gradients is below this
- * share of that in other positions, or below LEAST_GAP. */
+/* Constraints are nearly dependent if the smallest singular value of their gradients is below
+ * this share of that in other positions, or below LEAST_GAP. */
 #define NEARLY COTREE_F(0.1)
 #define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
 #define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
@@ -65,7 +65,7 @@ static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
     return cotree_assembly_normalise(a, a->trial);
 }
 
-/* Load the gradients of all constraints, the longest of each group as one. */
+/* Load the gradients of all constraints, scaled to a largest norm of one per group. */
 static int load_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -131,7 +131,7 @@ int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
     if (status == 0) status = find_smallest(a, t, x, &here);
-    if (here > NEARLY) return 0; /* rows are no longer than 1, and so are all singular values */
+    if (here > NEARLY) return 0; /* all singular values are at most 1 */
     if (status == 0) status = find_weakest(a, t, x, &weakest);
     return status != 0 || here <= weakest;
 }

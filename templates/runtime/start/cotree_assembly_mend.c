@@ -1,18 +1,19 @@
-/* cotree_assembly_mend.c: given values that move where nothing else satisfies the constraints.
+/* cotree_assembly_mend.c: changes of given values if the constraints cannot be satisfied otherwise.
  * Part of the runtime of cotree, the same for every model.
  *
- * Values of the highest ranks move first, until what is left of the residuals can be anything; they
- * move as little as they can, however far the free directions move. A value is a state, or N_STATES
- * and a condition, which then does not hold. */
+ * Values of the highest ranks change first, until the remaining residuals can be cancelled.
+ * Their changes are of minimum norm; those of the free directions are not limited. A value is a
+ * state, or N_STATES plus the number of a condition, which is then dropped. */
 #include "cotree_assembly_internal.h"
 
 #if COTREE_HAS_MENDING
-/* Given values that would have to move by more than FARTHEST contradict each other: radians,
+/* Given values that must change by more than FARTHEST contradict each other: in radians,
  * characteristic lengths, or shares of the largest speed. Changes above NOTICED are reported. */
 #define FARTHEST COTREE_F(0.1)
 #define NOTICED COTREE_F(1e-4)
 
-/* A value that differs from those chosen by less than this share would have to move far. */
+/* A value is not chosen if its direction differs by less than this from those of the values
+ * chosen: its change would be large. */
 #define APART COTREE_F(1e-2)
 
 #define N_CONDITIONS (a->tables->n_conditions)
@@ -52,8 +53,8 @@ static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
            cotree_assembly_unit_of_row(a, row);
 }
 
-/* List the given value that fixes each motion direction: of a quaternion, that of the lowest rank.
- */
+/* List the given value that fixes each motion direction: for a quaternion, that of the lowest
+ * rank. */
 static void list_values(cotree_assembly *a, int level)
 {
     const int *const ranks = a->report->ranks;
@@ -71,7 +72,7 @@ static void list_values(cotree_assembly *a, int level)
     }
 }
 
-/* Add a value to the n candidates, which are in the order of falling ranks; ahead comes last. */
+/* Insert a value into the n candidates, which are in descending order of ranks; ahead is last. */
 static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
 {
     const int *const ranks = a->report->ranks;
@@ -103,20 +104,20 @@ static int list_candidates(cotree_assembly *a, int level, int ahead)
     return n;
 }
 
-/* Return what the free directions leave of the move of a residual: one of a motion direction, or,
- * behind these, of a condition. */
+/* Return the part of the change of a residual that the free directions cannot cancel: for a
+ * motion direction, or, after these, for a condition. */
 static cotree_real *move_of(const cotree_assembly *a, int i)
 {
     return a->moves + i * (a->tables->n_rows + N_CONDITIONS);
 }
 
-/* Return whether a move belongs to a value. */
+/* Return whether a change belongs to a value. */
 static int is_of(const cotree_assembly *a, int i, int value)
 {
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute all moves. Return the largest of a value, as a root of sums of squares. */
+/* Compute these parts for all values. Return the largest norm of a value. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -140,8 +141,8 @@ static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
     return largest;
 }
 
-/* Add the moves of a value that differ from the n_spanned directions by more than least to these.
- * Return whether there are any. */
+/* Add the parts of a value that are independent of the n_spanned directions, by more than least,
+ * to these. Return whether there are any. */
 static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
 {
     int i, k, r, longest, n_added = 0;
@@ -187,8 +188,8 @@ static void keep_all(cotree_assembly *a)
     for (i = 0; i < N_CONDITIONS; ++i) a->is_dropped[i] = 0;
 }
 
-/* Choose the values that give way, given the factorised gradients of the listed rows. Return
- * whether there are any. */
+/* Choose the values to change, given the factorised gradients of the listed rows. Return whether
+ * there are any. */
 static int choose(cotree_assembly *a, int level, int ahead)
 {
     const int n = list_candidates(a, level, ahead);
@@ -224,7 +225,8 @@ void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
     cotree_least_factorise(&a->given, a->n_own, a->longest);
 }
 
-/* First given values make up for what no free direction can; then these follow. */
+/* Solve for the given values, which cancel what the free directions cannot; then for the free
+ * directions. */
 void cotree_assembly_solve_given(cotree_assembly *a)
 {
     int i, r;
@@ -241,7 +243,7 @@ void cotree_assembly_solve_given(cotree_assembly *a)
     for (i = 0; i < N_SPEEDS; ++i) a->step[i] += a->extra[i];
 }
 
-/* Store the residuals of a level at x, to which nothing moves. */
+/* Store the residuals of a level at x, which cannot be satisfied. */
 static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
     cotree_real largest;
@@ -259,8 +261,8 @@ static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
     return COTREE_ASSEMBLY_VIOLATED;
 }
 
-/* Store how far given values have moved to x, and what conditions have given way by. Return whether
- * that is too far. */
+/* Store the changes of given values up to x, and the residuals of dropped conditions. Return
+ * whether one is too large. */
 static int report_changes(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                           int *is_far)
 {
@@ -306,7 +308,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
             has_way = choose(a, level, -1);
-        } else { /* all given values move, and all conditions hold */
+        } else { /* no given value is fixed, and all conditions hold */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
                 has_way = has_way || a->is_giving[i];
@@ -327,7 +329,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
     return status == 0 && is_far ? refuse(a, t, x, level) : status;
 }
 
-/* Return what the step leaves of the change of a row along a sensitivity. */
+/* Return the part of the change of a row along a sensitivity that the step does not cancel. */
 static cotree_real left_of(const cotree_assembly *a, int row, int column)
 {
     cotree_real left = cotree_assembly_change_of(a, row, column);
@@ -336,7 +338,7 @@ static cotree_real left_of(const cotree_assembly *a, int row, int column)
     return left;
 }
 
-/* Store which values move along a parameter. */
+/* Store which values change with a parameter. */
 static void report_following(cotree_assembly *a, int column, cotree_real allowed)
 {
     int *const follows = a->report->follows + column * (N_STATES + N_CONDITIONS);

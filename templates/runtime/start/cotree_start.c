@@ -5,12 +5,13 @@
 
 #include <string.h>
 
-/* Redundant values agree to a share of the states that they follow from, or to rounding. */
+/* Redundant values agree if they differ by this share of the states that they follow from, or by
+ * rounding. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
-/* The step of finite differences as a share of a parameter, at least of LEAST_SIZE: truncation, of
- * the fourth order, is then as small as rounding. */
+/* The step of finite differences as a share of a parameter, at least of LEAST_SIZE: the
+ * truncation error, of fourth order, is then as small as rounding errors. */
 #define SHARE COTREE_SELECT(1e-3, 5e-02f)
 #define LEAST_SIZE COTREE_F(1e-3)
 
@@ -63,7 +64,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 
 /* Initial values. */
 
-/* Write the initial values that are given, and guesses of the others. */
+/* Write the given initial values, and guesses of the others. */
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
@@ -85,7 +86,7 @@ static int write_states(const cotree_start *start, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Write their sensitivities. A value that is set depends on itself only. */
+/* Write their sensitivities. A value that is set for the run depends only on itself. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
@@ -108,8 +109,8 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
 
 /* The constraints. */
 
-/* Mark the states that are prescribed: those that are given or set, and those that sensitivities
- * are taken to. */
+/* Mark the prescribed states: those that are given or set, and those to which sensitivities are
+ * taken. */
 static void mark_kept(cotree_start *start)
 {
     int i;
@@ -125,8 +126,8 @@ static void mark_kept(cotree_start *start)
     cotree_assembly_hold(&start->assembly, start->is_set);
 }
 
-/* Project states onto the constraints, which depend on inputs of the model or of an input function,
- * not on tables in their place. */
+/* Project states onto the constraints, which depend on inputs of the model or of an input
+ * function, but not on inputs replaced by tables. */
 static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_assembly *const a = &start->assembly;
@@ -144,8 +145,8 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Compute the states on the constraints where the parameter, or the state, of a sensitivity is
- * larger than its value by a step. */
+/* Compute the projected states with the parameter, or the state, of a sensitivity increased by a
+ * step. */
 static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree_real value,
                           cotree_real step, cotree_real *x)
 {
@@ -176,8 +177,8 @@ static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree
     return status;
 }
 
-/* Differentiate a projection that is one of several, by differences of five points: it depends on
- * the parameters through gradients, whose derivatives no kernel has. */
+/* Differentiate a projection that is not unique by five-point differences: it depends on the
+ * parameters through gradients, whose derivatives no kernel computes. */
 static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
 {
     static const cotree_real weights[] = {COTREE_F(1.0), -COTREE_F(8.0), COTREE_F(8.0),
@@ -227,8 +228,8 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
 
 /* Checks. */
 
-/* Return whether a redundant value agrees with what follows from the states x, or their
- * sensitivities to a parameter of this size. */
+/* Return whether a redundant value, or its derivative by a parameter of this magnitude, agrees
+ * with the value that follows from the states x. */
 static int is_agreed(const cotree_start *start, int row, const cotree_real *values,
                      const cotree_real *x, cotree_real parameter)
 {
@@ -239,7 +240,7 @@ static int is_agreed(const cotree_start *start, int row, const cotree_real *valu
     int i;
     for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
         const int state = tables->redundant_states[i];
-        if (start->is_set[state]) return 1; /* what follows from it is free */
+        if (start->is_set[state]) return 1; /* values that follow from it are not checked */
         size = COTREE_FMAX(size, COTREE_FABS(parameter * x[state]));
     }
     return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;
@@ -260,7 +261,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* Zero: all agrees, since what is redundant follows a state's own initial value. */
+        /* Zero: all agree, since redundant values follow a state's own initial value. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);
@@ -338,7 +339,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     start->values = call->values;
 }
 
-/* Return whether initial values have no equations to satisfy. */
+/* Return whether there are no equations for initial values. */
 static int is_plain(const cotree_start *start)
 {
 #if COTREE_HAS_EVENTS
@@ -347,8 +348,8 @@ static int is_plain(const cotree_start *start)
     return start->tables->assembly == NULL && MODEL->n_algebraic == 0;
 }
 
-/* Initialise a run and a start for a call, in memory that is allocated. Return it; NULL: there is
- * none. */
+/* Allocate memory, and initialise a run and a start for a call in it. Return the memory; NULL:
+ * there is none. */
 static void *allocate(const cotree_start_call *call, cotree_run *run, cotree_start *start)
 {
     cotree_arena arena = {NULL, 0};

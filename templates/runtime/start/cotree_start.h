@@ -1,9 +1,9 @@
 /* cotree_start.h: states and sensitivities at the start of a run that satisfy all equations.
  * Part of the runtime of cotree, the same for every model.
  *
- * Initial values that are given are kept. Coordinates and speeds that are not follow from the
- * constraints, then algebraic unknowns from their equations, and modes of jumps inside expressions
- * from what these look at. Sensitivities are the derivatives of all this.
+ * Given initial values are kept. Other coordinates and speeds follow from the constraints,
+ * algebraic unknowns from their equations, and modes of jumps inside expressions from their event
+ * functions. Sensitivities are the derivatives of these values.
  *
  *     cotree_start_init(&start, &run, &tables, &arena);   (twice: see cotree_run.h)
  *     cotree_start_find(&start, t, z);                   (z: n_full of the run)
@@ -32,10 +32,10 @@ COTREE_BEGIN_DECLS
 typedef struct cotree_start_call {
     const cotree_model *model;
     const cotree_start_tables *tables;
-    const cotree_real *p, *k; /* parameters, and what is prepared of them */
+    const cotree_real *p, *k; /* parameters, and their prepared values */
     cotree_real t;
 #if COTREE_HAS_INPUTS
-    int n_replaced; /* inputs in place of the model's, but for constraints */
+    int n_replaced; /* inputs that replace the model's, except in constraints */
     const cotree_table_input *replaced;
 #endif
     const cotree_real *guess, *initial; /* as of a start */
@@ -48,11 +48,11 @@ typedef struct cotree_start_call {
     int is_chosen;
     int is_dependent; /* whether constraints are dependent at the start, or nearly so */
 #if COTREE_HAS_MENDING
-    cotree_start_report *report; /* NULL: given values do not move */
+    cotree_start_report *report; /* NULL: given values do not change */
 #endif
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     const cotree_helper *helper; /* NULL: none */
-    /* NULL: dense factorisations. Else the caller checks that unknowns are determined. */
+    /* NULL: dense factorisations. Otherwise the caller checks that unknowns are determined. */
     const cotree_elimination *elimination;
 #endif
 } cotree_start_call;
@@ -60,23 +60,23 @@ typedef struct cotree_start_call {
 typedef struct cotree_start {
     cotree_run *run;
     const cotree_start_tables *tables;
-    /* Guesses of algebraic unknowns and modes of friction and stops, n_states; NULL after init: the
-     * model's own initial values. */
+    /* Guesses of algebraic unknowns and modes of friction and stops, n_states; NULL, after init:
+     * the model's own initial values. */
     const cotree_real *guess;
-    /* All initial states and sensitivities, those that are set among them; NULL after init: the
+    /* All initial states and sensitivities, including those that are set; NULL, after init: the
      * model's own. */
     const cotree_real *initial;
-    /* Initial values in place of the model's, none after init. */
+    /* Initial values that replace the model's; none after init. */
     int n_set;
     const int *set;            /* n_set: the states */
     const cotree_real *values; /* n_set */
     int culprit, column;       /* of a failure; -1: unknown */
-    int is_chosen;             /* whether the least of several moves was taken */
+    int is_chosen;             /* whether a projection of minimum norm was chosen among several */
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
-    int is_trusted; /* 1: unknowns are taken to be determined */
+    int is_trusted; /* 1: unknowns are assumed to be determined */
 #endif
     cotree_assembly assembly;
-    /* The rest belongs to the start. */
+    /* The rest is private. */
     int *is_set, *is_found, *pivots;
     cotree_real *rates, *given_slopes;
     cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *event_slopes, *new_values,

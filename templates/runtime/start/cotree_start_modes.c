@@ -25,7 +25,7 @@ int cotree_start_is_rubbing(const cotree_start *start)
     return n > 0;
 }
 
-/* Set the modes of friction that is disengaged, or moves in contradiction to its mode. */
+/* Set the modes of friction that is disengaged, or whose speed contradicts its mode. */
 int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
@@ -72,7 +72,7 @@ static int is_jumping(const cotree_start *start)
     return n;
 }
 
-/* Return a jump whose mode contradicts the sign of its event function, with the new mode; -1 if
+/* Return a jump whose mode contradicts the sign of its event function, and its new mode; -1 if
  * there is none. */
 static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real *x,
                            cotree_real *mode, int *status)
@@ -130,7 +130,8 @@ static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *
     return status == 0 ? MODEL->rhs(t, x, run->u, run->p, run->k, rates) : status;
 }
 
-/* Return COTREE_START_ON_JUMP if the rates differ between the events of a mode: its sides. */
+/* Return COTREE_START_ON_JUMP if the rates differ between the two values of a mode at its
+ * events. */
 static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *z, int mode)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
@@ -153,8 +154,8 @@ static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *
     return status;
 }
 
-/* Return COTREE_START_ON_JUMP if the rates jump at z, and a parameter moves the jump: then there
- * are no sensitivities. */
+/* Return COTREE_START_ON_JUMP if the rates jump at z and the jump depends on a parameter: then
+ * there are no sensitivities. */
 int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;

@@ -28,30 +28,30 @@ typedef struct cotree_start_tables {
     const cotree_assembly_tables *assembly; /* NULL: no constraints and no conditions */
     const int *given; /* n_states: 1 if the model prescribes the initial value */
     const int *seeds; /* n_sensitivities: a parameter, or -1 less a state */
-    /* States of storages that are found from an algebraic unknown each. */
+    /* States of storages, each of which is computed from an algebraic unknown. */
     int n_contents;
     const int *contents; /* n_contents states, then as many algebraic unknowns */
     /* Redundant initial values: the last 2 n_redundant results of the kernel start are the
-     * values that follow from those of states, then the values given. */
+     * values that follow from those of states, then the given values. */
     int n_redundant;
     const cotree_quantity *redundant;
     const int *redundant_starts; /* n_redundant + 1 */
-    const int *redundant_states; /* from which each follows */
+    const int *redundant_states; /* states from which each follows */
 } cotree_start_tables;
 
-/* Given values that move where nothing else satisfies the constraints. Values are states, then
- * conditions; arrays are zero before a start. */
+/* Report on given values that change if the constraints cannot be satisfied otherwise. Values
+ * are states, then conditions; arrays are zero before a start. */
 typedef struct cotree_start_report {
-    const int *ranks; /* values: those of higher ranks move first; 0: last */
+    const int *ranks; /* values: those of higher ranks change first; 0: last */
     /* Results. */
-    int is_moved;                /* 1: values moved noticeably, or move with a parameter */
+    int is_moved;                /* 1: values changed noticeably, or change with a parameter */
     int level, column;           /* of a failure: 0 coordinates, 1 speeds; the sensitivity */
     cotree_real length;          /* the characteristic length, [m] */
-    cotree_real *before, *after; /* n_states: as given, and on the constraints */
+    cotree_real *before, *after; /* n_states: as given, and after the projection */
     /* Dimensionless changes: of given states, then of all rows. */
     cotree_real *changes;
     cotree_real *left; /* all rows: dimensionless residuals of a failure */
-    int *follows;      /* values of each sensitivity: 1 if they move with its parameter */
+    int *follows;      /* values of each sensitivity: 1 if they change with its parameter */
 } cotree_start_report;
 
 #endif

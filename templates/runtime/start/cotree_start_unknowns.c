@@ -5,21 +5,21 @@
 #if COTREE_HAS_ALGEBRAIC
 #include "cotree_dense.h"
 
-/* Contents are found to this share of the terms of their equations, unknowns if they change by less
- * than this share of themselves. */
+/* Contents are converged up to this share of the terms of their equations, unknowns if they
+ * change by less than this share of their magnitude. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
-/* Smaller changes of unknowns that are not half of those before are rounding. */
+/* Changes of unknowns below this that are not half the previous ones are rounding errors. */
 #define STALLED COTREE_SELECT(1e-4, 2.3e-02f)
 
-/* The least rounding of pivots, in units in the last place of the largest entry. */
+/* Bound of the rounding errors of pivots, in units in the last place of the largest entry. */
 #define PIVOT_ROUNDING 10
 
 /* Limit of the iterations over contents and unknowns. */
 #define MOST_ROUNDS 50
 
-/* Solve for the algebraic unknowns of z, in place, until nothing changes: a step from a guess far
- * away may look like the last one. */
+/* Solve for the algebraic unknowns of z in place until nothing changes: far from the root a step
+ * may satisfy the test of convergence. */
 int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
@@ -31,7 +31,7 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
         if (cotree_run_find_states(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
         for (i = N_RATES; i < N_STATES; ++i) {
             const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
-            change += COTREE_FABS(run->full[i] - z[i]) / size; /* a nan remains */
+            change += COTREE_FABS(run->full[i] - z[i]) / size; /* or nan */
             z[i] = run->full[i];
         }
         is_changed = !(change <= SETTLED || (change < STALLED && change > COTREE_F(0.5) * before));
@@ -40,8 +40,7 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
     return is_changed ? COTREE_START_UNSOLVED : 0;
 }
 
-/* Solve for the algebraic unknowns of z and their sensitivities, in place; what z holds of the
- * former is the guess. */
+/* Solve for the algebraic unknowns of z and their sensitivities, in place, from the guess in z. */
 static int solve(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const int status = cotree_start_complete_states(start, t, z);
@@ -65,8 +64,8 @@ static int unknown_of(const cotree_start *start, int i)
     return start->tables->contents[start->tables->n_contents + i];
 }
 
-/* Mark the contents that are found from a variable that follows from each: those that are not
- * given, and those in place of which the variable is set. Return how many there are. */
+/* Mark the contents that are computed from the variable that follows from each: those that are
+ * not given, and those whose variable is set instead. Return their number. */
 static int mark_found(cotree_start *start)
 {
     int i, n = 0;
@@ -80,7 +79,8 @@ static int mark_found(cotree_start *start)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Return whether a content is found for sensitivity j; one to an initial value keeps that value. */
+/* Return whether a content is computed for sensitivity j; one to an initial value keeps that
+ * value. */
 static int is_found_along(const cotree_start *start, int i, int j)
 {
     const int seed = start->tables->seeds[j];
@@ -89,7 +89,7 @@ static int is_found_along(const cotree_start *start, int i, int j)
 }
 #endif
 
-/* Sum the absolute terms of an equation at x, whose row of the Jacobian this is. */
+/* Return the sum of the absolute terms of an equation at x, with its row of the Jacobian. */
 static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree_real *x)
 {
     const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
@@ -103,8 +103,8 @@ static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree
     return sum;
 }
 
-/* Solve the equations c(v) - q = 0 for the contents q, with v as in z. Return a status of kernels;
- * is_left is 1 if a content has changed. */
+/* Solve the equations c(v) - q = 0 for the contents q, with v as in z. Return a status of
+ * kernels; is_left is 1 if a content has changed. */
 static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
 {
     const cotree_run *const run = start->run;
@@ -121,8 +121,8 @@ static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, 
     return status;
 }
 
-/* Solve for the algebraic unknowns of z and for the contents that given ones determine, in place.
- * Rounds are repeated if a content depends on other unknowns, too. */
+/* Solve for the algebraic unknowns of z and for the contents that given ones determine, in
+ * place. Rounds are repeated if a content depends on other unknowns, too. */
 static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int i, n, is_left = 1, status;
@@ -141,12 +141,12 @@ static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Solve for the sensitivities of the same. */
+/* Solve for the sensitivities of both. */
 static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
     const int n_contents = start->tables->n_contents;
-    cotree_real *const given = start->given_slopes; /* those of the unknowns, column by column */
+    cotree_real *const given = start->given_slopes; /* those of the unknowns, by columns */
     int i, j, n, is_left = 1, status = 0;
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         cotree_real *const s = z + (1 + j) * N_STATES;
@@ -230,8 +230,8 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
                             start->pivots, start->pivots + n) == n;
 }
 
-/* Return whether the equations determine the unknowns: at z, or near it. Junctions that hardly
- * conduct may leave a singular matrix at z alone. */
+/* Return whether the equations determine the unknowns, at z or near it. Junctions that hardly
+ * conduct may leave a singular matrix at z only. */
 static int is_determined(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     cotree_real *const x = start->w;

@@ -51,7 +51,7 @@ def read_petab(
     Parameters
     ----------
     path : str or Path
-        The YAML file of the problem; it names the other files, which are looked for beside it.
+        The YAML file of the problem; it names the other files, which are in its folder.
     method, **settings
         Method, tolerances, budgets and others of all runs, as of :meth:`cotree.Model.simulate`.
 
@@ -219,7 +219,7 @@ class PetabProblem(Problem):
         Returns
         -------
         pandas.DataFrame
-            The measurement table with a column ``simulation`` in place of ``measurement``.
+            The measurement table with a column ``simulation`` instead of ``measurement``.
         """
         import pandas
 

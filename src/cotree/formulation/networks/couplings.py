@@ -1,7 +1,7 @@
 """Ports of transducers that act on a multibody system: on a joint, or between two nodes.
 
-The across variable of such a port is the rate of a measure, like that of a chord beside the joint;
-its through variable acts along the measure.
+The across variable of such a port is the rate of a measure, like that of a chord parallel to the
+joint; its through variable acts along the measure.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.contact import touching
 from cotree.formulation.endpoints import Ends
-from cotree.formulation.laws import Applied, Sitter, joint_measure
+from cotree.formulation.laws import Applied, JointElement, joint_measure
 from cotree.formulation.measures import Distance
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def _measure(port: Port, motion: Motion) -> Measure:
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)
     turns = port.terminal.domain == "rotational"
-    sitter = Sitter(port.edge.name, port.edge.component.name, turns)
-    return joint_measure(sitter, port.ends.acts_on[0], motion)
+    element = JointElement(port.edge.name, port.edge.component.name, turns)
+    return joint_measure(element, port.ends.acts_on[0], motion)
 
 
 def _check_nodes(port: Port, motion: Motion) -> None:

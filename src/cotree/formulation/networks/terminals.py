@@ -189,7 +189,7 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            # The mechanism gives the across variable, as that of a chord beside the joint (Eq.
+            # The mechanism gives the across variable, as for a chord parallel to the joint (Eq.
             # (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:

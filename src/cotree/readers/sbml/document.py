@@ -131,7 +131,7 @@ def read_document(text: str, where: str) -> SbmlContent:
         import libsbml
     except ImportError:
         raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
-    # The text is decoded already, whatever encoding its first line declares.
+    # The text is decoded already; the encoding declared in its first line is ignored.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
 

@@ -232,7 +232,7 @@ class Rates:
                 term = self._formed(id, reader)
             finally:
                 self._open.pop()
-            # A name in place of the expression, which several formulas may need.
+            # A name replaces the expression, which several formulas may need.
             is_short = term.size == 1
             self._found[id] = term if is_short else name(self._declare(term.text, f"rate_of_{id}"))
         return self._found[id]

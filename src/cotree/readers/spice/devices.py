@@ -310,7 +310,7 @@ def _independent(place: Instance, line: Line) -> None:
 
 
 def _without_signs(line: Line) -> tuple[str, ...]:
-    """Return the words after the name of a source, without = behind DC and AC."""
+    """Return the words after the name of a source, without = after DC and AC."""
     words = line.words[1:]
     for before, word in pairwise(words):
         if word == "=" and before.lower() not in ("dc", "ac"):
