@@ -274,6 +274,25 @@ def wrong(**changed):
             wrong(measurements=MEASUREMENTS.replace("2.5 0.5", "2.5 0")),
             "tsv:6: the noise of 'seen' is 0",
         ),
+        (
+            wrong(parameters=PARAMETERS.replace("0.5 1", "0 1")),
+            "tsv:2: 'k' is on scale log10: its nominalValue 0 must be positive",
+        ),
+        (
+            wrong(parameters=PARAMETERS.replace(" 3 1", " inf 1")),
+            "tsv:3: 'nominalValue' is inf: give a finite number",
+        ),
+        (wrong(conditions=CONDITIONS.replace("few 1", "few inf")), "tsv:2: 'A' is inf: give a fin"),
+        (
+            wrong(measurements=MEASUREMENTS.replace("7.1 gain", "7.1 inf")),
+            "tsv:5: 'observableParameters' is inf",
+        ),
+        # Beyond doubles it must not become the steady state, which inf means.
+        (
+            wrong(measurements=MEASUREMENTS.replace("few 2", "few 1e999")),
+            "tsv:3: 'time' is '1e999', which is not a number",
+        ),
+        (wrong(yaml=YAML + "\0"), "not valid YAML: special characters"),
         (wrong(measurements=MEASUREMENTS.splitlines()[0]), "the measurement table has no rows"),
         (wrong(yaml=YAML.replace("model.xml", "m" * 5000)), "the file 'mmm.*does not exist"),
     ],
@@ -291,11 +310,14 @@ def test_errors_are_reported_in_one_sentence_with_file_and_line(tmp_path, write,
         # The csv module of Python accepts no NUL in some versions, and no lone CR in others.
         ((b"0.5", b"0.5\r\r\rx"), "parameters.tsv:"),
         ((b"\t0.5", b'\t"0.5'), "parameters.tsv:"),
+        ((b"0.2\t1\n", b'0.2\t"1\n'), "not a table with tab-separated columns"),
+        ((b"\t", b" "), "1: no column 'parameterId': separate columns by tabs"),
     ],
 )
 def test_malformed_tables_are_refused(tmp_path, change, message):
     file, table = write_problem(tmp_path), tmp_path / "parameters.tsv"
-    table.write_bytes(table.read_bytes().replace(*change, 1))
+    n_changes = -1 if change[0] == b"\t" else 1
+    table.write_bytes(table.read_bytes().replace(*change, n_changes))
     with pytest.raises(cotree.SceneError, match=message) as caught:
         cotree.read_petab(file)
     assert "\n" not in str(caught.value)

@@ -50,7 +50,9 @@ class Row:
         value = (self.cells.get(column) or "").strip()
         return default if value in ("", "NaN", "nan", "NA") else value
 
-    def number(self, column: str, default: float | None = None) -> float:
+    def number(
+        self, column: str, default: float | None = None, *, may_be_infinite: bool = False
+    ) -> float:
         """Return a number; refuse an empty cell if there is no default."""
         text = self.text(column)
         if not text:
@@ -60,6 +62,12 @@ class Row:
         value = as_number(text)
         if value is None:
             raise self.error(f"'{column}' is '{brief(text)}', which is not a number")
+        return value if may_be_infinite else self.finite(column, value)
+
+    def finite(self, column: str, value: float) -> float:
+        """Return a number of a cell; refuse infinity."""
+        if math.isinf(value):
+            raise self.error(f"'{column}' is {value}: give a finite number")
         return value
 
     def choice(self, column: str, known: Sequence[str]) -> str:
@@ -88,7 +96,7 @@ class Row:
             value = as_number(part)
             if value is None and not _IDENTIFIER.match(part):
                 raise self.error(f"'{brief(part)}' in '{column}' is neither a number nor a name")
-            found.append(part if value is None else value)
+            found.append(part if value is None else self.finite(column, value))
         return tuple(found)
 
 
@@ -205,13 +213,14 @@ _COLUMNS = {
 
 
 def as_number(text: str) -> float | None:
-    """Return the number of a text, or None if it is not a number or ``nan``."""
+    """Return the number of a text, or None if it is not a number, ``nan`` or beyond doubles."""
     # Python would accept underscores between digits.
     try:
         value = math.nan if "_" in text else float(text)
     except ValueError:
         return None
-    return None if math.isnan(value) else value
+    is_beyond = math.isinf(value) and "n" not in text.lower()  # 1e999 in place of inf
+    return None if math.isnan(value) or is_beyond else value
 
 
 def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> dict[str, _Named]:
@@ -231,12 +240,14 @@ def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
     for path in paths:
         # With `newline=""` the csv module receives the line ends of the file unchanged.
         text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
-        reader = csv.DictReader(text, delimiter="\t")
+        reader = csv.DictReader(text, delimiter="\t", strict=True)
         try:
             columns = reader.fieldnames or []
             for name in wanted:
                 if name not in columns:
                     hint = nearest(name, columns) if columns else ""
+                    if len(columns) == 1 and name in columns[0]:
+                        hint = ": separate columns by tabs"
                     raise SceneError(f"{path}:1: no column '{name}'{hint}")
             for name in columns:
                 if columns.count(name) > 1:
@@ -265,7 +276,8 @@ def _parameter(row: Row) -> ParameterRow:
     is_estimated = estimate.startswith("1")
     lower, upper = -math.inf, math.inf
     if is_estimated:
-        lower, upper = row.number("lowerBound"), row.number("upperBound")
+        lower = row.number("lowerBound", may_be_infinite=True)
+        upper = row.number("upperBound", may_be_infinite=True)
         if not lower < upper:
             raise row.error(
                 f"the lower bound {lower:g} of '{brief(name)}' is not below the upper bound "
@@ -278,6 +290,10 @@ def _parameter(row: Row) -> ParameterRow:
     nominal = row.number("nominalValue", math.nan)
     if not is_estimated and math.isnan(nominal):
         raise row.error(f"'{brief(name)}' is not estimated: give its nominalValue")
+    if is_estimated and scale != "lin" and nominal <= 0.0:
+        raise row.error(
+            f"'{brief(name)}' is on scale {scale}: its nominalValue {nominal:g} must be positive"
+        )
     return ParameterRow(
         name,
         row,
@@ -334,7 +350,10 @@ def _condition(row: Row) -> ConditionRow:
             continue
         text = row.text(column)
         number = as_number(text) if text else None
-        cells[column] = row.identifier(column) if text and number is None else number
+        if number is None:
+            cells[column] = row.identifier(column) if text else None
+        else:
+            cells[column] = row.finite(column, number)
     return ConditionRow(row.identifier("conditionId"), row, cells)
 
 
@@ -350,9 +369,7 @@ def _measurement(
     ):
         if name not in known:
             raise row.error(f"unknown {column} '{brief(name)}'{nearest(name, known)}")
-    value, t = row.number("measurement"), row.number("time")
-    if not math.isfinite(value):
-        raise row.error(f"the measurement is {value}: remove the row")
+    value, t = row.number("measurement"), row.number("time", may_be_infinite=True)
     if observables[observable].transformation != "lin" and not value > 0.0:
         raise row.error(f"the measurement {value:g} of '{brief(observable)}' has no logarithm")
     if not t >= 0.0:
@@ -420,7 +437,9 @@ def _parsed(path: str | Path) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
-        raise SceneError(f"{where}: not valid YAML: {getattr(error, 'problem', '')}") from None
+        # Errors of single characters have a reason in place of a problem.
+        told = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
+        raise SceneError(f"{where}: not valid YAML: {told}") from None
     if not isinstance(data, dict) or "format_version" not in data:
         raise SceneError(f"{path}: not a PEtab problem: it has no 'format_version'")
     return data
