@@ -240,7 +240,7 @@ def measure(
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """Write the table; a dash stands for SymPy where a minute was not enough."""
     head = ["system", "parameters", "generation s: graphs", "direct", "SymPy"]
-    head += ["operations: graphs", "direct", "SymPy", "ns a call: graphs", "direct", "SymPy"]
+    head += ["operations: graphs", "direct", "SymPy", "ns per call: graphs", "direct", "SymPy"]
     head += ["graphs / direct: operations", "time"]
     lines: list[list[object]] = []
     for row in rows:

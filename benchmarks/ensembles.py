@@ -281,7 +281,7 @@ def line(entry: Entry, peers: list[Entry]) -> list[str]:
 
 
 HEAD = (
-    *("tool", "tolerance", "error", "one thread", "of the best peer"),
+    *("tool", "tolerance", "error", "one thread", "of the best other tool"),
     *("on the clock", "two threads", "gain"),
 )
 

@@ -35,14 +35,14 @@ to these tolerances. The absolute tolerance is the relative tolerance times 1e-2
   value. The number is limited by the accuracy of the reference.
 - **drift**: the change of the energy relative to its value (in J if the value is below 1 J), or the
   residual of the constraints.
-- **steps, evaluations**: the number of steps and of evaluations of the right-hand side. Times depend
-  on the machine; `cotree bench` measures them on yours.
+- **steps, evaluations**: the number of steps and of evaluations of the right-hand side. Times
+  depend on the machine; `cotree bench` measures them on yours.
 """
 
 AFTER = """## Time reversal
 
-The final state of a chaotic motion cannot be compared with a reference, since initial errors grow by
-a factor e about every 1.3 s. Instead the double pendulum from the table runs forwards and then
+The final state of a chaotic motion cannot be compared with a reference, since initial errors grow
+by a factor e about every 1.3 s. Instead the double pendulum from the table runs forwards and then
 backwards to its start. The numbers are the largest difference between the initial and the final
 angles and rates. The method is dop853 with `atol = rtol`.
 """

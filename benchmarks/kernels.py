@@ -228,7 +228,7 @@ def report(results: Sequence[dict[str, Any]]) -> str:
         line.append(f"{other['generation']:.2f}" if other else "–")
         line.append(f"{other['compilation']:.1f} ({other['note']})" if other else "–")
         sizes.append(line)
-    head = ["kernel", *OWN, *CHAIN, "Pinocchio", "own / best peer", "aimed at"]
+    head = ["kernel", *OWN, *CHAIN, "Pinocchio", "cotree / best other tool", "target"]
     more = ["kernel", "operations", "CasADi's", "C of the model, kB", "CasADi's C, kB"]
     more += ["generation s", "compilation s", "CasADi's generation s", "compilation s"]
     return f"{table(head, times)}\n\n{table(more, sizes)}"

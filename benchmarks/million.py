@@ -85,20 +85,20 @@ def main() -> None:
     written = writing(plan, rows[:_BLOCK], answer[0]) / _BLOCK
     with ProcessPoolExecutor(1) as pool:
         trip = trip_of(pool, plan, rows)
-    pool_of_workers = f"{given.workers} workers"
+    pool_of_workers = f"on {given.workers} workers"
     lines = [
-        ["a member, of one core", f"{1e6 * here:.0f} us"],
-        ["writing it into a store, of another core", f"{1e6 * written:.0f} us"],
-        ["its results in memory, on the way and in the store", f"{on_disk / 1e3:.1f} kB"],
-        ["model and settings, sent to each worker once", f"{len(parcel.data) / 1e3:.0f} kB"],
-        ["taking them in there, the library being in the cache", f"{1e3 * loaded:.1f} ms"],
-        ["a block to a process and back, beside its work", f"{1e3 * trip:.1f} ms"],
-        ["looking at a store that is complete", f"{1e6 * opened:.0f} us a member"],
-        ["**a million members**: one core", f"{_MILLION * here:.0f} s"],
+        ["a member on one core", f"{1e6 * here:.0f} us"],
+        ["writing a member to a store, on another core", f"{1e6 * written:.0f} us"],
+        ["results of a member in memory, in transfer and in the store", f"{on_disk / 1e3:.1f} kB"],
+        ["model and settings, sent once to each worker", f"{len(parcel.data) / 1e3:.0f} kB"],
+        ["loading them in a worker, with the library in the cache", f"{1e3 * loaded:.1f} ms"],
+        ["sending a block to a process and back", f"{1e3 * trip:.1f} ms"],
+        ["opening a complete store", f"{1e6 * opened:.0f} us per member"],
+        ["**a million members**: on one core", f"{_MILLION * here:.0f} s"],
         [f"**a million members**: {pool_of_workers}", f"{_MILLION * here / given.workers:.1f} s"],
-        ["**a million members**: in the store", f"{_MILLION * on_disk / 1e9:.1f} GB"],
+        ["**a million members**: size of the store", f"{_MILLION * on_disk / 1e9:.1f} GB"],
         ["**a million members**: through 10 Gbit/s", f"{_MILLION * back / _NETWORK:.1f} s"],
-        ["**a million members**: writing them", f"{_MILLION * written:.0f} s"],
+        ["**a million members**: writing to the store", f"{_MILLION * written:.0f} s"],
     ]
     text = f"{surroundings()}{processor_name()}; {n} members with 101 times, 4 states, 1 output, "
     text += f"and their sensitivities to L.\n\n{table(['what', 'cost'], lines)}"

@@ -140,9 +140,9 @@ def energy_drift(periods: int) -> str:
     errors = ["energy error", "constraints", "correction"]
     head = ["scene", "period s", "rtol, atol", *errors, "steps", "run s"]
     return (
-        f"Energy over {periods} periods of the fastest mode, by dop853. Error: the largest "
-        "change, as a share of the largest kinetic energy. Constraints: what is left of them, "
-        "norms of quaternions among them, and the largest correction of a step.\n\n"
+        f"Energy over {periods} periods of the fastest mode, by dop853. The energy error is the "
+        "largest change relative to the largest kinetic energy. The other columns are the largest "
+        "residual of the constraints, with norms of quaternions, and the largest correction.\n\n"
         + table(head, rows)
     )
 
@@ -208,7 +208,7 @@ def arms() -> str:
     ]
     kernels = ["`rhs`", "`jacobian`", "`sensitivity_rhs`", "`augmented_rhs`"]
     head = ["arm", "sensitivities", *kernels, "elimination", "formulate s", "generate s"]
-    return "Operations per call, those prepared in brackets.\n\n" + table(head, rows)
+    return "Operations per call; operations of `prepare` in parentheses.\n\n" + table(head, rows)
 
 
 # ---- growth
@@ -231,7 +231,7 @@ def chains(sizes: Sequence[int] = (10, 20, 50, 100)) -> str:
     ways = ["by the matrix", "along the tree"]
     head = ["rods", *ways, *(f"{way}, per rod" for way in ways), "s, all ways"]
     return (
-        "Operations of the accelerations of a chain of planar rods, parameters counted in.\n\n"
+        "Operations for the accelerations of planar rods, including those of parameters.\n\n"
         + table(head, [chain_row(n) for n in sizes])
     )
 
@@ -261,8 +261,8 @@ def loops() -> str:
         rows.append([*cells, f"{seconds:.1f}"])
     head = ["tree", "states", "multipliers", "accelerations", "formulate s"]
     return (
-        "Andrews' squeezer, 7 bodies and 10 pins in a plane. Operations of the accelerations and "
-        "multipliers, parameters counted in.\n\n" + table(head, rows)
+        "Andrews' squeezer, 7 bodies and 10 pins in a plane. Operations for the accelerations and "
+        "multipliers, including those of parameters.\n\n" + table(head, rows)
     )
 
 
@@ -318,11 +318,11 @@ def singular() -> str:
         by_count.append([count, *cells])
     second = table(["outputs", *(f"{n}, {tol:.0e}" for n, tol in cases)], by_count)
     return (
-        f"The N-four-bar, rtol = atol, {PATIENCE} steps at most. A run that stops says so with a "
-        "message; a star: the message says that a stretch was crossed with a looser tolerance. "
-        "For 10 s with five outputs, the largest error of a quantity, as a share of its largest "
-        f"value:\n\n{first}\n\nFor 3 s by dop853, the change of the energy as a share of it, "
-        f"and the largest correction of a step:\n\n{second}"
+        f"The N-four-bar, rtol = atol, at most {PATIENCE} steps. A star marks runs that crossed an "
+        "interval with a looser tolerance. For 10 s with five outputs: the largest error of all "
+        "quantities, relative to the largest value of each, or the time at which the run stops.\n\n"
+        f"{first}\n\nFor 3 s by dop853: the relative change of the energy, and the largest "
+        f"correction by a projection.\n\n{second}"
     )
 
 

@@ -398,15 +398,15 @@ def report(found: dict[str, dict[str, Any]]) -> str:
         "robot",
         "kernel",
         "operations",
-        "CasADi's",
-        "ns a call",
-        "CasADi's",
+        "CasADi",
+        "ns per call",
+        "CasADi",
         "Pinocchio, C++",
         "MuJoCo",
-        "own / CasADi",
+        "cotree / CasADi",
         "C, kB",
-        "compile s",
-        "CasADi's",
+        "compilation s",
+        "CasADi",
     ]
     parts = [stages, table(head, calls)]
     for name, row in found.items():

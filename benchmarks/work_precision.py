@@ -87,8 +87,8 @@ if __name__ == "__main__":
     given = parser.parse_args()
     print(surroundings())
     print(
-        "The fastest method with its rtol, for each error; in brackets how many methods are as "
-        "accurate,\nand how many times slower the slowest of them is.\n"
+        "The fastest method with its rtol for each error. In parentheses: the number of methods\n"
+        "that reach this error, and the time of the slowest relative to the fastest.\n"
     )
     head = ["scene", "states", "sensitivities", "reference", *(f"{t:.0e}" for t in TARGETS)]
     print(heading(head))
