@@ -112,7 +112,7 @@ _ORDER = (
     "scenes"
 )
 
-#: Functions of commands whose modules are imported where one is called, or all are listed.
+#: Functions of commands; their modules are imported when one is called, or all are listed.
 _LATER = {
     "sweep": "sweep.sweep_scene",
     "optimise": "fitting.optimise_scene",
@@ -130,7 +130,7 @@ class Commands(TyperGroup):
         return _ORDER.split()
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command; None where there is none of the name."""
+        """Return a command; None if there is none of this name."""
         if cmd_name in _LATER and cmd_name not in self.commands:
             module, _, function = _LATER[cmd_name].partition(".")
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)

@@ -199,7 +199,7 @@ def _noise(texts: Sequence[str]) -> Any:
 
 
 def _signal(text: str) -> float | str:
-    """Read a number, or leave an expression as it is."""
+    """Read a number; return an expression unchanged."""
     try:
         return float(text)
     except ValueError:

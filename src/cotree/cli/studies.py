@@ -47,7 +47,7 @@ def lint_scene(
     ] = [],  # noqa: B006 - typer copies it
     as_json: Annotated[bool, typer.Option("--json", help="Print a list of objects.")] = False,
 ) -> None:
-    """List what is suspicious in a scene: unused names, dangling nodes, units that contradict.
+    """List suspicious statements of a scene: unused names, dangling nodes, inconsistent units.
 
     Exit code 1 if anything is. Entries of allow = ["RULE:NAME"] in the file are on purpose.
     """
@@ -70,7 +70,7 @@ def warn_of(scene: Scene) -> None:
         # Errors are reported by the run itself, and unused names do not change results.
         return [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
 
-    # Most scenes have none, which is remembered; lines are those of the file as it is now.
+    # Most scenes have no findings, which is cached; lines are those of the present file.
     found = findings() if kept(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
@@ -200,6 +200,6 @@ def _progress(text: str) -> None:
 
 
 def _at_once(text: str) -> None:
-    """Print a line and flush it, for readers behind a pipe."""
+    """Print a line and flush it, for programs that read a pipe."""
     typer.echo(text)
     sys.stdout.flush()

@@ -50,11 +50,12 @@ if TYPE_CHECKING:
 #: Bytes of one number; of a vector, the widest that a machine has.
 NUMBER, VECTOR = 8, 64
 
-#: The return address and the frame of the caller; a word, which a pointer and an argument have.
+#: The return address and the frame pointer of the caller; the size of a word, of pointers and of
+#: arguments.
 _LINK, _WORD = 16, 8
-#: Frames are whole multiples of this; arrays that vectors are read from, of a vector.
+#: Frames are multiples of this; arrays that are read as vectors are multiples of a vector.
 _ALIGNMENT = 16
-#: A register that a function saves where it calls others, with the place that keeps the alignment.
+#: A register that a function with calls saves, and the padding of the alignment.
 _SAVED = 16
 #: So many intermediate values wait for the results of other functions at most.
 _MOST_WAITING = 3
@@ -133,7 +134,7 @@ def _calls_in(form: Form) -> int:
     return is_call + sum(_calls_in(arg) for arg in form.args)
 
 
-#: Arrays that hold what crosses, by its kind.
+#: Arrays of the values that cross group boundaries, by kind.
 FRAMES = {REAL: "w", WHOLE: "ranks"}
 
 
@@ -149,7 +150,7 @@ class Crossing:
         self.places: dict[Temporary, CExpression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
         self._groups = groups
-        self._reads: list[set[str | Temporary]] = []  # of each group, without what its rows declare
+        self._reads: list[set[str | Temporary]] = []  # of each group
         last: dict[str | Temporary, int] = {}
         for i, group in enumerate(groups):
             reads: set[str | Temporary] = set()
@@ -163,7 +164,7 @@ class Crossing:
         for i, group in enumerate(groups):
             for row in group:
                 made = declared_by(row)
-                # A temporary that only its own group reads needs no place.
+                # A temporary that only its own group reads needs no storage.
                 if made is None or last[made] == i:
                     continue
                 if isinstance(row, Assign) and len(row.to) > 1:  # it is stored in an array anyway
@@ -177,8 +178,7 @@ class Crossing:
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
-            # A place is free after the whole group, whose statements read their arguments from the
-            # array at any point.
+            # An element is free after the whole group, whose statements may read it at any point.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
@@ -194,7 +194,7 @@ class Crossing:
         found: list[Statement] = []
         for row in rows:
             if isinstance(row, Assign) and (made := row.declares) in self.places:
-                # The temporary itself is declared only where statements of the same group read it.
+                # The temporary itself is declared only if statements of the same group read it.
                 own = row.to[:1] if made in reads else ()
                 found.append(Assign((*own, self.places[made]), placed(row.value)))
             else:
@@ -213,9 +213,9 @@ _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
 @dataclass(frozen=True)
 class Blocks:
-    """A kernel, cut where it is long."""
+    """A kernel, divided into functions if it is long."""
 
-    functions: list[FunctionPart]  # in the order of their calls; none where it is not cut
+    functions: list[FunctionPart]  # in the order of their calls; empty if the kernel is not divided
     statements: list[Statement]  # those of the kernel itself
 
 
@@ -279,7 +279,7 @@ def cut_into_blocks(
     if results:
         body = _written_early(body, results, writer.arrays)
     cuts = _choose_cuts(body, exits, writer.arrays, longest)
-    # One block alone would only add a call.
+    # A single block would only add a call.
     if len(cuts) < 3:
         return whole
     return writer.write([body[a:b] for a, b in pairwise(cuts)], exits)
@@ -325,8 +325,8 @@ def _choose_cuts(
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # A temporary that is stored in an array anyway needs no place. An array counts, since it is
-    # shared if uses are cut apart.
+    # A temporary that is stored in an array anyway needs no storage. Arrays count, since they are
+    # shared if their uses are separated.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:

@@ -167,7 +167,7 @@ def kernel_context(
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        # The other kernel is called: computing its tail alone would save next to nothing.
+        # The other kernel is called, since computing only its last results would save little.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
@@ -361,7 +361,7 @@ def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
-    """Turn names into enumerators; a number makes equal ones distinct."""
+    """Convert names to enumerators; a number distinguishes equal ones."""
     found: dict[str, None] = {}
     for name in names:
         own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"

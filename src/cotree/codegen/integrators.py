@@ -76,7 +76,7 @@ def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
 #: Every integrator with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
-#: Every method that C takes the steps of, by name: cotree's own, and the libraries of SUNDIALS.
+#: Every method whose steps C takes, by name: cotree's own, and the libraries of SUNDIALS.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
 #: Modules that all engines share and that include only each other; they are compiled once.

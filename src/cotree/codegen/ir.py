@@ -185,7 +185,7 @@ def tolerance(value: float) -> CExpression:
 
 
 def whole(value: Number) -> CExpression:
-    """Build a whole number that is not negative."""
+    """Build a nonnegative whole number."""
     return CExpression(_form("whole", ""), (value,), len(str(value)))
 
 

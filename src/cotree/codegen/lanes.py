@@ -1,4 +1,4 @@
-"""C text that runs members of an ensemble side by side, one in each lane of vectors.
+"""C text that runs members of an ensemble side by side in the lanes of vectors.
 
 In: a program after its passes, a tableau and a width. Out: ``<model>_lanes.c``: the kernels of
 rates once more, for the target ``MEMBERS``, and steps of the method around them. A Rosenbrock
@@ -47,7 +47,7 @@ class Lanes:
     """Vectors of a processor."""
 
     width: int  # numbers in a vector
-    n_bundles: int  # vectors that run in turn, which hides the latency of operations
+    n_bundles: int  # interleaved vectors, which hide the latency of operations
     #: Compiler names of the instruction sets that they need.
     instructions: str
     is_fused: bool  # whether a product and a sum are rounded once
@@ -84,7 +84,7 @@ class LanesContext(KernelFile):
 
     @property
     def point(self) -> int:
-        """Numbers of a remembered point, in whole vectors."""
+        """Size of a stored point, in whole vectors."""
         return -(-2 * self.row // 8) * 8
 
 
@@ -203,7 +203,7 @@ def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel
 
 
 def _written_out(kernel: Kernel) -> Kernel:
-    """Replace maps by the statements of each column, since lanes hold members."""
+    """Replace maps by the statements of each column, since lanes contain members."""
     columns: dict[Node, list[Node]] = {}
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:

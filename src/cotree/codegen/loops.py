@@ -157,7 +157,7 @@ def _even_reach(
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
-        # Each place stands for three iterations, hence two more than periods in the run.
+        # Each index represents three iterations, hence two more than periods in the run.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -207,8 +207,8 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: Up to so many statements compile fast. Loops run a fifth slower, so they replace these only if
-#: they leave less than this share.
+#: Up to so many statements compile fast. Loops run a fifth slower, so that they are used only if
+#: they reduce the statements to less than this share.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 

@@ -90,7 +90,7 @@ def cut_into_segments(
     groups = printed.parts[1:]  # leaves take no statement
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # Adding zero gives all widths of vectors the same sign of zero.
+            # With zero added, the sign of zero does not depend on the width of vectors.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -154,8 +154,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # The class with the first statement in the original order comes next, with all its
-        # statements that are ready or become ready: segments are then few and long.
+        # Next is the class of the first statement in the original order, with all its statements
+        # that are or become ready: segments are then few and long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -225,8 +225,8 @@ _SKIPPED = 0.15
 #: Upper limit of the operations of a block. With gcc 12, a map of 2261 operations in blocks of 500
 #: compiles with a third of the instructions and runs a fifth faster in vectors of four.
 _LONGEST_BLOCK = 500
-#: The same if latency limits the map: two vectors then run through each block in turn, which hides
-#: the latency of either.
+#: The same if latency limits the map: two vectors are then interleaved in each block, which hides
+#: their latency.
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; with fewer, too many values cross between blocks
 
@@ -267,7 +267,7 @@ class MapContext:
     block: int
     body: Body
     n_crossing: int
-    n_together: int  # vectors that run in turn
+    n_together: int  # interleaved vectors
     n_guards: int
     live: list[str]  # for each block of columns, the flags of the guarded segments that are run
     n_stack: int  # upper bound of its stack, [byte]

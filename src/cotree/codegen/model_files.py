@@ -1,4 +1,4 @@
-"""The C files of a model: their text, and what cffi reads of headers."""
+"""The C files of a model as text, and the declarations in them for cffi."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes to statements, and where the results of maps are stored.
+"""Conversion of nodes to statements, and storage of the results of maps.
 
 A value that is used once is inlined; the others become constants in the order of evaluation.
 Comments name the group of the statements.
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 
 #: Numbers in a vector, on any machine.
 _WIDEST = 8
-#: Upper limit of the numbers in rows that are stored whole: half of the level-1 cache.
+#: Upper limit of the numbers in rows that are stored completely: half of the level-1 cache.
 _MOST_WHOLE = 2048
 
 
 def padded(n: int) -> int:
-    """Round a count of numbers up to whole vectors of any width."""
+    """Round a number up to whole vectors of any width."""
     return -(-n // _WIDEST) * _WIDEST
 
 
@@ -103,7 +103,7 @@ class OwnRows:
         return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
 
     def place(self, i: int, j: int) -> int:
-        """Return the place of input i of column j, which may be nonzero."""
+        """Return the index of input i of column j, which may be nonzero."""
         if self.is_whole:
             return self.width * (i - self.first) + j
         lane = j % _WIDEST
@@ -139,7 +139,7 @@ class Starts:
     places: tuple[int, ...]
 
     def place(self, i: int, n_rows: int) -> CExpression:
-        """Return the element that holds a result of the map."""
+        """Return the array element that contains a result of the map."""
         # Nodes number the results column by column.
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)

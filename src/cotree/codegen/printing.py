@@ -68,7 +68,8 @@ class Body:
 
     lines: list[str]  # its own
     blocks: list[BlockText]  # the functions that it was cut into, in the order of their calls
-    #: Number of operations in each of all these, its own last; those of a loop count once.
+    #: Number of operations of each of these kernels, of this one last; operations in a loop count
+    #: once.
     written: list[int]
 
     @property
@@ -98,7 +99,7 @@ def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
 
 
 def int_table(name: str, numbers: Iterable[int]) -> Constants:
-    """Write integers as a table; C has no empty arrays, so that an empty one holds a zero."""
+    """Write integers as a table; an empty one contains a zero, since C has no empty arrays."""
     return constants("int", name, list(map(str, numbers)) or ["0"])
 
 
@@ -187,7 +188,7 @@ class _Printer:
         head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
         if row.is_aligned:
             head = f"{self._target.aligned}{head}"
-        # An array without values is filled by what follows it, so it can be no constant.
+        # An array without values is filled later, so that it cannot be const.
         if not row.values:
             return f"{head};"
         constant = "const " if row.is_constant else ""
@@ -253,7 +254,7 @@ class _Printer:
             parts.append(text)
             if place is not None:
                 spelt, arg, needed = next(given)
-                # Parentheses only where the argument binds less tightly than its place demands.
+                # Parentheses only if the precedence of the argument is too low at its position.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
 

@@ -44,7 +44,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=is_html,  # what is untrusted and goes into C was escaped in naming.py
+        autoescape=is_html,  # untrusted texts in C have been escaped in naming.py
     )
     # In the environment, so that imported macros know them as well.
     made.globals |= {

@@ -40,7 +40,7 @@ class Features:
     #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
     moving_corners: bool = True
     implicit: bool = True  # whether a method takes a Jacobian
-    helper: bool = True  # whether another program finds states where iterations fail
+    helper: bool = True  # whether another program finds states if iterations fail
     mending: bool = True  # whether given values that contradict constraints move, with a report
     sundials: bool = True  # whether a method of SUNDIALS may take the steps
     #: Of an FMU: whether its start satisfies constraints or conditions, or has modes that follow;
@@ -107,7 +107,7 @@ def with_runtime(
 
 
 def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
-    """Add the modules that texts include, without what nothing uses; see ``with_runtime``.
+    """Add the modules that texts include, without unused parts; see ``with_runtime``.
 
     Sources that are given stay whole.
     """
@@ -179,7 +179,7 @@ def _read(name: str) -> str:
 
 @cache
 def _sources(header: str) -> list[str]:
-    """List the sources of a header; the one of its own name comes first."""
+    """List the sources of a header; the one with its own name first."""
     own = header.removesuffix(".h")
     found = []
     for name in _paths():

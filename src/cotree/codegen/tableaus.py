@@ -20,12 +20,12 @@ class Tableau:
     nodes: tuple[str, ...]  # times of the stages but the first, as shares of a step
     stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage but the first
     solution: dict[int, str]  # weights of the stages in the new solution
-    #: Weights in the error estimate; of two, the second makes up a mean with the first that is of
-    #: higher order. The stage after the last one is the rate at the new solution.
+    #: Weights in the error estimate; if there are two rows, the second forms a mean with the first
+    #: that is of higher order. The stage after the last one is the rate at the new solution.
     errors: tuple[dict[int, str], ...]
     stable: str  # stability bound on the negative real axis, a little rounded down
-    #: Weights in what the polynomial of degree 4 adds to the cubic through both ends of a step;
-    #: empty where there is none.
+    #: Weights in the term that the polynomial of degree 4 adds to the cubic through both ends of a
+    #: step; empty without one.
     dense: dict[int, str]
 
     is_implicit = False
@@ -294,7 +294,7 @@ class RosenbrockTableau:
         return len(self.nodes)
 
 
-# The weights of stage 5. With stage 5 itself they make the embedded solution, where stage 6 is
+# The weights of stage 5. With stage 5 itself they form the embedded solution, at which stage 6 is
 # evaluated; stage 6 is then the error estimate.
 _LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878860361058950")
 

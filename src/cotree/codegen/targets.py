@@ -14,7 +14,7 @@ from cotree.tolerances import TINY
 if TYPE_CHECKING:
     from cotree.codegen.ir import Argument
 
-#: Operations of C that are none of the program's.
+#: Operations of C that are not operations of programs.
 _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 
 
@@ -31,17 +31,16 @@ class Target:
     reader: str = "strtod"  # function of the C library that reads a number from text
     #: Qualifiers and result of a function that is part of another.
     function: str = "COTREE_APART static void"
-    name: str = "{}"  # name of such a function, its own left open
+    name: str = "{}"  # format of such a function's name
     aligned: str = "COTREE_ALIGNED "  # qualifier of an array that vectors are read from
     #: Qualifier of an argument that no other leads to the same array.
     restrict: str = "COTREE_RESTRICT "
     number: str = "{}"  # a constant, its digits left open
     entry: str = ""  # type of one number in a table; empty where it is ``scalar``
-    #: Beginning of the names of functions that stand for those of the C library and for choices;
-    #: empty where these themselves are called.
+    #: Prefix of the functions that replace those of the C library and selections; empty if these
+    #: are called directly.
     calls: str = ""
-    #: Function of the sum of a product and a number, ``(a, b, c)`` of ``a * b + c``; empty where
-    #: the two are operators.
+    #: Function ``(a, b, c)`` for ``a * b + c``; empty if two operators are written.
     fused: str = ""
     fused_onto: str = ""  # the same with the arguments in the order of ``c + a * b``
     size: int = 8  # bytes of one number
@@ -79,7 +78,7 @@ class Target:
         return " / ".join(part + self.suffix for part in parts)
 
     def fitted(self, value: float) -> float:
-        """Return a number of a program as the type holds it; ``TINY`` is a share of its range."""
+        """Return a number as represented in the type; ``TINY`` is a fraction of its range."""
         if value != TINY or self.most_decades == DOUBLE.most_decades:
             return self.checked(value)
         return float(self.extreme(repr(TINY)).removesuffix(self.suffix))
@@ -94,7 +93,7 @@ class Target:
         )
 
     def holds(self, value: float) -> bool:
-        """Return whether a number is within the range of the type; doubles hold all numbers."""
+        """Return whether a number is within the range of the type; always for doubles."""
         if self.most_decades == DOUBLE.most_decades or not value:
             return True
         return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades
@@ -123,7 +122,7 @@ class Target:
         return f"{value:.1e}{self.suffix}"
 
     def type_of(self, kind: str) -> str:
-        """Spell a type; a type of C stays as it is."""
+        """Return the name of a type; types of C are unchanged."""
         return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
 
     def type_of_entry(self, kind: str) -> str:

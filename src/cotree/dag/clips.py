@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: The largest number of branches of a value that are kept, constants first.
+#: Largest number of branches of a value that are kept, constants first.
 _MOST_BRANCHES = 16
 
 #: The number of random points at which sums are evaluated. A sum below this fraction of its terms
@@ -181,7 +181,7 @@ class Clips:
         if root not in known:
             for node in reachable([root], stop=known):
                 if node not in known:
-                    # The replacement of a symbol is looked up meanwhile, and may be this very node.
+                    # The symbol's replacement may be this node itself.
                     found = self._formed(node)
                     known.setdefault(node, found)
         return known[root]

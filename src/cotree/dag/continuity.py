@@ -41,7 +41,7 @@ _STEEP, _ROUNDING = 10.0, 1e-10
 # show that both sides agree.
 _N_TRIALS, _N_SHOWN = 600, 12
 
-# Sizes of random values: powers of ten. Every third value lies near a constant of the law.
+# Magnitudes of random values: powers of ten. Every third value is close to a constant of the law.
 _SIZES = (-3.0, 1.5)
 
 # Both sides are compared at these distances from the boundary, as fractions of the value that is
@@ -71,7 +71,7 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
             # Two values on each side: their difference is the slope that a jump must exceed.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             values = [substitute([value], {time: side})[0] for side in sides]
-            # A dictionary serves as an ordered set: equal margins are one node.
+            # A dictionary is used as an ordered set: equal margins are one node.
             found[_margin(values, lambda node: dag.function("abs", node))] = None
     return list(found)
 
@@ -203,7 +203,7 @@ def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
 
 
 def meets(above: Node, below: Node, boundary: Node) -> bool:
-    """Return whether the branches above and below zero of a boundary agree at all of its zeros.
+    """Return whether both branches at a boundary agree at all zeros of the boundary.
 
     If substituting zero for the boundary, or one of its terms by the others, does not make the
     branches one node, they are compared at random points on the boundary. A point at which they
@@ -222,7 +222,7 @@ def _folds(difference: Node, boundary: Node) -> bool:
 
 
 def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
-    """List substitutions that make a value zero, each in a different way."""
+    """List different substitutions, each of which makes a value zero."""
     dag = value.dag
     ways: list[dict[Node, Node]] = [{value: dag.zero}]
     while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):

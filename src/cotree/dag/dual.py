@@ -110,7 +110,7 @@ def value_of(a: T) -> T:
 
 
 def tangent_of(a: T) -> T:
-    """Return the derivative alone; zeros where nothing changes."""
+    """Return the derivative only; zeros if the value is constant."""
     d: T = a.d if isinstance(a, Dual) else _zeros(a)
     return d
 

@@ -31,7 +31,7 @@ def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node
 
 @lru_cache(maxsize=4096)
 def _maker(expression: Any) -> _Maker:
-    """Take an expression apart once: thousands of edges may have the same law."""
+    """Return a function that forms an expression, cached for edges with the same law."""
     if expression.is_Symbol:
         return _symbol(expression.name)
     if expression.is_number:
@@ -83,12 +83,12 @@ def _sum(args: list[Node]) -> Node:
 
 
 def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
-    """Multiply, dividing by what has a negative integer power instead of inverting it."""
+    """Multiply; divide by factors with negative integer powers instead of inverting them."""
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
-            # The power -1 was formed as 1/x, whose divisor is taken out again. Where it has folded,
-            # it is no division any more.
+            # A power of -1 has been formed as 1/x; use its divisor. If it has folded, it is no
+            # longer a division.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 #: Operations of which columns may consist; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
-#: Operations that are finite for all finite arguments, overflow aside.
+#: Operations that are finite for all finite arguments except for overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
 #: Columns that C processes at a time on most machines; values that are zero in all of them are left
 #: out.
@@ -354,7 +354,7 @@ def solve_pivoted(
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
-    # Sizes are judged by real parts alone, so that a complex step takes the same pivots.
+    # Magnitudes are those of real parts, so that complex steps choose the same pivots.
     shape = shape or SolveShape(n, n)
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
@@ -380,7 +380,7 @@ def solve_pivoted(
         return solution, rank, True
     # The null space, from which the minimum-norm solution is computed.
     free = np.zeros((n, n - rank), dtype=a.dtype)
-    # Each free unknown is one in turn, and those with pivots follow from U x = -A_free.
+    # Each free unknown is set to one in turn, and those with pivots follow from U x = -A_free.
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
     basis, _ = np.linalg.qr(free.real)
@@ -397,7 +397,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # A row of zeros, as of a constraint that no motion changes in one position, is kept.
+    # A row of zeros, such as a constraint that no motion changes at one position, is not scaled.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
     # With S = diag(scales) the system S A S y = S b is solved, and x = S y. Symmetry is preserved;

@@ -238,7 +238,7 @@ class Dag:
         return node
 
     def _rest(self, a: Node, b: Node) -> Node | None:
-        """Form a - b where one of them is the other plus or minus a remainder."""
+        """Form a - b if one of them is the other plus or minus a remainder."""
         if a.op == "add" and b in a.args:
             return a.args[0] if a.args[1] is b else a.args[1]
         if a.op == "sub" and a.args[0] is b:
@@ -395,7 +395,7 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
             if arg not in found:
                 found.add(arg)
                 stack.append(arg)
-    # A node is made after its arguments, so its index is an order of evaluation.
+    # A node is formed after its arguments, so that indices are an order of evaluation.
     return sorted(found, key=_by_index)
 
 
@@ -450,7 +450,7 @@ def symbols_of_each(
         if node.args:
             mask = 0
             for arg in node.args:
-                # Sets as integers: a union is one operation, however many symbols there are.
+                # Sets are integers: a union is one operation for any number of symbols.
                 mask |= masks.get(arg, 0)
             masks[node] = mask
     known: dict[int, list[Node]] = {}
@@ -479,8 +479,8 @@ PACKED_SENSITIVITY = "packed"
 STATE_RATE = "rate"
 #: A direction of the states, along which a kernel differentiates.
 DIRECTION = "v"
-#: The branch of a piecewise function that a step holds, zero for none: a sign, or the number of an
-#: interval of a table. Kernels read it among the prepared values.
+#: The branch of a piecewise function that is frozen during a step, zero for none: a sign, or the
+#: number of an interval of a table. Kernels read it from the prepared values.
 PIECE = "piece"
 
 #: An end of the range of a quantity, or of its rate, over a part of a step.

@@ -152,7 +152,7 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
 
 
 def _array_sign(x: Scalar) -> Scalar:
-    """Return zero for nan, as C does, where NumPy gives nan."""
+    """Return zero for nan, as C does; NumPy returns nan."""
     return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
 
 

@@ -25,8 +25,8 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Each node was interned when it was made, so that the keys are in the order of the nodes. The
-    # table ``formed`` is left out: it is only needed while forming.
+    # Each node was interned when it was formed, so that the keys are in the order of the nodes. The
+    # table ``formed`` is omitted, since it is only used while forming.
     return _dag_of, (rows, list(dag._interned), origins)
 
 

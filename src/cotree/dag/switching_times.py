@@ -158,7 +158,7 @@ def _pieces(
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
-    # A function of parameters alone is a constant line.
+    # A function of parameters only is a constant line.
     is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
     if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
@@ -227,7 +227,7 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 def _stops(node: Node, line: _Line) -> list[TimeEvent]:
     """Return the times at which a node's argument is zero, integer, or a point of its table."""
     if line.rate.is_zero:
-        return []  # a count alone: its floor has been processed
+        return []  # only a count: its floor has been processed
     if node.op == "floor" and line.count is None:
         # The argument is an integer at its root and each time that it has grown by one since.
         return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]

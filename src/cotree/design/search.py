@@ -31,8 +31,8 @@ MET = 1e-6
 #: this share from there, times the distance to the optimum in the scaled design variables.
 OPTIMAL = 1e-4
 
-#: The residual counts relative to the objective, or to this share of the gradient at the start,
-#: where the least objective is zero.
+#: The residual is relative to the objective, or to this share of the gradient at the start if the
+#: minimum is zero.
 _LEAST_SIZE = 1e-3
 
 #: The penalty of a failed run, relative to the magnitude of the objective.

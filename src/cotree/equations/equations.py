@@ -217,7 +217,7 @@ class EventRow:
     #: :class:`cotree.scene.events.ModePart`; zero without one.
     part: int = 0
     #: Whether it takes place if an impact at a rigid stop ends in rest; whether its function is the
-    #: force of one; and whether it is the speed of friction that one presses together.
+    #: force of a stop; and whether it is the speed of friction that a stop presses.
     is_rest: bool = False
     is_lift: bool = False
     is_pressed: bool = False
@@ -229,7 +229,7 @@ class EventRow:
 
     @property
     def kept(self) -> tuple[int, ...]:
-        """The states that expressions set, which a projection keeps."""
+        """The states that expressions set, which a projection does not change."""
         # Targets of expressions come first, those of the impact after them.
         return self.targets[: len(self.new_values)]
 
@@ -248,7 +248,7 @@ class HeldUnknown:
     """A multiplier of friction or of a stop."""
 
     name: str
-    column: tuple[Node, ...]  # forces along the speeds for a unit of it
+    column: tuple[Node, ...]  # forces along the speeds per unit of it
     sizes: tuple[Node, ...]  # squares of the terms of its row, before anything cancels
 
 
@@ -263,7 +263,7 @@ class Equations:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    # The scene's own values, unless a run gives others.
+    # The values of the scene, which a run may replace.
     parameter_values: tuple[float, ...]  # the scene's values of p
     #: The symbols of u, and the scene's own values of time and parameters.
     input_symbols: tuple[Node, ...]
@@ -280,7 +280,7 @@ class Equations:
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' in terms of x and w
-    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for people
+    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for display
     constraints: ConstraintSet  # on the states; their multipliers follow the accelerations
     #: y; then the value of each event; then, event by event, new values and restitution.
     output_values: tuple[Node, ...]

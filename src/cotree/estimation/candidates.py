@@ -45,7 +45,7 @@ _SHARE = 1e-11
 
 @dataclass(frozen=True)
 class Candidates:
-    """Measurements that could be made.
+    """Possible measurements.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class Rendezvous:
         self._n_working = 0
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Request predictions from a thread, and wait for them."""
+        """Request predictions of a thread, and wait for them."""
         answer: queue.SimpleQueue[Predictions | None] = queue.SimpleQueue()
         self._arrived.put((number, np.array(theta, dtype=float), answer))
         found = answer.get()
@@ -72,7 +72,7 @@ class Rendezvous:
         return found
 
     def meet(self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]) -> bool:
-        """Run functions, each in its own thread; return whether Ctrl-C has stopped them.
+        """Run functions in one thread each; return whether Ctrl-C has stopped them.
 
         They call :meth:`ask` with their number. ``report`` is called after each batch with the
         numbers of functions that have returned and of predictions computed.

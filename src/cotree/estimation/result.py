@@ -224,7 +224,7 @@ class FitResult(Reported):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Limits on the use of the estimates, a sentence each; empty if there are none."""
+        """Limitations of the estimates, one sentence each; empty if there are none."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
@@ -386,7 +386,7 @@ class FitResult(Reported):
 
     @property
     def is_converged(self) -> bool:
-        """Whether the best start met the tolerances of the optimiser."""
+        """Whether the best start satisfied the tolerances of the optimiser."""
         return self.starts[0].is_converged
 
     @property

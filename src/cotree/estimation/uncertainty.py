@@ -130,7 +130,7 @@ def points_beside(problem: Problem, theta: Array) -> Array:
 
 
 def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
-    """Describe what is not determined, one sentence for each group of coupled parameters."""
+    """Describe the directions not determined, a sentence for each group of parameters."""
     sentences, idle = [], []
     for group in _groups(here.open):
         rows = here.open[group]

@@ -76,13 +76,13 @@ class Evaluated:
         return program.values(kernel, known)
 
     def found_start(self) -> Start | None:
-        """Return the start where it has to be found; None where the initial values are the start.
+        """Return the start if it must be computed; None if the initial values are the start.
 
         Redundant initial values are checked in either case.
         """
         layout = self.program.layout
-        # Constraints, further conditions and algebraic unknowns make the start a problem to be
-        # solved. An expression that jumps needs the side on which it starts.
+        # With constraints, further conditions or algebraic unknowns the start must be computed. A
+        # jumping expression needs the side on which it starts.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -95,7 +95,7 @@ class Evaluated:
         return not (start.is_mended or start.note)
 
     def sizes(self, start: Start) -> list[float]:
-        """List the factors of the absolute tolerances of states; empty where all are one."""
+        """List the factors of the absolute tolerances of states; empty if all are one."""
         # Only contents of several storages have other sizes than one.
         if not self.program.layout.followers or not self.is_possible:
             return []
@@ -123,7 +123,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
     fault = rtol_fault(rtol, least=0.0)
     if fault:
         raise SceneError(fault)
-    # With zero, the relative tolerance alone controls the error. nan is refused.
+    # With zero, only the relative tolerance controls the error. nan is rejected.
     if not (math.isfinite(atol) and atol >= 0.0):
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
@@ -131,7 +131,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
 
 
 def check_methods(methods: Sequence[str]) -> None:
-    """Raise CodegenError if a method with fixed steps is not alone, or one is named twice."""
+    """Raise CodegenError if a fixed-step method is combined with others, or one is named twice."""
     fixed = [name for name in methods if name in FIXED]
     if fixed and len(methods) > 1:
         raise CodegenError(
@@ -232,7 +232,7 @@ def check_start(evaluated: Evaluated, start: Start | None) -> None:
     """Raise SolveError for sensitivities if an expression jumps exactly at the start."""
     layout = evaluated.program.layout
     is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
-    # Otherwise the start may lie on a jump.
+    # Otherwise the start may be at a jump.
     if start is None or is_apart or not evaluated.is_possible:
         return
     model = evaluated.model

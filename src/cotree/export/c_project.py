@@ -80,8 +80,8 @@ class CProject:
 class Kit:
     """Options of a C project."""
 
-    #: Names in ``METHODS``, separated by commas: the methods that are compiled in, the one that
-    #: runs by default first. A method with steps of one length stands alone.
+    #: Names in ``METHODS``, separated by commas: the methods to compile; the first is the default.
+    #: A method with fixed steps cannot be combined with others.
     integrator: str = "dopri5"
     real: str = "double"  # the type of numbers, ``double`` or ``float``
     #: Prefix of names in C and of files; empty for the name of the scene.
@@ -191,7 +191,7 @@ def write_c_project(
         texts |= render_newton(newton_context(program, target), features)
     for name in methods:
         texts |= method_files(name, target)
-        # Steps of one length need no job: there are no breakpoints, points or events.
+        # Fixed steps need no job: there are no breakpoints, output points or events.
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions())
@@ -256,7 +256,7 @@ class MethodContext:
     """A kernel as a member function."""
 
     name: str  # its name; in C it follows the model's
-    doc: str  # what its results are
+    doc: str  # description of its results
     arguments: list[str]  # declarations
     checks: list[tuple[str, str]]  # arrays and the lengths that they need
     given: list[str]  # arguments of the kernel

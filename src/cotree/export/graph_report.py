@@ -45,7 +45,7 @@ class GraphReport:
     parts: tuple[str, ...] = ()
 
     def draw(self) -> Figure:
-        """Draw the graphs side by side, trees in bold, for ``plt.show()`` and notebooks, too."""
+        """Draw the graphs side by side, with trees in bold."""
         from cotree.plot import draw_graphs
         from cotree.plot.figures import figure_for_people
 

@@ -72,24 +72,24 @@ class MainContext:
     rtol: str
     atol: str
     has_rtol: bool  # whether something is solved to a relative tolerance
-    #: A C initialiser for each time, or each row of times with a period, where something has a
-    #: kink: the first time, the period or zero, and one where none come before the first.
+    #: A C initialiser for each time, or each row of times with a period, of a kink: the first time,
+    #: the period or zero, and one if there are none before the first.
     stops: list[str]
     max_step: str
     seeds: list[int]  # positions of the sensitivity parameters, -1 for initial values
-    #: Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
-    #: for others.
+    #: Lines of C literals: the initial states and sensitivities, if C cannot compute them;
+    #: otherwise empty.
     start: list[str]
     #: Tables of a start that C finds, since it has to satisfy further conditions.
     start_tables: StartTables | None
-    guess: list[str]  # lines of C literals: guesses of it, if it needs any
+    guess: list[str]  # lines of C literals: its guesses, if there are any
     is_strict: bool  # whether constraints are dependent, so that rates are taken on them
-    step: str  # length of all steps; empty where the step size is controlled
+    step: str  # fixed step size; empty if the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated, too
     sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
-    least_size: str  # the least of these, where it is below one
-    #: Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
-    #: where they depend on none.
+    least_size: str  # the smallest of these if it is below one
+    #: Lines with a one for each parameter on which constants of the text depend, otherwise a zero;
+    #: empty if there is none.
     held: list[str]
     most_steps: int  # steps that a run takes at most without an event or a stop
 

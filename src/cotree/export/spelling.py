@@ -1,4 +1,4 @@
-"""Spelling for people: short names of variables, and SymPy expressions as plain text or LaTeX.
+"""Display of expressions: short names of variables, and SymPy expressions as plain text or LaTeX.
 
 In: full names such as ``j1.s_dot``. Out: ``s_dot``, or ``s_j1_dot`` if ``s`` is ambiguous.
 """
@@ -21,7 +21,7 @@ _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 @dataclass(frozen=True)
 class Spelt:
-    """The spelling of a variable: its short name, and which rate of it is meant."""
+    """A displayed variable: its short name, and the order of its rate."""
 
     short: str  # the short name: ``theta_h2``
     suffix: str = ""  # a key of :data:`ACCENTS`
@@ -74,7 +74,7 @@ def spell_states(
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
      'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
     """
-    # Angular velocities, and velocities of free bodies, are no rates of coordinates.
+    # Angular velocities, and velocities of free bodies, are not rates of coordinates.
     rates = {f"{name}_dot" for name in coordinates}
     short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
     spelt = {name: Spelt(short[name]) for name in coordinates}
@@ -168,7 +168,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
 
     def plus_first(item: Any, order: Any = None) -> list[Any]:
         terms = list(ordered(item, order))
-        # Sums begin with a positive term where there is one: a - b, not -b + a.
+        # Sums begin with a positive term if there is one: a - b, not -b + a.
         first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
         terms.remove(first)
         return [first, *terms]

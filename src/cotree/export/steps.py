@@ -217,7 +217,7 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
-        # A value of a field is no variable of the network.
+        # A value of a field is not a variable of the network.
         if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
@@ -444,7 +444,7 @@ class _Speller:
         return self.stand_ins[variable]
 
     def section(self, title: str, terms: Sequence[Term]) -> str:
-        """Write the nonzero terms, graph by graph; an empty text if there are none."""
+        """Write the nonzero terms, graph by graph; empty if there are none."""
         lines = []
         for graph in self.graphs:
             own = list(self._lines(terms, graph))
@@ -488,11 +488,11 @@ class _Speller:
     def _remember(self, name: str, nodes: Sequence[Node], values: Sequence[Any]) -> None:
         """Name the components that are longer than their names, for later terms."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
-            # SymPy may find a number where the nodes are an expression, as sin^2 + cos^2.
+            # SymPy may simplify expressions of nodes to a number, such as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
             # The positive value gets the name, since more terms read it.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
-            # An operation on symbols alone is as short as its name.
+            # An operation on symbols is as short as its name.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

@@ -1,4 +1,4 @@
-"""Equations for people: SymPy, LaTeX and plain text of governing and sensitivity equations.
+"""Equations for display: governing and sensitivity equations in SymPy, LaTeX and plain text.
 
 In: :class:`~cotree.equations.Equations`. Out: :class:`SymbolicEquations`, which reads like the
 paper's Eq. (8) and (9): inertia terms first, with positive sign, then the rest, equal to zero.
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _LARGEST_DENOMINATOR = 10**6
 _LARGEST_NUMERATOR = 10**15
 
-#: SymPy's names, where they differ from ours.
+#: SymPy's names that differ from cotree's.
 _SYMPY_NAMES = {"abs": "Abs"}
 
 
@@ -219,7 +219,7 @@ def symbolic_events(
     equations: Equations, known: Mapping[Node, Any], states: tuple[str, ...]
 ) -> dict[str, SymbolicEvent]:
     """Turn the events of equations, which end the output values, into SymPy by name."""
-    # Places of expressions count from the outputs, which come first.
+    # Expressions are numbered from the outputs on, which are first.
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
@@ -391,7 +391,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
-    # Rates of coordinates and of speeds are no equations of their own: the balances are.
+    # Rates of coordinates and of speeds are not equations of their own: the balances are.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -461,7 +461,7 @@ def _balances(
 
 
 def _minus_first(a: Any, w: Any) -> Any:
-    """Multiply, with the common sign of a sum in front of it."""
+    """Multiply; the common sign of a sum precedes it."""
     return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 
@@ -559,7 +559,7 @@ class SymbolTable:
         )
 
     def network_balances(self, rates: Sequence[Any], along: str | None = None) -> tuple[Any, ...]:
-        """Write the equations of networks: rates of their states, then what must be zero."""
+        """Write the equations of networks: rates of states, then equations equal to zero."""
         import sympy
 
         own = [self.symbols[row if along is None else (row, along)] for row in self.rates]

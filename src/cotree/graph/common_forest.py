@@ -130,7 +130,7 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
 def _exchange(
     first: Contracted, second: Contracted, costs: Mapping[str, int], shared: set[str]
 ) -> list[str] | None:
-    """Find the cheapest exchange that gains one edge; None if there is none."""
+    """Find the cheapest exchange that adds one edge; None if there is none."""
     forest = [name for name in costs if name in shared]
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)

@@ -182,7 +182,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
-    """Check that the named edges alone connect every node to the reference.
+    """Raise an error if the named edges do not connect every node to the reference.
 
     ``what`` names these edges in the message; `{them}` in ``remedy`` is replaced by the nodes.
     """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tree:
-    """A spanning tree of a graph. `select_tree` and `named_tree` make it and check it.
+    """A spanning tree of a graph, created and checked by `select_tree` and `named_tree`.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Linear equations of nodes, or of a pattern alone: factors and solutions without any number."""
+"""Symbolic solution of linear equations: of nodes, or of a sparsity pattern."""

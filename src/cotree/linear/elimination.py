@@ -224,7 +224,7 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
     # Augmenting paths of a bipartite matching, from columns without a row to free rows.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
-        # Breadth first, so that as few of the others as possible leave their own rows.
+        # Breadth first, so that as few of the other unknowns as possible change their rows.
         came_from: dict[int, int] = {}
         queue, free = [start], -1
         for j in queue:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Squared gradients of constraints below this share of what they are made of are scaled as if they
-#: were that large: those of rounding, 1e-31 or so, then fall below the rank tolerance.
+#: Squared gradients of constraints below this share of their terms are scaled as if they were that
+#: large: rounding errors, about 1e-31, are then below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
 
@@ -53,13 +53,13 @@ class Core:
 
     places: tuple[int, ...]  # the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # their symmetric matrix
-    #: What makes its diagonal one: divided by the roots of these, entries near 1 have lost nothing
-    #: to cancellation, which makes the rank decision free of units.
+    #: Scales of the diagonal: divided by their roots, entries close to 1 have lost nothing to
+    #: cancellation, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
     n_determined: int  # how many unknowns, which come first, must have one solution only
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
-        """Solve for the values at its places in a right-hand side; nothing where these are zero."""
+        """Solve for the core unknowns; empty if their right-hand side is zero."""
         rest = [right[i] for i in self.places]
         if all(value.is_zero for value in rest):
             return {}
@@ -76,7 +76,7 @@ class SparseFactors:
     dag: Dag  # the arena
     factors: Factors[Node]  # pivot by pivot
     is_symmetric: bool  # whether the multipliers of a pivot's row are those of its column
-    core: Core | None = None  # what is left without pivots
+    core: Core | None = None  # the remainder without pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
@@ -103,7 +103,7 @@ class SparseFactors:
 
 
 class _OfNodes:
-    """The arithmetic of nodes, which drop out where they vanish whatever their arguments are."""
+    """Arithmetic of nodes; nodes that vanish for all arguments are dropped."""
 
     def inverse(self, pivot: Node) -> Node:
         return 1.0 / pivot
@@ -148,7 +148,7 @@ class HeldFactors:
     responses: tuple[
         tuple[Node, ...], ...
     ]  # the other unknowns for each column as a right-hand side
-    cores: tuple[Core, ...]  # what is left for the multipliers, by groups that are coupled
+    cores: tuple[Core, ...]  # remaining equations of the multipliers, by groups that are coupled
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
@@ -202,7 +202,7 @@ def hold(
                 if is_symmetric:
                     core[j][i] = core[i][j]
         diagonal = [
-            # Without the second term a row that nothing moves would consist of rounding alone.
+            # Without the second term a row that no motion changes would consist of rounding errors.
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
@@ -256,7 +256,7 @@ def _core(
     rows: Mapping[int, Mapping[int, Node]],
     natural: Sequence[Sequence[Node]],
 ) -> Core:
-    """Scale what elimination has left, from both sides.
+    """Scale the remainder of an elimination by rows and columns.
 
     The diagonal is made one where it can be: by entries before elimination, but by those after it
     where they begin at zero, as for multipliers. There elimination has left minus a sum of squares,
@@ -291,7 +291,7 @@ def _core(
 
 
 def kept_size(size: Node, parts: Sequence[Node]) -> Node:
-    """Keep the size of a multiplier's equation above zero where its diagonal cancels.
+    """Return a positive size of a multiplier's equation whose diagonal cancels.
 
     The sum may vanish where a constraint loses its gradient, or be what rounding leaves of it where
     constraints are redundant: a share of what it would be if nothing cancelled keeps such a row

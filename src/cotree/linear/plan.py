@@ -1,4 +1,4 @@
-"""The elimination of a sparse matrix, planned from its pattern alone.
+"""Plan of the elimination of a sparse matrix, from its pattern only.
 
 In: the pattern of the Jacobian J, and the number of algebraic unknowns, which come last. Out: the
 steps that factor ``shift M - J`` and solve with the factors, where M is one on the diagonal of the
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 class FactorStep:
     """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal."""
 
-    value: int  # its place among the entries of J, or -1 where there is none
+    value: int  # its index among the entries of J, or -1
     has_shift: bool  # whether ``shift`` is added
     products: tuple[tuple[int, int], ...]  # factors whose products are subtracted
     pivot: int  # the factor that it is multiplied with, or -1 for none
-    is_pivot: bool  # whether its reciprocal is kept
+    is_pivot: bool  # whether its reciprocal is stored
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Elimination:
 def plan_elimination(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int], n_algebraic: int
 ) -> Elimination | None:
-    """Plan the factors of ``shift M - J``; None if the pattern alone makes the matrix singular.
+    """Plan the factors of ``shift M - J``; None if the matrix is structurally singular.
 
     The pattern of J is compressed by columns; the last ``n_algebraic`` unknowns are algebraic.
     """
@@ -74,8 +74,7 @@ def plan_elimination(
         for at in range(column_starts[j], column_starts[j + 1]):
             rows[row_indices[at]][j] = _Sum(at)
     for i in range(n_shifted):
-        # The shift makes an entry of the diagonal even where J has none; algebraic unknowns have
-        # none.
+        # The shift adds diagonal entries that J may lack, except for algebraic unknowns.
         rows[i].setdefault(i, _Sum()).has_shift = True
     columns = columns_of(rows)
     # Algebraic unknowns may have no entry on the diagonal: a matching finds pivots for all.
@@ -162,7 +161,7 @@ _SMALL = 40
 def narrow_band(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int]
 ) -> tuple[int, int, Any]:
-    """Return the bandwidths below and above, and the places of unknowns that make them narrow.
+    """Return the lower and upper bandwidths, and the order of unknowns that minimises them.
 
     The pattern is compressed by columns. Places are None if the matrix is small or not sparse.
     """
@@ -172,10 +171,10 @@ def narrow_band(
 
         starts, rows = np.array(column_starts), np.array(row_indices, dtype=np.int64)
         pattern = csc_matrix((np.ones(len(rows)), rows, starts), shape=(n, n)).tocsr()
-        # The order lists unknowns by their new places; its inverse gives the new place of each.
+        # The order lists unknowns by their new positions; its inverse is the new position of each.
         places = np.empty(n, dtype=np.intc)
         places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
-        # How far each entry stands below the diagonal once unknowns are reordered.
+        # Distance of each entry below the diagonal after reordering.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
         # The number of diagonals of banded storage with row pivoting.

@@ -148,7 +148,7 @@ def _less_product(a: Spatial, u: Gate, v: Gate, scale: Node) -> Spatial:
 
 
 def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> Matrix:
-    """Form m - scale a b^T, one half of it where it is symmetric."""
+    """Form m - scale a b^T; only one half if it is symmetric."""
     rows = [[m[i][j] for j in range(3)] for i in range(3)]
     for i in range(3):
         for j in range(3):
@@ -234,12 +234,12 @@ class TreeLink:
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
     offset: Vector  # from the parent's origin to the link's
-    step: Matrix | None  # from the link's basis to the parent's; None where they are the same
+    step: Matrix | None  # from the link's basis to the parent's; None if they are equal
     #: Inertia about the link's origin, in its own basis.
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
-    #: Whether the terms w w^T / d of its speeds are subtracted behind its offset only.
+    #: Whether the terms w w^T / d of its speeds are subtracted only after its offset.
     is_deferred: bool = False
 
 
@@ -256,7 +256,7 @@ class TreeFactors:
     border: tuple[tuple[Node, ...], ...] = ()  # the rows of the multipliers, over the accelerations
     #: Accelerations for a unit of each multiplier's column.
     responses: tuple[tuple[Node, ...], ...] = ()
-    core: Core | None = None  # what is left for the multipliers; None where there are none
+    core: Core | None = None  # remaining equations of the multipliers; None without multipliers
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side: accelerations, then multipliers."""

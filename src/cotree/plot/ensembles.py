@@ -466,7 +466,7 @@ def _axis(row: Variable, i: int) -> _Axis:
 
 
 def _tick_plainly(axis: Axis) -> None:
-    """Label a logarithmic axis at 1, 2 and 5 of each power of ten, or at these powers alone."""
+    """Label a logarithmic axis at 1, 2 and 5 of each power of ten, or at powers of ten only."""
     if axis.get_scale() != "log":
         return
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter

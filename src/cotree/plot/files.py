@@ -16,7 +16,7 @@ _SUFFIXES = (".svg", ".png", ".pdf")
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure to a file, .svg, .png or .pdf, whole or not at all.
+    """Write a figure to a file, .svg, .png or .pdf, completely or not at all.
 
     Raises SceneError for another suffix, or if the file cannot be written.
     """

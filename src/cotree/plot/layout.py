@@ -132,7 +132,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     inner = [(i - 1, j - 1) for i, j in pairs if i > 0]
 
     def behind(gap: int) -> Array:
-        """Angles of the nodes, counted from the one after the gap."""
+        """Angles of the nodes after the gap, in order."""
         turned = np.mod(angles - angles[order[(gap + 1) % len(order)]], 2 * np.pi)
         # Rounding may turn the angle zero into a full turn.
         return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)
@@ -148,7 +148,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     # Angles are compressed into the half plane above the reference; radii grow, so that arcs keep
     # their length.
     shrink = min(1.0, np.pi / spread)
-    # Clockwise from the left, where the walk from the reference usually begins.
+    # Clockwise from the left, where the traversal from the reference usually begins.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
     directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
     radii = np.hypot(x, y) / shrink

@@ -29,7 +29,7 @@ _MOST_UNNAMED = 4
 
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
 
-#: Name that a user gives: a state, output, input or title of a column, or (name, parameter).
+#: A name given by a user: a state, output, input or title of a column, or (name, parameter).
 Name = str | tuple[str, str]
 
 
@@ -309,7 +309,8 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if len(labels) < 2 and _CIRCLES not in labels:
         return
-    # Outside the axes, so that it hides no curve: above a few curves, beside many.
+    # Outside the axes, so that it hides no curve: above if there are few curves, otherwise on the
+    # right.
     columns = _legend_columns(labels)
     if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
         columns = 1 + len(labels) // 15

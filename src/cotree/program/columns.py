@@ -56,7 +56,7 @@ def cost_of_map(linear: LinearMap) -> int:
     """Estimate the cost of a map, in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
-    # A statement of one block is one vector operation, and so counts like a scalar one.
+    # A statement of one block is one vector operation, counted like a scalar one.
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
@@ -124,7 +124,7 @@ class CommonDirection:
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Separate the common part of all directions from the sources; None if there is none.
+    """Separate the common part of all directions from the sources; None if there are no sources.
 
     ``unknowns`` are their symbols and values.
     """
@@ -157,7 +157,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Uses by results count, too: a value with two users must be formed as a whole.
+        # Results are uses, too: a value with two uses must be formed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -197,7 +197,7 @@ class _Parting:
         return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
-        """Split a value into parts that depend on states and on parameters alone."""
+        """Split a value into parts that depend on states, and on parameters only."""
         dag = self._dag
         if node.op not in _SUMS:
             # Products and quotients have one factor that changes. Its parts are added before, since
@@ -402,8 +402,8 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # The Jacobian costs a product and a sum for each nonzero and column. If these alone exceed
-        # the statements of the first form, the second cannot be cheaper.
+        # The Jacobian costs a product and a sum for each nonzero and column. If these exceed the
+        # statements of the first form, the second cannot be cheaper.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)

@@ -112,7 +112,7 @@ def _kinds(
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # A sign is kept as it is; otherwise it depends on its argument.
+            # A sign is kept; other operations depend on their arguments.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]
@@ -306,7 +306,7 @@ def event_kernels(
     ]
     # The value that decides whether an impact ends in rest is read at impacts only.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
-    # Bounds of what multipliers consist of would be far too wide.
+    # Bounds of the values that multipliers consist of would be far too wide.
     first = equations.n_speeds + len(equations.constraints.rows)
     multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
     found_ranges = find_ranges(equations, [*crossed, *corners], multipliers)

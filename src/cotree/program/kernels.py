@@ -24,8 +24,8 @@ class KernelSpec:
     arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order; the result comes last
     result: str  # name of the result in C
     doc: str  # the meaning of its results
-    #: The kernel whose last results are those of this one, if any: C then calls it and keeps those,
-    #: since computing them alone would save little.
+    #: The kernel whose last results equal those of this one, if any: C then calls it and uses
+    #: these, since computing them separately would save little.
     tail_of: str = ""
     #: Whether every model has it. Others are left out of C if they have no results.
     is_required: bool = False

@@ -1,4 +1,4 @@
-"""Layout of a program: names, units and patterns of what its kernels take and return, no nodes."""
+"""Layout of a program: names, units and patterns of the arguments and results of its kernels."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ class Layout:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
         n_rows = len(self.constraint_edges)
-        # The kernel has the coordinate constraints, then the rates of all rows, then the norms of
-        # quaternions. A row of speeds alone is in the second group only.
+        # The kernel computes the coordinate constraints, then the rates of all rows, then the norms
+        # of quaternions. A row of speeds only is in the second group only.
         n_values = len(names) - n_rows - len(self.quaternions)
         values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
         return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)

@@ -42,8 +42,8 @@ def lower(equations: Equations) -> Program:
     The matrix is factorised once; every derivative reuses the factors. Raises ParameterError if a
     sensitivity to an algebraic unknown is requested.
     """
-    # The pattern comes before the derivatives: values that follow from zero sensitivities fold
-    # away.
+    # The pattern is determined before derivatives are formed: values that follow from zero
+    # sensitivities then fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.put(equations.rates)

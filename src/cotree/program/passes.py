@@ -1,4 +1,4 @@
-"""Passes: one program to another with the same values, and a report of what each saved.
+"""Passes: functions from one program to another with the same values, with reports of the savings.
 
 They run in the order of :data:`RECIPE`. Their assumptions and guarantees are:
 
@@ -169,8 +169,8 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: If all operations together take longer than this multiple of the longest path, sums of products
-#: are better left to fused operations, of which chains have more.
+#: If the operations divided by this exceed the longest path, sums of products are left to fused
+#: operations, of which chains contain more.
 _MOST = 2.0
 _PREPARED = -1.0  # arrival of values that depend on parameters only
 
@@ -199,7 +199,7 @@ def _balanced(kernel: Kernel) -> Kernel:
         if node.op in _SUMS and node not in inner:
             # If both are available at the same time, the sum stays as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # of each value in turn: its arguments are known
+        clock(made)  # arguments first: each value in order
         return made
 
     return rewrite(kernel, set(order), form)
@@ -348,12 +348,12 @@ class PassReport:
 
     @property
     def before(self) -> dict[str, int]:
-        """Operations of each kernel alone, before the pass."""
+        """Operations of each kernel without preparation, before the pass."""
         return _counts(self.earlier)
 
     @property
     def after(self) -> dict[str, int]:
-        """Operations of each kernel alone, after the pass."""
+        """Operations of each kernel without preparation, after the pass."""
         return _counts(self.later)
 
     def summary(self) -> str:

@@ -56,7 +56,7 @@ class Kernel:
 
     @cached_property
     def operations(self) -> OperationCount:
-        """Operation counts of the kernel alone."""
+        """Operation counts of the kernel itself."""
         return count_operations([node for node in self.order if node not in self.prepared])
 
 
@@ -135,7 +135,7 @@ class Program:
     def traits(self) -> Traits:
         """What calls have to know of the nodes."""
         layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
-        # Kernels whose results all others follow from, derivatives left out.
+        # Kernels from whose results all others follow, except for derivatives.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in results[name]])
         reached = {layout.parameters[node.data[1]].name for node in read if node.data[0] == "p"}
@@ -196,6 +196,6 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Return the values of the parameters on which some nodes depend; no node is made."""
+    """Return the values of the parameters on which some nodes depend, without forming nodes."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

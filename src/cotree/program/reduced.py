@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 #: Larger kernels take longer to compile than loops over dense matrices take to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
-# Functions that bend when their argument changes by 1, whatever its value; and those that bend, or
-# may have a kink, when it changes by its own size.
+# Functions that change their curvature if their argument changes by 1; and those that do, or may
+# have a kink, if it changes by its own magnitude.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
 
@@ -92,7 +92,7 @@ def reduced_kernels(
             along_rates, along_unknowns = _sensitivities(
                 equations, factors, columns[cut:], along, reached
             )
-            # Runs without sensitivities integrate the states alone.
+            # Runs without sensitivities integrate the states only.
             found["extended_rhs"] = extended
             if along:
                 found["extended_augmented_rhs"] = [*extended, *along_rates]

@@ -71,8 +71,8 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # States that constraints or events move may reach further states, which may in turn make
-        # more move: this is repeated until nothing is added.
+        # States that constraints or events change may affect further states, which may change more:
+        # this is repeated until nothing is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Along:
-    """Derivatives along one direction, in terms of states, inputs and parameters alone."""
+    """Derivatives along one direction, in terms of states, inputs and parameters only."""
 
     unknowns: tuple[Node, ...]  # w'
     #: By place; absent ones are zero.

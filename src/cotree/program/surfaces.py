@@ -68,7 +68,7 @@ _MOST_POINTS = 1000
 #: branch.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
-#: Sums of more terms than this are compared as they stand.
+#: Sums of more terms than this are compared without expansion.
 _MOST_TERMS = 64
 
 
@@ -93,7 +93,7 @@ def freeze_branches(equations: Equations) -> Equations:
 
 
 def strip_switching_surfaces(program: Program) -> Program:
-    """Remove the switching functions: arguments alone decide on branches."""
+    """Remove the switching functions, so that branches depend on their arguments only."""
     layout, kernels = program.layout, dict(program.kernels)
     n, m = len(layout.events), len(layout.corners)
     if not m:

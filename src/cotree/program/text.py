@@ -1,4 +1,4 @@
-"""The C text of a program, and what calls of its kernels have to know of the nodes.
+"""The C text of a program, and the properties of its nodes that calls of kernels need.
 
 A text from the cache, or from another process, holds its program as bytes: arenas are large, and
 runs evaluate compiled kernels only.
@@ -27,7 +27,7 @@ class Traits:
     #: Parameters of sensitivities that no state or output depends on.
     unreached: tuple[str, ...]
     is_rheonomic: bool  # whether conditions on the start depend on time
-    constant_inputs: tuple[str, ...]  # inputs that are functions of parameters alone
+    constant_inputs: tuple[str, ...]  # inputs that are functions of parameters only
     has_constant_start: bool  # whether initial values depend on no parameter
     has_corners: bool  # whether inputs or rates have time events
     has_longest_step: bool  # whether anything bounds the steps
@@ -48,7 +48,7 @@ class ModelText:
     traits: Traits
     stored: Program | bytes = field(repr=False)  # the program after its passes, or that as bytes
     files: Mapping[str, str] = field(default_factory=dict)  # C text by file name
-    declarations: str = ""  # what cffi reads
+    declarations: str = ""  # declarations for cffi
     prefix: str = ""  # prefix of the names in it
     #: Operations of the longest C function, and of all.
     n_written: int = 0

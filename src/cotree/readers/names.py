@@ -29,7 +29,7 @@ class Namer:
     _alike: dict[str, int] = field(default_factory=dict)
 
     def give(self, kind: str, name: str) -> str:
-        """Return the name in the scene for a name of the file."""
+        """Return the name in the scene of a name in the file."""
         given = self.own(name)
         if given != name:
             self.changed[kind, name] = given

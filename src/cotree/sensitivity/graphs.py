@@ -375,7 +375,7 @@ def form_derivatives(
 def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
     """Seed parameters, and the scene's inputs that depend on them."""
     system = first.system
-    # Inputs that the scene gives as functions of parameters have tangents, too.
+    # Inputs that are functions of parameters in the scene have tangents, too.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
@@ -384,8 +384,7 @@ def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
     """Return a direction that starts with one in its own state and zero elsewhere."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value has an effect through the start alone, at which its own state has the
-    # derivative one.
+    # An initial value only affects the start, at which its own state has the derivative one.
     return replace(direction, initial={own: first.system.dag.one})
 
 

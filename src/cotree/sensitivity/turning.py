@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 class Turning(Frames):
     """Axes of the clusters that rotate along a seed, with duals as values."""
 
-    seed: Seed  # what is differentiated by
+    seed: Seed  # the variable of differentiation
     #: The clusters that the seed moves; the others move as in the first graph.
     reached: frozenset[int]
     phi: tuple[Vector, ...]  # parametric rotation vector of each cluster, in its basis

@@ -65,7 +65,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
     size = first.shape[0]
     jacobian = first[:n_states]
     n_blocks = size // n_states - 1
-    # CSC form: n_states full columns, then columns that hold one of J in their own block.
+    # CSC form: n_states full columns, then columns that contain a column of J in their own block.
     block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
     rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
     data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
@@ -109,7 +109,7 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
 
 
 class Tolerances:
-    """Absolute tolerances of entries of z, for problems that differ in values of parameters alone.
+    """Absolute tolerances of entries of z, for problems that differ only in values of parameters.
 
     Absolute tolerances of sensitivities are those of the states divided by the sizes of the
     parameters, as in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F
@@ -127,7 +127,7 @@ class Tolerances:
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
         places = problem.integrated if is_left is None else problem.integrated[is_left]
         self._atol = problem.settings.atol
-        # Block 0 of z holds the states, and block k their sensitivities to parameter k - 1.
+        # Block 0 of z contains the states, block k their sensitivities to parameter k - 1.
         self._block, self._state = np.divmod(places, max(1, problem.n_states))
         self._is_tested = problem.settings.error_test_sensitivities
         self._share = 1.0 if self._is_tested else _share(problem)

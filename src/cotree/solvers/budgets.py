@@ -1,4 +1,4 @@
-"""Budgets of a run: steps, events, time, and the memory of what it stores.
+"""Budgets of a run: steps, events, time, and the memory of its stored points.
 
 A run without chosen times stores each step, and a faulty one may take steps without end. Steps,
 events and time therefore have limits with every method. If stored steps exceed the memory, every
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
 
-#: Memory for the steps that a run stores with what is evaluated at them, and for its events,
-#: [byte]. A result of this size takes up to four times as much while it is made.
+#: Memory for the stored steps of a run with the values evaluated at them, and for its events,
+#: [byte]. A result of this size needs up to four times as much while it is created.
 MOST_STORED = 256 * 2**20
 
-# The least number of points for a curve, however wide its rows are.
+# The least number of points of a curve, for rows of any width.
 _LEAST_ROWS = 64
 
 
 def most_rows(width: int) -> int:
-    """Return how many rows of so many doubles are stored at most."""
+    """Return the largest number of rows of so many doubles that are stored."""
     return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
 
 
@@ -108,7 +108,7 @@ class OwnBar:
 
 
 class CountingBar(OwnBar):
-    """Progress bar of a count; hidden if stderr is no terminal or the work is short."""
+    """Progress bar of a count; hidden if stderr is not a terminal or the work is short."""
 
     def __init__(self, noun: str, n: int, is_wanted: bool) -> None:
         self._noun, self._n = noun, n

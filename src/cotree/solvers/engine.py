@@ -60,7 +60,7 @@ def has_sundials() -> bool:
 
 
 class LibraryPath(NamedTuple):
-    """The file of a library, or the reason why there is none, without a capital and a full stop."""
+    """The file of a library, or why it is missing, without a capital and a full stop."""
 
     path: str
     why_not: str = ""
@@ -90,7 +90,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     Returns a ``cotree_sundials`` and the opened library; or the reason of a failure, without a
     capital and a full stop. ``ffi`` is the engine's and declares these functions.
     """
-    # Methods of cotree's own need none of what prints C.
+    # cotree's own methods do not need the modules that print C.
     from cotree.codegen.integrators import sundials_functions
 
     try:
@@ -180,7 +180,7 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
 
 
 def abandon_ahead() -> None:
-    """End the threads of runs that will not take place, so that the program need not wait."""
+    """End the threads of runs that will not take place, so that the program can end."""
     for thread in _ahead:
         abandon(thread)
 

@@ -99,7 +99,7 @@ class Evaluator:
         return dz
 
     def inside(self, t: float) -> float:
-        """Return the time nearest to t that lies in the segment; see :meth:`open_segment`."""
+        """Return the time in the segment that is nearest to t; see :meth:`open_segment`."""
         low, high = self._bounds
         return min(max(float(t), low), high)
 
@@ -151,7 +151,7 @@ class Evaluator:
 
     def _call(self, t: float, z: FloatArray) -> FloatArray:
         self.nfev += 1
-        # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
+        # Solvers keep references to returned arrays, and a compiled kernel may reuse its buffer.
         dz = np.array(self._evaluate(self.problem.rhs, t, z), dtype=np.float64)
         if dz.shape != z.shape:
             raise SolveError(

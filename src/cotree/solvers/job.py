@@ -108,7 +108,7 @@ class Rows:
         """Keep some of the rows from ``first`` on."""
         if chosen.step != 1:
             places = range(first, int(self._job.n_kept))[chosen]
-            # Part by part, so that no copy of all rows is made.
+            # Part by part, which avoids a copy of all rows.
             for start in range(0, len(places), _ROWS_AT_ONCE):
                 part = places[start : start + _ROWS_AT_ONCE]
                 to = slice(first + start, first + start + len(part))
@@ -163,7 +163,7 @@ class Shared:
             self._idle.setdefault(job.kind, deque(maxlen=_MOST_JOBS)).append(job)
 
     def finding(self, make: Callable[[], T], *of: FloatArray) -> T:
-        """Return the result of ``make`` for some numbers, computed once."""
+        """Return the result of ``make`` for some numbers, cached."""
         if not self._is_repeatable:
             return make()
         # Bits and lengths are different for different sets of numbers.
@@ -173,7 +173,7 @@ class Shared:
 
 
 def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
-    """Return what distinguishes jobs of one model and its settings, values and functions aside."""
+    """Return a key of jobs of one model with the same settings, apart from values and functions."""
     return row.name, is_extended, problem.settings.t_eval is None
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-#: Reason given where a method stops because its steps no longer change t.
+#: Reason why a method stopped: its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
 # Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
@@ -81,7 +81,7 @@ def stiffness_note(job: Any) -> str:
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Return why rates have no value just after the point where a method stopped; else empty.
+    """Return why rates have no value just after the point where a method stopped; otherwise empty.
 
     C reports that the rates fail, but not why, so they are evaluated along the tangent of the
     motion from (t, z), the last good point.
@@ -94,10 +94,11 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
-    # Entries of algebraic unknowns are residuals, not rates: the unknowns stay where they are.
+    # Entries of algebraic unknowns are residuals, not rates; the unknowns are not changed.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
-    # Distances grow fourfold from a few units in the last place, so the nearest fault is found.
+    # Distances grow fourfold from a few units in the last place, so that the nearest fault is
+    # found.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)
@@ -117,7 +118,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:
-    """Report that rounding of a large t, not the motion, made steps short; empty otherwise."""
+    """Report that rounding of a large t, not the motion, makes steps short; or empty."""
     spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
     if spacing <= _FINE * abs(end - start):
         return ""

@@ -100,7 +100,7 @@ def trajectory_of(
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
-    """Measure how well constraints and algebraic equations are met at the stored points."""
+    """Measure the drift of constraints and algebraic equations at the stored points."""
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
@@ -121,8 +121,8 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Time that C runs before it returns to Python, [s], and the first number of steps: few, since steps
-# of a large model may take milliseconds each.
+# Time that C runs before it returns to Python, [s], and the first number of steps: small, since
+# steps of a large model may take milliseconds each.
 _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
@@ -249,7 +249,7 @@ def band_refusal(job: Job, problem: Problem) -> str:
 
 
 def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
-    """Begin a job again that another run has left; None where there is none."""
+    """Restart an idle job of an earlier run; None if there is none."""
     if problem.shared is None:
         return None
     job = problem.shared.acquire(job_kind(row, problem, is_extended=is_extended))
@@ -272,7 +272,7 @@ def _run(
             trajectory = successor.take_over(problem, first, job)
             if trajectory is not None:
                 return trajectory
-            # The next test, which computes eigenvalues, comes after as many steps as so far.
+            # The next test, which computes eigenvalues, follows after as many steps as so far.
             job.pause_if_stiff(2 * int(job.job.n_steps))
             ended = run_job(job, problem, method, ended.seconds)
         return ended

@@ -57,7 +57,7 @@ class Functions:
         return self._kernel("augmented_rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of the states alone, a buffer of the kernel."""
+        """Return the rates of the states only, a buffer of the kernel."""
         return self._kernel("rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
@@ -69,7 +69,7 @@ class Functions:
         return self._model.jacobian_sparse(t, y, self._p, self._u(t))
 
     def undefined(self, t: float, y: FloatArray) -> str:
-        """Describe why the states' rates have no value at a point; empty where they have one."""
+        """Describe why the rates of the states have no value at a point; empty if they have one."""
         return self._model.why_undefined(t, y, self._p, self._u(t))
 
     def _kernel(self, name: str) -> Bound:
@@ -193,7 +193,7 @@ def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[
 # Settings of more numbers are not cached: preparing takes little of the time of such runs.
 _MOST_NUMBERS = 10_000
 
-# Arrays of up to so many numbers are compared like lists.
+# Arrays of up to so many numbers are compared by value.
 _FEW_NUMBERS = 4
 
 # Types of immutable values.
@@ -490,7 +490,7 @@ def _with_samples(
 
 
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
-    """Return the inputs as a function of time, whose value None stands for the model's own."""
+    """Return the inputs as a function of time; the value None represents the model's own inputs."""
     if not model.inputs:
         return lambda t: _NONE
     if not signals.by_position:

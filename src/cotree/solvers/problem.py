@@ -1,4 +1,4 @@
-"""The initial value problem of every solver, and the checks made before work.
+"""The initial value problem of every solver, and the checks before a run.
 
 In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the culprit.
 The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
@@ -210,7 +210,7 @@ class Problem:
 
 def describe_entry(problem: Problem, index: int) -> str:
     """Name an entry of z by its state, and by its parameter if it is a sensitivity."""
-    # Block 0 of z holds the states, block k the sensitivities to parameter k - 1.
+    # Block 0 of z contains the states, block k the sensitivities to parameter k - 1.
     block, state = divmod(index, problem.n_states)
     name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
     if block == 0:
@@ -312,7 +312,7 @@ def turning(problem: Problem, t: float, entry: int) -> str:
 _SAME_RATE = 1e-12
 
 
-# A contact jams if friction makes its force this many times larger.
+# A contact jams if friction increases its force by more than this factor.
 _JAMMED = 100.0
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# Most states with algebraic unknowns, whose elimination makes the Jacobian dense.
+# Largest number of states with algebraic unknowns, whose elimination fills the Jacobian.
 _MOST_REDUCED = 2000
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class UnknownNameError(ModelError, KeyError):
-    """A result holds nothing of this name."""
+    """A result does not contain this name."""
 
     def __str__(self) -> str:
         """Return the sentence itself; KeyError would quote it."""
@@ -401,19 +401,19 @@ class Drift:
 class Trajectory:
     """The outcome of an integration, complete or not."""
 
-    #: Times, [s]. After a failure the last one is that of the last good point, whether it was asked
-    #: for or not.
+    #: Times, [s]. After a failure the last time is that of the last valid point, even if it is not
+    #: an output time.
     t: FloatArray
     z: FloatArray  # states and sensitivities at these times
     status: int  # 0 for success, -1 for a failed integration, -2 for a spent budget
     message: str  # one or two sentences
     statistics: Statistics  # work done
-    #: Residuals of the constraints along the run; None where there are no constraints.
+    #: Residuals of the constraints along the run; None without constraints.
     drift: Drift | None = None
     #: The events in order, a row each: time, [s], number of the event, derivatives
     #: of the time by the parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    #: Whether it failed because equations could not be solved, however short the step.
+    #: Whether it failed because equations could not be solved for any step size.
     is_unsolved: bool = False
 
 

@@ -77,7 +77,7 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# A method shortens its step if rates are nan; it is stopped after so many such evaluations.
+# A method shortens its step if rates are nan; it is stopped after so many evaluations of this kind.
 _MOST_IGNORED = 1000
 
 # A step is stored if its time is known to this share of the distance to the last one stored.
@@ -273,7 +273,7 @@ class _Segment:
         self._w: FloatArray = np.zeros(0)  # the end of the step before
 
     def __call__(self, s: float, w: FloatArray) -> float:
-        """Record a step; return a value that changes sign where the run has to end."""
+        """Record a step; return a value that changes sign at the end of the run."""
         run = self._run
         if run.stop is not None:  # SciPy locates the zero
             return self._last - s
@@ -301,7 +301,7 @@ class _Segment:
         self._n_short = self._n_short + 1 if is_short else 0
         if not is_short:
             run.evaluator.progressed()
-        # LSODA takes steps of a few units in the last place forever.
+        # LSODA would continue with steps of a few units in the last place.
         if self._n_short >= LIMITS.stall_steps:
             run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
             return 0.0
@@ -330,7 +330,7 @@ class _Segment:
         return bool(np.vdot(one, other) < -LIMITS.opposed_cosine * sizes)
 
     def whole(self, w: FloatArray) -> FloatArray:
-        """Return z with zeros in the places of entries that vanish, a fresh array."""
+        """Return z with zeros for entries that vanish, a new array."""
         z = np.zeros(self._run.problem.size)
         z[self._run.problem.integrated] = w
         return z
@@ -388,7 +388,7 @@ class _Segment:
 
 
 def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
-    """Solve with I - share J; zeros where that is singular."""
+    """Solve with I - share J; return zeros if it is singular."""
     from scipy.sparse import identity
 
     n = len(left)

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 # tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
 
-# An explicit method may begin where modes decay at most so many times as fast as the fastest one
-# grows: steps that follow the growth are then not much longer than stability allows.
+# An explicit method is tried if modes decay at most so many times as fast as the fastest one grows:
+# steps that resolve the growth are then hardly longer than stability allows.
 _MILD = 10.0
 
 # The method in C for problems without states.
@@ -314,7 +314,7 @@ class Probe:
         return Rates(decay, first, fastest_growth(problem, *points[0]))
 
     def _begin(self) -> list[tuple[float, FloatArray]]:
-        """Take the first steps of the run, and return the point where they end."""
+        """Take the first steps of the run, and return their end point."""
         attempt = begin_in_c(self._problem, self._explicit)
         if isinstance(attempt, str):  # no compiler can build its engine
             return []

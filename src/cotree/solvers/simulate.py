@@ -119,7 +119,7 @@ def run_values(
     problem = run.problem
     check_values(problem)
     warn_of_tolerances(problem)
-    # The rounding of t, or the constraints, may still make a run fail.
+    # The rounding of t, or drift of the constraints, may still make a run fail.
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
     # Redundancy may change along a motion, so a few points are examined.
     redundant = redundancy(model, run.held, trajectory)
@@ -147,7 +147,7 @@ def run_values(
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
-        # z goes parameter by parameter, s by state, parameter and time.
+        # z is ordered by parameter; s has the axes state, parameter and time.
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
         "positions": model.layout.positions,
@@ -242,7 +242,7 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
-    """Divide each interval, space times evenly over the whole, and add the sides of jumps."""
+    """Divide each interval evenly, and add both sides of jumps."""
     shares = np.arange(1, _PARTS) / _PARTS
     inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
     # A fixed distance would be lost in the rounding of late times.

@@ -55,7 +55,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
     unknown, or its unknowns have to be eliminated first. It takes a small part of the time of
     eigenvalues.
     """
-    # Unknowns would have to be eliminated, and where constraints depend on each other it is large.
+    # Unknowns would have to be eliminated, and with dependent constraints the projection is large.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
         return math.inf
     y = z[: problem.n_states]
@@ -72,7 +72,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     """Return the largest rate at which a mode grows at a point, [1/s]; 0 if none does."""
-    # Modes that grow decay when the integration runs the other way.
+    # Growing modes decay in an integration backwards in time.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
 
@@ -155,7 +155,8 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
 # errors from 1e-3 to 1e-9 are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Stages of rodas5, and how many sensitivities it solves for at a time where elimination is long.
+# Stages of rodas5, and the number of sensitivities that it solves for at a time if elimination is
+# expensive.
 _STAGES, _AT_A_TIME = 8, 8
 
 # Per step of cvode: evaluations of the rates, evaluations of all rates with those of
@@ -204,7 +205,8 @@ def _of_cvode(work: StepWork, n: int, m: int) -> float:
     return 600.0 + evaluation + solution + factorisation + vectors
 
 
-# Beyond it, factors that are kept for many steps win over eight stages that are cheap.
+# With more operations, factors that are kept for many steps are cheaper than eight inexpensive
+# stages.
 _MOST_STATES = 150
 
 # A kink costs a multistep method some thirty short steps, of hundreds in a run.
@@ -215,7 +217,7 @@ _MOST_CORNERS = 3
 _CONFIRMED = 0.5
 
 # If an event function is within so many absolute tolerances of zero, a method that starts there may
-# locate an event a second time, or that of a value that rests at zero.
+# locate an event a second time, or an event of a value that rests at zero.
 _AT_ZERO = 10.0
 
 
@@ -245,7 +247,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     # The number of kinks and events in a run is unknown.
     locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
-    is_wide = problem.n_states > _MOST_STATES  # an elimination of it takes long to plan
+    is_wide = problem.n_states > _MOST_STATES  # planning its elimination takes long
     if has_restarts or is_wide or problem.n_algebraic or problem.held is not None:
         return 0.0
     if not has_sundials() or refusal("cvode", problem):
@@ -266,7 +268,7 @@ class MethodSwitch:
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Continue from where a stiff problem's job waits, to the end of the span.
+        """Continue a stiff problem from the last point of its job to the end of the span.
 
         ``first`` has the values stored so far. Returns the whole trajectory, or None if the job
         continues.
@@ -345,7 +347,7 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
 
 
 def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
-    """Join two trajectories, of which the second begins where the first ends."""
+    """Join two trajectories; the second begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:
         # If every step is stored, the second run repeats the last point of the first.
@@ -359,7 +361,7 @@ def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajecto
         z=np.hstack([first.z, z]),
         statistics=summed(first.statistics, second.statistics),
         drift=_joined_drift(first.drift, second.drift, skipped),
-        # Methods that take no events give no columns for them either.
+        # Methods without events have no columns for events either.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 

@@ -131,15 +131,15 @@ def _left_free(
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
-    # The largest size in the whole run counts: near zero no more digits are needed.
+    # The largest magnitude in the whole run is used: near zero the relative accuracy is irrelevant.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_EXAMINED)).astype(int)).tolist():
         t = float(trajectory.t[k])
-        # The algebraic equation of a variable holds its content, so this derivative is the change
-        # of the content per unit of the variable: a capacitance.
+        # The algebraic equation of a variable contains its content, so that this derivative is the
+        # change of the content per unit of the variable: a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
         allowed = atol[totals] + problem.settings.rtol * np.abs(y[totals, k])
         left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)
@@ -166,7 +166,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
         y = y / problem.sizes[:n, None]
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
-    # States at rest hold only rounding errors, which no tolerance is meant to test.
+    # States at rest contain only rounding errors, which tolerances need not control.
     if largest <= _ROUNDINGS * sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (
@@ -233,7 +233,7 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     ``n_steps`` are the steps of a run, or of several.
     """
     start, end = problem.settings.t_span
-    # Steps are counted where there is any.
+    # Only runs with steps are counted.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
     return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 

@@ -197,7 +197,7 @@ def _own_error(found: Array, reference: Array, other: Array) -> float:
 
 
 def _error(found: Array, reference: Array) -> float:
-    """Return the largest difference, scaled row by row; points lie along the last axis."""
+    """Return the largest difference, scaled by rows; the last axis is the points."""
     if reference.size == 0:
         return math.nan
     # Quantities below one are compared absolutely.
@@ -209,7 +209,7 @@ def _error(found: Array, reference: Array) -> float:
 
 # Times that differ by less are equal: compilers and memory layout have effects of this size.
 _LEAST_GAIN = 0.1
-# Least times with a ratio above two are different, whatever their noise.
+# Minimum times with a ratio above two are different despite noise.
 _MOST = 1.0
 
 
@@ -265,7 +265,7 @@ class BenchRow:
     @property
     def noise(self) -> float:
         """Lower quartile of the times relative to the least, minus one."""
-        # Disturbances only make runs longer, so the short ones show the accuracy of the least time.
+        # Disturbances only make runs longer, so that short ones show the accuracy of the minimum.
         times, n = sorted(self.times), len(self.times)
         return times[max(1, n // 4) if n > 1 else 0] / times[0] - 1.0 if times else math.nan
 
@@ -318,7 +318,7 @@ def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
         held = best_of.get(row.method)
         if held is None or row.least < held.least:
             best_of[row.method] = row
-    # Disturbances only make runs longer, so least times are compared.
+    # Disturbances only make runs longer, so that minimum times are compared.
     best = min(best_of.values(), key=lambda row: row.least, default=None)
     if best is None:
         return ()

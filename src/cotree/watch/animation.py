@@ -64,7 +64,7 @@ class Animation:
         height: int | None = None,
         max_frames: int = 400,
     ) -> None:
-        """Write a GIF or an HTML file, whole or not at all.
+        """Write a GIF or an HTML file, completely or not at all.
 
         Parameters
         ----------

@@ -86,7 +86,7 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Find the homogeneous box with a mass and an inertia about its centre; None if there is none.
+    """Return the homogeneous box with a mass and an inertia; None if there is none.
 
     Returns its lengths, [m], from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m,
     zero along a principal axis for which no homogeneous box exists, and the principal axes,
@@ -218,7 +218,7 @@ LINE_FORCE = partial(strut, mesh=shapes.rod, width=0.3, color=FORCE)
 
 
 def bushing(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a ball where both nodes meet."""
+    """Show a ball at the nodes."""
     place = draft.places[edge.first]
     ball = shapes.sphere(1.5 * draft.w).placed(place.local + draft.raised(place.cluster))
     draft.solid(edge.name, place.cluster, ball, SPRING, label=True)

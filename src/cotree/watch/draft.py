@@ -99,7 +99,7 @@ class DrawingBuilder:
         return self.layer[cluster] * self.pitch * self.towards(cluster)
 
     def towards(self, cluster: int) -> Array:
-        """Return the plane's normal in a body's axes, where it is constant."""
+        """Return the plane's normal in a body's axes if it is constant."""
         return np.asarray(self.poses.axes[cluster][0].T @ self.stage.towards)
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
@@ -185,7 +185,7 @@ class DrawingBuilder:
         return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
-        """Draw an element between two nodes; several between the same nodes stand side by side.
+        """Draw an element between two nodes; several between the same nodes are drawn side by side.
 
         The mesh has length one along z.
         """

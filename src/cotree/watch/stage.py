@@ -39,7 +39,7 @@ _SPUR = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Poses, directions and sizes from which shapes are made."""
+    """Poses, directions and sizes for drawing."""
 
     poses: Poses  # of the clusters
     places: Mapping[str, Place]  # the nodes
@@ -223,7 +223,7 @@ class MotionValues:
         return np.array(evaluate(nodes, self._fixed), dtype=float)
 
     def place(self, point: Point) -> Place:
-        """Evaluate a node's place in its cluster."""
+        """Evaluate the position of a node in its cluster."""
         turn = np.eye(3) if point.turn is None else self.matrix(point.turn)
         return Place(point.cluster, self.numbers(point.local), turn)
 

@@ -116,8 +116,8 @@ class Prior:
         if self._family == "normal":
             # The factor 1/x of a log-normal density only shifts the square.
             return [(r + (self._b if self._is_log else 0.0), r_slope)]
-        # This residual times its slope is the slope of the absolute value; a residual with a slope
-        # of zero makes up the difference in value.
+        # This residual times its slope is the slope of the absolute value; a residual with zero
+        # slope supplies the rest of the value.
         weight = max(abs(r), _CORNER) ** -0.5
         rows = [(r * weight, r_slope * weight)]
         missing = 2.0 * abs(r) - (r * weight) ** 2
@@ -152,7 +152,7 @@ class Prior:
 def sample_starts(
     estimated: Sequence[Estimated], rows: Sequence[PriorRow | None], n: int, seed: int | None
 ) -> Array:
-    """Draw starts on the scales, shape (n, n_estimated); uniform where there is no prior."""
+    """Draw starts on the scales, shape (n, n_estimated); uniform without a prior."""
     random, scaled = np.random.default_rng(seed), Scaled(estimated)
     found = np.empty((n, len(rows)))
     for i, (parameter, row) in enumerate(zip(estimated, rows, strict=True)):

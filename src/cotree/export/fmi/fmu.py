@@ -187,7 +187,7 @@ def write_fmu(
     rest: Start | None,
     extra: Mapping[str, bytes],
 ) -> Fmu:
-    """Write a model as an FMU, whole or not at all.
+    """Write a model as an FMU, completely or not at all.
 
     Parameters
     ----------

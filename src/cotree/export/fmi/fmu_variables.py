@@ -1,4 +1,4 @@
-"""The variables of an FMU: names, units, start values, and what depends on what.
+"""The variables of an FMU: names, units, start values, and dependencies.
 
 A value reference is a place in consecutive blocks, in the order of ``enum fmu_block`` of
 ``cotree_fmu.h``.
@@ -34,7 +34,7 @@ class FmuVariable:
     #: As in the standard.
     causality: str
     variability: str
-    initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty where the standard has none
+    initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty if the standard has no value
     start: float | None = None  # its start value, if it has one
     derivative_of: int | None = None  # value reference of the state that it is the derivative of
     is_reset: bool = False  # whether events may set it
@@ -263,7 +263,7 @@ class _Listing:
                 self.of_state[i] = tuple(sorted({*depends_on, *exact}))
 
     def _at_start(self, references: Iterable[int]) -> tuple[int, ...]:
-        """Replace states that are no knowns of the initialization by their arguments."""
+        """Replace states that are not knowns of the initialization by their arguments."""
         found: set[int] = set()
         for reference in references:
             i = reference - self.firsts[1]
@@ -345,7 +345,7 @@ class _Listing:
 
 
 def _quoted(name: str) -> str:
-    """Quote the last part of an event's name if it is no identifier, for structured names."""
+    """Quote the last part of an event's name if it is not an identifier, for structured names."""
     parts, own = _PARTS.match(name).groups()  # type: ignore[union-attr]  # it matches any text
     return name if own.isidentifier() else f"{parts}'{own}'"
 

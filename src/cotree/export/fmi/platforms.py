@@ -25,7 +25,7 @@ class Platform:
     """A platform."""
 
     name: str  # as folders of FMI 3 are called
-    old_name: str  # as those of FMI 2 are; empty where it has none
+    old_name: str  # the name in FMI 2; empty if it has none
     target: str  # as zig calls it
     suffix: str  # of libraries
 
@@ -50,7 +50,7 @@ _TIME_LIMIT = 600.0
 
 
 def this_platform() -> str | None:
-    """Name the platform that this process runs on; None where it is none of ``PLATFORMS``."""
+    """Return the platform of this process; None if it is not in ``PLATFORMS``."""
     system = {"linux": "linux", "win32": "windows", "darwin": "darwin"}.get(sys.platform, "")
     machine = platform.machine().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)

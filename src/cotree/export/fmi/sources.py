@@ -76,8 +76,8 @@ class FmuKernels:
     initial: Partials  # initial states by parameters
     #: Constraints, then conditions on the start, by the columns of ``partials``.
     constraints: Partials
-    #: Upper bounds of steps; then first time and period of each stop, with derivatives of both
-    #: along each sensitivity. None where there are neither.
+    #: Upper bounds of steps; then first time and period of each time event, with derivatives of
+    #: both along each sensitivity. None if there are none.
     stops: Kernel | None
     starts: tuple[bool, ...]  # whether each stop has no times before its first
     n_limits: int  # number of upper bounds of steps
@@ -216,7 +216,7 @@ class Facts:
     #: Whether states that are not given begin as in ``start``; whether all do.
     is_found: bool
     is_at_rest: bool
-    sizes: tuple[float, ...]  # factors of absolute tolerances; empty where they are one
+    sizes: tuple[float, ...]  # factors of absolute tolerances; empty if they are one
     #: Defaults.
     rtol: float
     atol: float

@@ -168,8 +168,8 @@ class Writer(Sheet[_Scene]):
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is not a node")
-        # With ``uic`` the run begins at the initial values; else at the operating point, whose
-        # search holds the voltages of ``.ic``.
+        # With ``uic`` the run begins at the initial values, otherwise at the operating point, in
+        # whose search the voltages of ``.ic`` are held.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
