@@ -210,9 +210,17 @@ def test_compiler_reads_nothing_and_leaves_no_temporary_files(files, make_script
     assert {path.name for path in cache.iterdir()} == {"failed"}
 
 
-def test_compiler_that_says_and_writes_nothing(files, make_script):
-    with pytest.raises(BuildError, match="exit status 0: it printed nothing"):
-        build(files, scripted(make_script("exit 0")))
+@pytest.mark.parametrize("shared", [{}, {"same.c": "int same;\n"}])
+def test_compiler_that_says_and_writes_nothing(make_script, shared):
+    with pytest.raises(BuildError, match="ended without an error on .*, but wrote no file"):
+        build_library(
+            {"own.c": "int own;\n"},
+            abi_version=1,
+            n_operations=1,
+            options=BuildOptions("-O0"),
+            toolchain=scripted(make_script("exit 0")),
+            shared=shared,
+        )
 
 
 def test_compiler_that_vanished(files, make_script):

@@ -390,7 +390,7 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
                 shutil.copyfile(found, made)
                 return Outcome(0, "")
         outcome = run_limited(step.command, directory, time_limit, owner)
-        if step.key and outcome.status == 0:
+        if step.key and outcome.status == 0 and made.exists():
             # One copy is linked, the other is published in the cache.
             copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")
             publish(copy, step.key, OBJECT)
@@ -413,4 +413,6 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
     lines = [line.strip() for line in outcome.output.splitlines() if line.strip()]
     complaints = [line for line in lines if "error" in line.lower()]
     shown = next(iter(complaints or lines), "it printed nothing.")
+    if outcome.status == 0:
+        return f"The C compiler ended without an error on '{source}', but wrote no file: {shown}"
     return f"The C compiler failed on '{source}' with exit status {outcome.status}: {shown}"
