@@ -1,6 +1,7 @@
 /* cotree_real.h: the number type, its literals, functions and limits; the features that are
  * compiled; compiler-specific qualifiers.
- * Part of the runtime of cotree, the same for every model. */
+ *
+ * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
 #define COTREE_REAL_H
 

@@ -1,6 +1,4 @@
-/* cotree_batch.c: runs the members of a batch, one after another in each thread.
- * Part of the runtime of cotree, the same for every model and method.
- */
+/* cotree_batch.c: runs the members of a batch, one after another in each thread. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 /* For clock_gettime. NOLINTNEXTLINE(bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp) */
 #define _POSIX_C_SOURCE 199309L

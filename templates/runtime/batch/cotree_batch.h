@@ -1,5 +1,4 @@
-/* cotree_batch.h: many runs of one model, which threads take from one counter. Part of the
- * runtime of cotree, the same for every model and method.
+/* cotree_batch.h: many runs of one model, which threads take from one counter.
  *
  * A batch holds what its members share, the data of each member by its number, and the results.
  * Each thread has a worker, and calls cotree_batch_work until no member is left. The results of

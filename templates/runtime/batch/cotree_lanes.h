@@ -1,5 +1,4 @@
 /* cotree_lanes.h: members of an ensemble in the lanes of vectors.
- * Part of the runtime of cotree, the same for every model.
  *
  * Each lane has steps and an error control of its own, and its results depend on no other lane.
  * A lane whose member ends takes the next one at once. A member that needs anything else than

@@ -1,6 +1,4 @@
-/* cotree_bounds.h: how far event functions and the quantities that they depend on move in a step.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_bounds.h: bounds of event functions and of their quantities over a step. */
 #ifndef COTREE_BOUNDS_H
 #define COTREE_BOUNDS_H
 

@@ -1,5 +1,4 @@
 /* cotree_branches.c: branches of piecewise functions, held during a step.
- * Part of the runtime of cotree, the same for every model.
  *
  * Absolute values, selections and tables are smooth within a branch and have kinks between two.
  * A step holds the branches that it starts on, and ends at the first kink. */

@@ -1,5 +1,4 @@
 /* cotree_complementarity.c: selection of the modes of all unilateral constraints.
- * Part of the runtime of cotree, the same for every model.
  *
  * The modes of dry friction, of rigid stops and contacts, and the signs of loads solve one
  * complementarity problem (F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral Contacts,

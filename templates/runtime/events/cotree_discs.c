@@ -1,5 +1,4 @@
 /* cotree_discs.c: friction on planes in space.
- * Part of the runtime of cotree, the same for every model.
  *
  * The friction of a contact on a plane has two components, whose sum of squares is limited. It has
  * one mode: both components stick, or the contact slides in the direction of its slip. At zero

@@ -1,5 +1,4 @@
-/* cotree_dispatch.c: application of the events at one time, and of those that they trigger.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_dispatch.c: application of the events at one time, and of those that they trigger. */
 #include "cotree_events_internal.h"
 
 #include <float.h>

@@ -1,5 +1,4 @@
-/* cotree_events.c: the search for events after each step of one integration.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_events.c: the search for events after each step of one integration. */
 #include "cotree_events_internal.h"
 
 #include <float.h>

@@ -1,5 +1,4 @@
 /* cotree_events.h: locates the zero crossings of a model's event functions and applies its events.
- * Part of the runtime of cotree, the same for every model.
  *
  * An event takes place where its event function crosses zero in the event's direction. Each
  * accepted step is sampled at a few points, and more densely where an event function has an

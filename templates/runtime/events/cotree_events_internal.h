@@ -1,6 +1,4 @@
-/* cotree_events_internal.h: declarations shared by the sources of cotree_events.h.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_events_internal.h: declarations shared by the sources of cotree_events.h. */
 #ifndef COTREE_EVENTS_INTERNAL_H
 #define COTREE_EVENTS_INTERNAL_H
 

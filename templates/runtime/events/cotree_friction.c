@@ -1,5 +1,4 @@
 /* cotree_friction.c: modes of dry friction.
- * Part of the runtime of cotree, the same for every model.
  *
  * A friction constraint has the mode 0 while it sticks, 1 or -1 while it slides and 2 while it
  * is disengaged, and one event for each reason to change it. Constraints at zero slip rate are

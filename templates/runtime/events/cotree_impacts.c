@@ -1,5 +1,4 @@
 /* cotree_impacts.c: impacts of rigid stops.
- * Part of the runtime of cotree, the same for every model.
  *
  * An impact is one more complementarity problem, solved by cotree_complementarity.c: impulses
  * stand for forces, changes of speed for accelerations (J. J. Moreau 1988). A stop with an

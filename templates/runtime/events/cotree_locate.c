@@ -1,5 +1,4 @@
-/* cotree_locate.c: zeros of event functions within a step, and the solution there.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_locate.c: zeros of event functions within a step, and the solution there. */
 #include "cotree_events_internal.h"
 #include "cotree_classical.h"
 

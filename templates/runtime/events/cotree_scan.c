@@ -1,5 +1,4 @@
 /* cotree_scan.c: interval bounds of nonlinear event functions, and the search for their zeros.
- * Part of the runtime of cotree, the same for every model.
  *
  * The kernel event_ranges bounds an event function and its rate over an interval, given bounds
  * of the quantities that it depends on. The intervals of a step are bisected until in each the

@@ -1,5 +1,4 @@
-/* cotree_stops.c: modes of rigid stops, and of friction at contacts.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_stops.c: modes of rigid stops, and of friction at contacts. */
 #include "cotree_events_internal.h"
 
 #include <float.h>

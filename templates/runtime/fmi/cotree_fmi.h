@@ -1,5 +1,4 @@
 /* cotree_fmi.h: functions that both versions of the Functional Mock-up Interface have.
- * Part of the runtime of cotree, the same for every model.
  *
  * The file that includes it defines before: FMI_FUNCTION(name), the exported name of a function;
  * FMI_EITHER(of_2, of_3), one of two by version; FMI_STATUS, FMI_BOOLEAN and FMI_BYTE, types of the

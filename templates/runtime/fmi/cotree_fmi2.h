@@ -1,5 +1,4 @@
-/* cotree_fmi2.h: the types of the Functional Mock-up Interface 2.0.
- * Part of the runtime of cotree, after the standard; the same for every model. */
+/* cotree_fmi2.h: the types of the Functional Mock-up Interface 2.0. */
 #include <stddef.h>
 
 typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;

@@ -1,5 +1,4 @@
-/* cotree_fmi3.h: the types of the Functional Mock-up Interface 3.0.
- * Part of the runtime of cotree, after the standard; the same for every model. */
+/* cotree_fmi3.h: the types of the Functional Mock-up Interface 3.0. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>

@@ -1,5 +1,4 @@
-/* cotree_fmu.c: instances with their modes, messages and saved states.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_fmu.c: instances with their modes, messages and saved states. */
 #include "cotree_fmu_internal.h"
 
 #include <stdarg.h>
@@ -24,7 +23,6 @@ static void lay_out_state(fmu *m, cotree_arena *arena)
     m->n_saved = (arena->used - begin) / sizeof(double);
 }
 
-#if COTREE_HAS_EVENTS
 static void lay_out_events(fmu *m, cotree_arena *arena)
 {
     m->g = cotree_arena_reals(arena, N_EVENTS + m->model->hybrid->n_quantities);
@@ -34,7 +32,6 @@ static void lay_out_events(fmu *m, cotree_arena *arena)
     cotree_events_init(&m->events, &m->run, m->run.n, m->tables->span, m->tables->rtol, NULL,
                        m->tables->atol, NULL, NULL, arena);
 }
-#endif
 
 static double *reals_of(cotree_arena *arena, const fmu_pattern *pattern)
 {
@@ -211,7 +208,6 @@ static void log_format(const fmu *m, int status, const char *format, va_list arg
     log_message(&m->importer, status, message);
 }
 
-#if COTREE_HAS_EVENTS
 void fmu_log(const fmu *m, int status, const char *format, ...)
 {
     va_list arguments;
@@ -219,7 +215,6 @@ void fmu_log(const fmu *m, int status, const char *format, ...)
     log_format(m, status, format, arguments);
     va_end(arguments);
 }
-#endif
 
 int fmu_refuse(const fmu *m, const char *format, ...)
 {

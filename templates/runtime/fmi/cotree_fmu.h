@@ -1,6 +1,5 @@
 /* cotree_fmu.h: an instance of a model as a functional mock-up unit, for all versions of the
  * interface.
- * Part of the runtime of cotree, the same for every model.
  *
  * The functions of FMI 2 and FMI 3 call these with the instance, which may be NULL, and with their
  * own name for messages. The results are statuses, unless noted: a call that is not possible is

@@ -1,5 +1,4 @@
 /* cotree_fmu_derivatives.c: directional and adjoint derivatives of an instance.
- * Part of the runtime of cotree, the same for every model.
  *
  * With the rates f, the residuals g of the algebraic unknowns z, and any other unknown h, the
  * derivatives by the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During initialization,
@@ -126,7 +125,6 @@ static double weighted_column(const fmu *m, int column)
     return sum;
 }
 
-#if COTREE_HAS_ALGEBRAIC
 /* Add the derivatives of all rows along the algebraic unknowns, which follow m->seed, too. */
 static int propagate_unknowns(fmu *m)
 {
@@ -151,7 +149,6 @@ static int weigh_residuals(fmu *m)
     for (j = 0; j < N_ALGEBRAIC; ++j) m->rows[N_RATES + j] = -m->solved[j];
     return 0;
 }
-#endif
 
 /* Compute the derivatives of all rows, and of the algebraic unknowns, along m->seed. */
 static int propagate(fmu *m)

@@ -1,6 +1,5 @@
 /* cotree_fmu_exchange.c: Model Exchange: the importer sets states, and events are applied between
- * its steps.
- * Part of the runtime of cotree, the same for every model. */
+ * its steps. */
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_EXCHANGE
@@ -124,7 +123,6 @@ static void find_segment(fmu *m)
     fmu_invalidate(m);
 }
 
-#if COTREE_HAS_EVENTS
 /* Apply events at the present point. */
 static int apply_events(fmu *m, fmu_event_info *news)
 {
@@ -159,8 +157,6 @@ static int apply_events(fmu *m, fmu_event_info *news)
     }
     return 0;
 }
-
-#endif
 
 /* Process time events, constraints and events at the present point. */
 static int update(fmu *m, fmu_event_info *news)

@@ -1,5 +1,4 @@
 /* cotree_fmu_internal.h: declarations shared by the sources of cotree_fmu.h.
- * Part of the runtime of cotree, the same for every model.
  *
  * Functions return 0, or 1 after logging an error, unless noted. */
 #ifndef COTREE_FMU_INTERNAL_H

@@ -1,5 +1,4 @@
-/* cotree_fmu_start.c: initialization with a consistent start, and its derivatives.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_fmu_start.c: initialization with a consistent start, and its derivatives. */
 #include "cotree_fmu_internal.h"
 
 int fmu_set_up(void *instance, const char *function, const double *tolerance, double t, double end)
@@ -66,7 +65,6 @@ static int write_initial_values(fmu *m, double *z)
     return 0;
 }
 
-#if COTREE_HAS_START
 /* List the states whose initial values are set: by the importer, or contents of storages, which are
  * not found again for other parameters. */
 static void list_set(fmu *m, const double *initial)
@@ -100,9 +98,7 @@ static int find_start(fmu *m, const double *initial)
     return fmu_refuse(m, "there is no start: %s ('%s')", cotree_start_message(status),
                       cotree_start_culprit(start, status));
 }
-#endif
 
-#if COTREE_HAS_EVENTS
 /* Select the modes of dry friction and rigid stops; the start may contain an impact. */
 static int select_modes(fmu *m)
 {
@@ -126,9 +122,7 @@ static int select_modes(fmu *m)
     fmu_invalidate(m);
     return fmu_refresh(m, FMU_POINT);
 }
-#endif
 
-#if COTREE_HAS_SENSITIVITIES
 /* Compute the sensitivities at the start. */
 static int start_sensitivities(fmu *m)
 {
@@ -143,7 +137,6 @@ static int start_sensitivities(fmu *m)
     }
     return 0;
 }
-#endif
 
 int fmu_start(fmu *m)
 {
@@ -187,7 +180,6 @@ int fmu_exit_initialization(void *instance, const char *function)
     return fmu_status(m, status);
 }
 
-#if COTREE_HAS_START
 /* Complete a direction by the states of one level that are not prescribed. */
 static int complete_direction(fmu *m, double *seed, int level)
 {
@@ -238,7 +230,6 @@ static int complete_directions(fmu *m, const int *is_known, double *seed)
     status = complete_direction(m, seed, 0);
     return status != 0 ? 1 : complete_direction(m, seed, 1);
 }
-#endif
 
 /* Complete a direction of prescribed states, inputs and parameters by the other states.
  * is_known: states whose own entry is prescribed; NULL: only those that were set. */

@@ -1,5 +1,4 @@
-/* cotree_fmu_steps.c: Co-Simulation with one job for each communication step.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_fmu_steps.c: Co-Simulation with one job for each communication step. */
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_STEPS
@@ -16,7 +15,6 @@ static double factor_of(const fmu *m, int state)
     return m->tables->sizes == NULL ? 1.0 : m->tables->sizes[state];
 }
 
-#if COTREE_HAS_SENSITIVITIES
 /* Return the absolute tolerance of sensitivities to a parameter, whose scale is 1 for an initial
  * value. */
 static double atol_of_slope(const fmu *m, int j)
@@ -25,7 +23,6 @@ static double atol_of_slope(const fmu *m, int j)
     const double size = seed < 0 ? 1.0 : fabs(m->p[seed]);
     return size > 0.0 ? fmin(atol_of(m) / size, 1e100) : atol_of(m);
 }
-#endif
 
 /* Set the absolute tolerances of the entries that are integrated; return their number. */
 static int set_tolerances(fmu *m)
@@ -62,7 +59,6 @@ static int reserve_corners(fmu *m, size_t n)
     return 0;
 }
 
-#if COTREE_HAS_MOVING_CORNERS
 /* Write the derivatives of the times of corners by the parameters. */
 static void write_slopes(fmu *m, cotree_job *job)
 {
@@ -82,7 +78,6 @@ static void write_slopes(fmu *m, cotree_job *job)
     job->spreads = spreads;
     job->turn_tolerances = m->turn_tolerances;
 }
-#endif
 
 /* List the corners: the start, time events and the end. */
 static int list_corners(fmu *m, double t, double end, cotree_job *job)
@@ -122,7 +117,6 @@ static double longest_step(const fmu *m)
     return longest;
 }
 
-#if COTREE_HAS_EVENTS
 static void set_up_events(fmu *m, cotree_job *job)
 {
     job->records = m->records;
@@ -133,7 +127,6 @@ static void set_up_events(fmu *m, cotree_job *job)
     job->span = fmu_span(m);
     job->most_events = m->returns_early ? 1 : 0;
 }
-#endif
 
 static int set_up_job(fmu *m, cotree_job *job, double t, double end)
 {
@@ -213,7 +206,6 @@ static int log_failure(fmu *m, const cotree_job *job, long n_events)
                        cotree_status_message((cotree_status)job->status));
 }
 
-#if COTREE_HAS_EVENTS
 /* Log the events, except for jumps. Return their number. */
 static int log_events(const fmu *m, cotree_job *job)
 {
@@ -228,7 +220,6 @@ static int log_events(const fmu *m, cotree_job *job)
     job->n_records = 0;
     return n_logged;
 }
-#endif
 
 /* Integrate to the end of the step, or to the first event, within the budgets. */
 static int run_job(fmu *m, cotree_job *job, long *n_events)
@@ -265,7 +256,6 @@ static void copy_results(fmu *m, const cotree_job *job, int result)
     fmu_invalidate(m);
 }
 
-#if COTREE_HAS_EVENTS
 int fmu_enter_steps(fmu *m)
 {
     const double t = m->numbers[FMU_NOW];
@@ -277,7 +267,6 @@ int fmu_enter_steps(fmu *m)
     copy_results(m, &job, result);
     return result == COTREE_JOB_FAILED ? log_failure(m, &job, 0) : 0;
 }
-#endif
 
 static int check_step(const fmu *m, double t, double step)
 {

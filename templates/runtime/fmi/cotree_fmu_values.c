@@ -1,5 +1,4 @@
-/* cotree_fmu_values.c: values of an instance at its present state, and its variables.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_fmu_values.c: values of an instance at its present state, and its variables. */
 #include "cotree_fmu_internal.h"
 
 void fmu_invalidate(fmu *m) { m->valid = 0; }
@@ -79,7 +78,6 @@ double fmu_largest_stop(const fmu *m, double end)
 #endif
 }
 
-#if COTREE_HAS_INPUTS
 /* Write the inputs that the importer has set over those of the scene. */
 int fmu_write_inputs(double t, double *u, void *context)
 {
@@ -89,7 +87,6 @@ int fmu_write_inputs(double t, double *u, void *context)
     for (i = 0; i < m->tables->n_inputs; ++i) u[m->tables->inputs[i]] = m->outside[i];
     return 0;
 }
-#endif
 
 void fmu_set_up_run(fmu *m)
 {
@@ -112,7 +109,6 @@ void fmu_set_up_run(fmu *m)
 
 static double now(const fmu *m) { return cotree_run_inside(&m->run, m->numbers[FMU_NOW]); }
 
-#if COTREE_HAS_ALGEBRAIC
 /* Limits of the continuation of algebraic unknowns: number of points, and the least share of the
  * path. */
 #define MAX_POINTS 1000
@@ -156,7 +152,6 @@ static int solve_unknowns(fmu *m)
     m->numbers[FMU_IS_SOLVED] = 1.0;
     return 0;
 }
-#endif
 
 /* Compute inputs and algebraic unknowns. */
 static int compute_point(fmu *m)
@@ -236,7 +231,6 @@ int fmu_refresh(fmu *m, int what)
     return 0;
 }
 
-#if COTREE_HAS_EVENTS
 void fmu_hold(fmu *m, int is_held)
 {
 #if COTREE_HAS_CONSTRAINTS
@@ -262,7 +256,6 @@ cotree_events *fmu_events(fmu *m)
     e->span = fmu_span(m);
     return e;
 }
-#endif
 
 /* Variables. */
 

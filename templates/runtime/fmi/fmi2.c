@@ -1,5 +1,4 @@
-/* fmi2.c: the functions of the Functional Mock-up Interface 2.0 for an instance.
- * Part of the runtime of cotree, the same for every model. */
+/* fmi2.c: the functions of the Functional Mock-up Interface 2.0 for an instance. */
 #include "cotree_fmi2.h"
 
 #include "cotree_fmi.h"

@@ -1,5 +1,4 @@
-/* fmi3.c: the functions of the Functional Mock-up Interface 3.0 for an instance.
- * Part of the runtime of cotree, the same for every model. */
+/* fmi3.c: the functions of the Functional Mock-up Interface 3.0 for an instance. */
 #include "cotree_fmi3.h"
 
 #include "cotree_fmi.h"

@@ -1,5 +1,4 @@
-/* cotree_breakpoints.c: time events: times at which functions of time have a kink or a step.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_breakpoints.c: time events: times at which functions of time have a kink or a step. */
 #include "cotree_breakpoints.h"
 
 /* A few roundings of a time, relative. */

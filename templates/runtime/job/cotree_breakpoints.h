@@ -1,5 +1,4 @@
-/* cotree_breakpoints.h: time events: times at which functions of time have a kink or a step.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_breakpoints.h: time events: times at which functions of time have a kink or a step. */
 #ifndef COTREE_BREAKPOINTS_H
 #define COTREE_BREAKPOINTS_H
 

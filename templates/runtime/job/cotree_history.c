@@ -1,5 +1,4 @@
-/* cotree_history.c: Hermite interpolation through the points of several steps.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_history.c: Hermite interpolation through the points of several steps. */
 #include "cotree_history.h"
 
 typedef cotree_history cotree_points;

@@ -1,6 +1,5 @@
 /* cotree_history.h: interpolation within steps, from the solution and its rate at the ends of
  * several.
- * Part of the runtime of cotree, the same for every model.
  *
  * The polynomial through m points with rates has degree 2 m - 1. It needs no evaluations, and in
  * the middle of six points of an integrator of order 8 it is as accurate as these.

@@ -1,5 +1,4 @@
-/* cotree_integrator.c: messages of the status codes shared by all integrators.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_integrator.c: messages of the status codes shared by all integrators. */
 #include "cotree_integrator.h"
 
 const char *cotree_status_message(cotree_status status)

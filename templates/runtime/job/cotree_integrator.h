@@ -1,5 +1,4 @@
-/* cotree_integrator.h: types shared by all integrators.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_integrator.h: types shared by all integrators. */
 #ifndef COTREE_INTEGRATOR_H
 #define COTREE_INTEGRATOR_H
 

@@ -1,5 +1,4 @@
 /* cotree_interpolation.h: factors of Hermite interpolation through the points of several steps.
- * Part of the runtime of cotree, the same for every model.
  *
  * Points are in the order of their times. With l the Lagrange basis function of a point, the
  * polynomial through values and rates has the factor l^2 (1 - 2 (t - t[i]) slope) for the value

@@ -1,5 +1,4 @@
-/* cotree_job.c: the loop over steps, time events, wanted points and events, for any stepper.
- * Part of the runtime of cotree, the same for every model and method. */
+/* cotree_job.c: the loop over steps, time events, wanted points and events, for any stepper. */
 #include "cotree_job.h"
 #include "cotree_stepper.h"
 

@@ -1,5 +1,4 @@
 /* cotree_job.h: an integration that its caller advances by some steps at a time.
- * Part of the runtime of cotree, the same for every model.
  *
  * A job processes corners (its start, time events and its end), wanted points and events; a
  * stepper takes the steps in between. */

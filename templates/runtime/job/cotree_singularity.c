@@ -1,5 +1,4 @@
-/* cotree_singularity.c: detection of singular positions, and the tolerances near them.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_singularity.c: detection of singular positions, and the tolerances near them. */
 #include "cotree_singularity.h"
 
 #if COTREE_HAS_CONSTRAINTS

@@ -1,5 +1,4 @@
 /* cotree_singularity.h: integration through singular positions, where constraints lose rank.
- * Part of the runtime of cotree, the same for every model.
  *
  * Near such a position rates off the constraints grow like the inverse of the distance to it:
  * steps shrink without end, or fail. A stretch as long as an ordinary step is then integrated with

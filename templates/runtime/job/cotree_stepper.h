@@ -1,5 +1,4 @@
 /* cotree_stepper.h: the interface between a job and the method that takes its steps.
- * Part of the runtime of cotree, the same for every model.
  *
  * The job handles corners, wanted points and events; the stepper implements one method. A new
  * method is one file with a cotree_stepper. Functions return 0 or a cotree_status. */

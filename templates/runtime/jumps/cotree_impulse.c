@@ -1,5 +1,4 @@
 /* cotree_impulse.c: impulsive changes of states and sensitivities.
- * Part of the runtime of cotree, the same for every model.
  *
  * In an impact the equation of a constraint prescribes its change of speed instead of its
  * acceleration. The rates of all states, less those at a prescribed change of zero, then are the

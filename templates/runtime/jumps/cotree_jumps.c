@@ -1,5 +1,4 @@
-/* cotree_jumps.c: event functions, and the states and sensitivities after an event.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_jumps.c: event functions, and the states and sensitivities after an event. */
 #include "cotree_jumps_internal.h"
 
 /* The rounding of the derivatives of a time, as a share. */

@@ -1,6 +1,5 @@
 /* cotree_jumps.h: event functions of a model, and the jumps of states and sensitivities at its
  * events.
- * Part of the runtime of cotree, the same for every model.
  *
  * With the rates f, the event function g, the states R(x) after the event, and - and + before
  * and after it, the time of the event has the derivatives t_p = -(g_x S- + g_p) / (g_x f- + g_t)

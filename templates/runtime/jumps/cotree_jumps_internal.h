@@ -1,6 +1,4 @@
-/* cotree_jumps_internal.h: declarations shared by the sources of cotree_jumps.h.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_jumps_internal.h: declarations shared by the sources of cotree_jumps.h. */
 #ifndef COTREE_JUMPS_INTERNAL_H
 #define COTREE_JUMPS_INTERNAL_H
 

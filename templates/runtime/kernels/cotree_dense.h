@@ -1,5 +1,4 @@
-/* cotree_dense.h: linear equations in a few unknowns, of any rank.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_dense.h: linear equations in a few unknowns, of any rank. */
 #ifndef COTREE_DENSE_H
 #define COTREE_DENSE_H
 

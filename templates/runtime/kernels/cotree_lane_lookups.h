@@ -1,8 +1,6 @@
 /* cotree_lane_lookups.h: functions given by tables, for each lane of a vector.
- * Part of the runtime of cotree, the same for every model.
  *
- * The file that includes it defines LANES, a number of doubles, and the type VECTOR of as many.
- */
+ * The file that includes it defines LANES, a number of doubles, and the type VECTOR of as many. */
 #ifndef COTREE_LANE_LOOKUPS_H
 #define COTREE_LANE_LOOKUPS_H
 

@@ -1,5 +1,4 @@
-/* cotree_lookups.h: functions given by tables.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_lookups.h: functions given by tables. */
 #ifndef COTREE_LOOKUPS_H
 #define COTREE_LOOKUPS_H
 

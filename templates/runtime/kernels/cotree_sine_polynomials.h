@@ -1,12 +1,10 @@
 /* cotree_sine_polynomials.h: sine and cosine of reduced angles, in the lanes of a vector.
- * Part of the runtime of cotree, the same for every model.
  *
  * It is included once for each width of vectors: the file that includes it defines VECTOR, BITS (as
  * many 64-bit integers), NAMED(f) for the name of f, and SINE_QUALIFIERS before the function.
  *
  * Angles are reduced by multiples of pi/2 in three parts; the polynomials are those of fdlibm (Sun
- * Microsystems, 1993): errors stay below 0.8 units in the last place for angles up to 1e6.
- */
+ * Microsystems, 1993): errors stay below 0.8 units in the last place for angles up to 1e6. */
 
 /* Compute the sine and the cosine of x reduced to at most pi/4, and to the last two bits of
  * *quarter the number of quarter turns that were subtracted. */

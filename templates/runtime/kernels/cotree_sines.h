@@ -1,9 +1,7 @@
 /* cotree_sines.h: sines and cosines of arrays of angles.
- * Part of the runtime of cotree, the same for every model.
  *
  * It is included once for each width of vectors: the file that includes it defines LANES, VECTOR,
- * EACH(f), NAMED(f), TARGET and LEAVE as in a model's _vectors.h.
- */
+ * EACH(f), NAMED(f), TARGET and LEAVE as in a model's _vectors.h. */
 #if LANES > 1
 typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
 #define BITS NAMED(bits)

@@ -1,13 +1,11 @@
 /* cotree_transpose.h: square blocks of numbers with rows and columns exchanged.
- * Part of the runtime of cotree, the same for every model.
  *
  * TRANSPOSE(LOAD, STORE): lane i of each of LOAD(0) to LOAD(LANES - 1) becomes STORE(i, vector),
  * the last one first: where several lanes are stored to one place, the first of them remains.
  * Compilers without shuffles have no TRANSPOSE.
  *
  * It is included once for each width of vectors: the file that includes it defines LANES and
- * VECTOR.
- */
+ * VECTOR. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_shufflevector)
 #if LANES == 8

@@ -1,6 +1,4 @@
-/* cotree_columns.c: a kernel at many points.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_columns.c: a kernel at many points. */
 #include "cotree_columns.h"
 
 int cotree_columns(const cotree_model *model, cotree_state_kernel of_states,

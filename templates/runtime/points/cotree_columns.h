@@ -1,6 +1,4 @@
-/* cotree_columns.h: one kernel of a model at many points.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_columns.h: one kernel of a model at many points. */
 #ifndef COTREE_COLUMNS_H
 #define COTREE_COLUMNS_H
 

@@ -1,6 +1,4 @@
-/* cotree_sweep.c: inputs, outputs and their sensitivities at many points.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_sweep.c: inputs, outputs and their sensitivities at many points. */
 #include "cotree_sweep.h"
 
 int cotree_sweep(const cotree_model *model, const double *p, const double *k, int n_points,

@@ -1,6 +1,4 @@
-/* cotree_sweep.h: inputs, outputs and their sensitivities at many points.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_sweep.h: inputs, outputs and their sensitivities at many points. */
 #ifndef COTREE_SWEEP_H
 #define COTREE_SWEEP_H
 

@@ -1,5 +1,4 @@
-/* cotree_algebraic.c: algebraic unknowns, their sensitivities, and the reduced Jacobian.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_algebraic.c: algebraic unknowns, their sensitivities, and the reduced Jacobian. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC

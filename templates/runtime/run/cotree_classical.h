@@ -1,5 +1,4 @@
-/* cotree_classical.h: the classical Runge-Kutta method.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_classical.h: the classical Runge-Kutta method. */
 #ifndef COTREE_CLASSICAL_H
 #define COTREE_CLASSICAL_H
 

@@ -1,5 +1,4 @@
-/* cotree_corner_sensitivity.c: jumps of sensitivities at time events that depend on parameters.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_corner_sensitivity.c: jumps of sensitivities at time events that depend on parameters. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS

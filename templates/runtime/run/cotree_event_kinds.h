@@ -1,5 +1,4 @@
-/* cotree_event_kinds.h: what the events of a model stand for.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_event_kinds.h: what the events of a model stand for. */
 #ifndef COTREE_EVENT_KINDS_H
 #define COTREE_EVENT_KINDS_H
 

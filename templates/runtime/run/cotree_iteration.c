@@ -1,5 +1,4 @@
-/* cotree_iteration.c: Newton's method with damping.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_iteration.c: Newton's method with damping. */
 #include "cotree_iteration.h"
 
 /* Move by the largest accepted share of a step. is_last: 1 if the step is rounding. */

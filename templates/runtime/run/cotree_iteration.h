@@ -1,5 +1,4 @@
 /* cotree_iteration.h: Newton's method with damping.
- * Part of the runtime of cotree, the same for every model.
  *
  * The caller holds the matrix and the steps. With damping, a share of a step is accepted if the
  * next step with the same matrix is shorter (natural monotonicity test: P. Deuflhard, Newton

@@ -1,6 +1,4 @@
-/* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process. */
 #include "cotree_least.h"
 
 /* Steps of inverse iteration, each of which brings the smallest singular value out by the square of

@@ -1,5 +1,4 @@
 /* cotree_least.h: minimum-norm least-squares solutions for dense matrices of any rank.
- * Part of the runtime of cotree, the same for every model.
  *
  * A = U R Q with orthonormal rows of Q, orthonormal columns of U and a triangular R. Rows whose
  * remainder is below a share of COTREE_RANK count as dependent.

@@ -1,6 +1,5 @@
 /* cotree_limits.h: tolerances and limits that several files share; those of the first part are
- * in tolerances.py, too.
- * Part of the runtime of cotree, the same for every model. */
+ * in tolerances.py, too. */
 #ifndef COTREE_LIMITS_H
 #define COTREE_LIMITS_H
 

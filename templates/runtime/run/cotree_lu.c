@@ -1,5 +1,4 @@
-/* cotree_lu.c: LU factorisation with row exchanges.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_lu.c: LU factorisation with row exchanges. */
 #include "cotree_lu.h"
 
 static int is_dense(int n, int lower, int upper) { return 2 * lower + upper + 1 >= n; }

@@ -1,6 +1,5 @@
 /* cotree_lu.h: linear systems with a dense or banded matrix, by LU factorisation with row
- * exchanges.
- * Part of the runtime of cotree, the same for every model. */
+ * exchanges. */
 #ifndef COTREE_LU_H
 #define COTREE_LU_H
 

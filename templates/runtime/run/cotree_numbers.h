@@ -1,6 +1,5 @@
 /* cotree_numbers.h: the arithmetic in which methods are written, for one number at a time. Files
- * that compute with vectors, one run in each lane, define the same names for these.
- * Part of the runtime of cotree, the same for every model. */
+ * that compute with vectors, one run in each lane, define the same names for these. */
 #ifndef COTREE_NUMBERS_H
 #define COTREE_NUMBERS_H
 

@@ -1,6 +1,4 @@
-/* cotree_projection.c: projection of states and sensitivities on the constraints.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_projection.c: projection of states and sensitivities on the constraints. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS

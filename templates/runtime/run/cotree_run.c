@@ -1,6 +1,5 @@
 /* cotree_run.c: the rates of a model for integrators, with inputs, constraints and algebraic
- * unknowns.
- * Part of the runtime of cotree, the same for every model. */
+ * unknowns. */
 #include "cotree_run_internal.h"
 
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)

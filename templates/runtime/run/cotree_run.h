@@ -1,5 +1,4 @@
 /* cotree_run.h: a model in the form w' = f(t, w) for integrators.
- * Part of the runtime of cotree, the same for every model.
  *
  * w holds the states, then their sensitivities by parameter without those that always vanish.
  * Algebraic unknowns are solved for at each point; if the model has rates for them, they may be

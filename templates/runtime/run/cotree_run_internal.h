@@ -1,6 +1,4 @@
-/* cotree_run_internal.h: declarations shared by the sources of cotree_run.h.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_run_internal.h: declarations shared by the sources of cotree_run.h. */
 #ifndef COTREE_RUN_INTERNAL_H
 #define COTREE_RUN_INTERNAL_H
 

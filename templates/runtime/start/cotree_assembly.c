@@ -1,5 +1,4 @@
-/* cotree_assembly.c: projection onto the constraints by minimum-norm Gauss-Newton steps.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_assembly.c: projection onto the constraints by minimum-norm Gauss-Newton steps. */
 #include "cotree_assembly_internal.h"
 
 /* Residuals below RESIDUAL_TOLERANCE times the magnitude of the states satisfy the constraints;

@@ -1,5 +1,4 @@
 /* cotree_assembly.h: projection of coordinates and speeds onto the constraints of a mechanism.
- * Part of the runtime of cotree, the same for every model.
  *
  * States marked in is_kept are prescribed. The others change by minimum-norm Gauss-Newton steps:
  * coordinates first, then speeds. Rotations are measured in radians and translations in units of

@@ -1,5 +1,4 @@
-/* cotree_assembly_internal.h: declarations shared by the sources of cotree_assembly.h.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_assembly_internal.h: declarations shared by the sources of cotree_assembly.h. */
 #ifndef COTREE_ASSEMBLY_INTERNAL_H
 #define COTREE_ASSEMBLY_INTERNAL_H
 

@@ -1,5 +1,4 @@
-/* cotree_assembly_length.c: the characteristic length of constraints, and their dependence.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_assembly_length.c: the characteristic length of constraints, and their dependence. */
 #include "cotree_assembly_internal.h"
 
 /* Characteristic length: the median lever arm over POSITIONS positions, with joints rotated by

@@ -1,5 +1,4 @@
 /* cotree_assembly_mend.c: changes of given values if the constraints cannot be satisfied otherwise.
- * Part of the runtime of cotree, the same for every model.
  *
  * Values of the highest ranks change first, until the remaining residuals can be cancelled.
  * Their changes are of minimum norm; those of the free directions are not limited. A value is a

@@ -1,6 +1,4 @@
-/* cotree_start.c: initial values, the constraints and checks.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_start.c: initial values, the constraints and checks. */
 #include "cotree_start_internal.h"
 
 #include <string.h>

@@ -1,13 +1,11 @@
 /* cotree_start.h: states and sensitivities at the start of a run that satisfy all equations.
- * Part of the runtime of cotree, the same for every model.
  *
  * Given initial values are kept. Other coordinates and speeds follow from the constraints,
  * algebraic unknowns from their equations, and modes of jumps inside expressions from their event
  * functions. Sensitivities are the derivatives of these values.
  *
  *     cotree_start_init(&start, &run, &tables, &arena);   (twice: see cotree_run.h)
- *     cotree_start_find(&start, t, z);                   (z: n_full of the run)
- */
+ *     cotree_start_find(&start, t, z);                   (z: n_full of the run) */
 #ifndef COTREE_START_H
 #define COTREE_START_H
 

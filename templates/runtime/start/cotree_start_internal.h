@@ -1,5 +1,4 @@
-/* cotree_start_internal.h: declarations shared by the sources of cotree_start.h.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_start_internal.h: declarations shared by the sources of cotree_start.h. */
 #ifndef COTREE_START_INTERNAL_H
 #define COTREE_START_INTERNAL_H
 

@@ -1,5 +1,4 @@
-/* cotree_start_modes.c: modes of dry friction and of jumps inside expressions at a start.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_start_modes.c: modes of dry friction and of jumps inside expressions at a start. */
 #include "cotree_start_internal.h"
 
 #if COTREE_HAS_EVENTS

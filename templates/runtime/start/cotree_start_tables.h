@@ -1,5 +1,4 @@
-/* cotree_start_tables.h: tables of a model for its consistent start.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_start_tables.h: tables of a model for its consistent start. */
 #ifndef COTREE_START_TABLES_H
 #define COTREE_START_TABLES_H
 

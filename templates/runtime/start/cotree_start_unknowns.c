@@ -1,5 +1,4 @@
-/* cotree_start_unknowns.c: algebraic unknowns and contents of storages at a start.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_start_unknowns.c: algebraic unknowns and contents of storages at a start. */
 #include "cotree_start_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC

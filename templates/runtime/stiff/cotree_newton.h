@@ -1,5 +1,4 @@
-/* cotree_newton.h: kernels of a model for implicit methods.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_newton.h: kernels of a model for implicit methods. */
 #ifndef COTREE_NEWTON_H
 #define COTREE_NEWTON_H
 

@@ -1,6 +1,4 @@
-/* cotree_stiff.c: the linear systems of implicit methods.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_stiff.c: the linear systems of implicit methods. */
 #include "cotree_stiff.h"
 
 typedef cotree_stiff cotree_systems;

@@ -1,6 +1,5 @@
 /* cotree_stiff.h: a model in the form M z' = f(t, z) for implicit methods, with its linear
  * systems.
- * Part of the runtime of cotree, the same for every model.
  *
  * z holds all states, algebraic unknowns included, then their sensitivities by parameter,
  * without those that vanish at all times. M is diagonal: one for states, zero for algebraic

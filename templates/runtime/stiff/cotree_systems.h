@@ -1,5 +1,4 @@
 /* cotree_systems.h: linear systems (shift M - J) x = b of a model and of its sensitivities.
- * Part of the runtime of cotree, the same for every model.
  *
  * The including file defines cotree_systems, and cotree_solve_blocks for it. J lies in compressed
  * columns: starts of the columns, then the row of each value. */

@@ -1,6 +1,5 @@
 /* cotree_sundials.c: the stepper of a job with the backward differentiation formulas of
  * SUNDIALS.
- * Part of the runtime of cotree, the same for every model.
  *
  * CVODE integrates the states, with algebraic unknowns solved for at each evaluation. IDA
  * integrates both; unknowns are outside its error test, and solved for at each stored point. */

@@ -1,5 +1,4 @@
 /* cotree_sundials.h: the functions of SUNDIALS that a job calls, loaded at run time.
- * Part of the runtime of cotree, the same for every model.
  *
  * Vectors, solvers and integrators are opaque pointers; numbers are doubles, indices have 64
  * bits. */

@@ -1,6 +1,4 @@
-/* cotree_sundials_internal.h: declarations shared by the sources of cotree_sundials.h.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_sundials_internal.h: declarations shared by the sources of cotree_sundials.h. */
 #ifndef COTREE_SUNDIALS_INTERNAL_H
 #define COTREE_SUNDIALS_INTERNAL_H
 

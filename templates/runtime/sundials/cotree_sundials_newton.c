@@ -1,5 +1,4 @@
 /* cotree_sundials_newton.c: the nonlinear solver of the BDF methods.
- * Part of the runtime of cotree, the same for every model.
  *
  * Newton's method for M (factor slopes + of_own e) = of_rates rates(t, start + e), with M zero
  * for algebraic unknowns. The states are solved for first. The sensitivities follow from linear

@@ -1,5 +1,4 @@
 /* cotree_sundials_sensitivities.c: sensitivities in vectors of their own, for CVODES and IDAS.
- * Part of the runtime of cotree, the same for every model.
  *
  * Staggered: one solver solves for the states, and after their error test another one for the
  * sensitivities. Simultaneous, in CVODES: the first one solves for both. IDAS has no error test

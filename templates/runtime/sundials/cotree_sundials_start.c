@@ -1,5 +1,4 @@
-/* cotree_sundials_start.c: slopes and size of IDA's first step.
- * Part of the runtime of cotree, the same for every model. */
+/* cotree_sundials_start.c: slopes and size of IDA's first step. */
 #include "cotree_sundials_internal.h"
 
 #if COTREE_IDA
