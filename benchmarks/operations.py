@@ -13,7 +13,7 @@ from pathlib import Path
 
 import cotree
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
+from cotree.codegen.c_files import render_model
 from cotree.pipeline import formulate, generate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))

@@ -9,15 +9,15 @@ import sys
 import pytest
 
 import cotree
+from cotree.codegen.c_files import render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.pipeline import formulate, generate
 
 _SCRIPT = """
 import hashlib
 import cotree
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
+from cotree.codegen.c_files import render_model
 from cotree.pipeline import formulate, generate
 for name in ("slider-pendulum", "spring-mass-damper"):
     scene = cotree.load(name)
@@ -47,8 +47,8 @@ def test_same_bytes_under_several_hash_seeds():
 
 def test_same_bytes_twice_in_one_process(scene_name):
     import cotree
+    from cotree.codegen.c_files import render_model
     from cotree.codegen.context import model_context
-    from cotree.codegen.model_files import render_model
     from cotree.pipeline import formulate, generate
 
     def text():

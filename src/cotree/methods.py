@@ -28,7 +28,7 @@ class Method:
     #: The method used if C cannot run this one; for SciPy's methods and correctors, the method that
     #: the error suggests.
     instead: str = ""
-    #: The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
+    #: The unit of C that takes its steps, a name in ``codegen.c_files.STEPPERS``; empty for
     #: SciPy.
     stepper: str = ""
     #: Whether C always integrates algebraic unknowns instead of solving for them at each

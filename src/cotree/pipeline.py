@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.choice import choose_first_graph
+from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import cdef, render_model
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range

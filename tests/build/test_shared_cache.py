@@ -123,7 +123,7 @@ def test_endless_clearing_is_not_blamed_on_the_compiler(files, make_script) -> N
 def test_what_is_cleared_between_building_and_loading_is_built_again(
     files, cdef, toolchain, monkeypatch
 ) -> None:
-    from cotree.build import load as obtain
+    from cotree.build import compile as obtain
 
     builds = []
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from c_programs import SANITIZE, STRICT, execute, need, run
 
-from cotree.codegen.integrators import method_files
+from cotree.codegen.c_files import method_files
 from cotree.codegen.runtime import with_runtime
 
 

@@ -21,7 +21,7 @@ import pytest
 from c_programs import SANITIZE, STRICT, execute, need
 
 import cotree
-from cotree.codegen.integrators import INTEGRATORS
+from cotree.codegen.c_files import INTEGRATORS
 from cotree.codegen.tableaus import FIXED
 from cotree.errors import CodegenError
 from cotree.export.c_project import Kit, write_c_project

@@ -11,7 +11,7 @@ import pytest
 from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
 from cotree import Scene, load
-from cotree.codegen.integrators import method_files
+from cotree.codegen.c_files import method_files
 from cotree.codegen.runtime import with_runtime
 from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from c_programs import SANITIZE, STRICT, need, run
 
-from cotree.codegen.integrators import method_files, stepper_files
+from cotree.codegen.c_files import method_files, stepper_files
 from cotree.codegen.runtime import with_runtime
 
 pytestmark = pytest.mark.compiler

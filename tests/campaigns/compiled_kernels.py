@@ -20,8 +20,8 @@ from random_scenes import inertia, random_loop, random_mechanism, random_scene, 
 
 from cotree import Scene
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import cdef, render_model
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.export.c_project import write_c_project
 from cotree.model.kernels import CKernels

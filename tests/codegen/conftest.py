@@ -40,8 +40,8 @@ def run_compiler(compiler, tmp_path):
 def load_kernels():
     """Compile and load a program, with C files of its own if need be."""
     from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+    from cotree.codegen.c_files import cdef, render_model
     from cotree.codegen.context import model_context
-    from cotree.codegen.model_files import cdef, render_model
     from cotree.model.kernels import CKernels
     from cotree.program.text import ModelText
     from cotree.version import ABI_VERSION

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import cotree
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import Function, SolveShape, call, solve, table
 from cotree.dag.nodes import Dag
-from cotree.dag.table import Table
 
 if TYPE_CHECKING:
     from cotree import Scene

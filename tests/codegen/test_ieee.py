@@ -10,11 +10,10 @@ import pytest
 from evaluated_kernels import EvaluatedKernels
 
 import cotree
-from cotree.dag.lookup import CubicTable, PlaneTable
+from cotree.dag.lookup import CubicTable, PlaneTable, Table
 from cotree.dag.multi_output import SEVERAL, sines, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.table import Table
 from cotree.errors import SingularSystemError
 from cotree.model.model import CompiledModel
 from cotree.program.text import ModelText

@@ -12,8 +12,8 @@ from made_up_scenes import closed_scene
 from rod_chain import rod_chain
 
 from cotree import load
+from cotree.codegen.c_files import render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.pipeline import formulate, generate
 
 pytestmark = [

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from jinja2 import meta, nodes
 from made_up_scenes import HOSTILE, busy_scene
 
+from cotree.codegen.c_files import STEPPERS, cdef, engine_files, render_model, shared_files
 from cotree.codegen.context import KernelContext, ModelContext, model_context
-from cotree.codegen.integrators import STEPPERS, engine_files, shared_files
 from cotree.codegen.maps import MapContext
-from cotree.codegen.model_files import cdef, render_model
 from cotree.codegen.node_statements import print_nodes
 from cotree.codegen.printing import Constants, print_expression, print_lines
 from cotree.codegen.render import environment

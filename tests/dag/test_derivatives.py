@@ -8,10 +8,10 @@ import pytest
 
 from cotree.dag.derivative import PARTIALS, adjoints, tangent, tangents
 from cotree.dag.evaluate import evaluate
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import Function, SolveShape, call, solve, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.table import Table
 
 #: Arguments of each operation, away from its kinks.
 POINTS = {

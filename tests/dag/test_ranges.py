@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import Dag, Node
 from cotree.dag.ranges import ENDLESS, is_ranged, ranges
-from cotree.dag.table import Table
 
 UNARY = ("sin", "cos", "tan", "exp", "tanh", "atan", "erf", "abs", "sign", "floor", "cosh", "sinh")
 SAW = Table((0.0, 1.0, 1.5, 3.0), (0.0, 2.0, -1.0, 0.5))

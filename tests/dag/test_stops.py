@@ -76,8 +76,8 @@ def test_times_that_differ_by_roundings_are_one():
 
 
 def test_tables_of_time_stop_at_their_points():
+    from cotree.dag.lookup import Table
     from cotree.dag.multi_output import table
-    from cotree.dag.table import Table
 
     dag = Dag()
     t = dag.symbol("t", 0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import Function, call, solve, solve_pivoted, table
 from cotree.dag.nodes import dependent, reachable, substitute, symbols_in
-from cotree.dag.table import Table
 
 
 def test_reachable_lists_arguments_first(dag, x, y):

@@ -10,7 +10,7 @@ from scipy import stats
 
 from cotree.errors import ParameterError
 from cotree.estimation.estimated import Estimated
-from cotree.estimation.petab.priors import Prior, Priors, sample_starts
+from cotree.estimation.petab.problem import Prior, Priors, sample_starts
 from cotree.estimation.petab.tables import PriorRow
 
 SCALES = {"lin": lambda x: x, "log": math.log, "log10": math.log10}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from evaluated_kernels import EvaluatedKernels
 
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
+from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import cdef, render_model
 from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
 from cotree.model.kernels import CKernels, Kernels

@@ -9,9 +9,9 @@ from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.dag.derivative import tangents
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import STATE_RATE, Dag
-from cotree.dag.table import Table
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
 from cotree.model.loading import load_model

@@ -10,8 +10,14 @@ from hard_scenes import bennett_loop
 
 from cotree.codegen.tableaus import RosenbrockTableau, Tableau
 from cotree.errors import CodegenError, ParameterError, SceneError
-from cotree.export.c_project import CProject, Kit, KitContext, write_c_project
-from cotree.export.main_program import MainContext, held_parameters
+from cotree.export.c_project import (
+    CProject,
+    Kit,
+    KitContext,
+    MainContext,
+    held_parameters,
+    write_c_project,
+)
 from cotree.files import template_folder
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription

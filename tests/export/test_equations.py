@@ -12,9 +12,9 @@ import sympy
 
 from cotree import Scene
 from cotree.dag.evaluate import evaluate
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import Function, call, solve, table
 from cotree.dag.nodes import Dag
-from cotree.dag.table import Table
 from cotree.export.spelling import short_names
 from cotree.export.symbolic import SymbolicEquations, rational, symbolic_equations, to_sympy
 from cotree.formulation.first_graph import form_first_graph

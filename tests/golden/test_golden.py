@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from component_files import examples_text
 
+from cotree.codegen.c_files import render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.components import OWN
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "components"

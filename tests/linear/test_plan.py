@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cotree.linear.plan import Elimination, plan_elimination
+from cotree.linear.elimination import Elimination, plan_elimination
 
 Pattern = tuple[list[int], list[int]]
 

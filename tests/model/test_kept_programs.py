@@ -13,8 +13,8 @@ import pytest
 import cotree
 from cotree import pipeline
 from cotree.build import cache, cache_directory
+from cotree.codegen.c_files import render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.dag.nodes import Dag
 from cotree.errors import SolveError
 from cotree.scene.toml_file import shipped_scenes

@@ -10,7 +10,7 @@ import pytest
 from cotree.formulation.networks.topology import Topology
 from cotree.graph import LinearGraph, Tree
 from cotree.graph.linear_graph import GraphEdge
-from cotree.graph.matrices import f_circuit, f_cutset
+from cotree.graph.tree import f_circuit, f_cutset
 
 
 def drawn(seed: int) -> Tree:

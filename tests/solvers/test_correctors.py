@@ -21,8 +21,8 @@ from cotree.methods import METHODS as ROWS
 from cotree.pipeline import formulate
 from cotree.solvers import engine, integrate, job
 from cotree.solvers import engine as sundials_library
-from cotree.solvers.augmented import Tolerances
 from cotree.solvers.engine import library_path, load_engine, version_of
+from cotree.solvers.evaluate import Tolerances
 from cotree.solvers.native import check_available, is_available
 
 METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")

@@ -11,7 +11,7 @@ from hand_made import Made
 from hard_scenes import bennett_loop
 
 from cotree import Scene, load
-from cotree.codegen.integrators import INTEGRATORS
+from cotree.codegen.c_files import INTEGRATORS
 from cotree.solvers import native
 
 pytestmark = pytest.mark.compiler

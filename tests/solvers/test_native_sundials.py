@@ -16,10 +16,10 @@ from reference_scenes import read_reference
 from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_oscillator
 
 from cotree import Scene, load
-from cotree.codegen.integrators import sundials_functions
+from cotree.codegen.c_files import sundials_functions
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import callbacks, engine, refusals
+from cotree.solvers import callbacks, engine, problem
 from cotree.solvers import engine as sundials_library
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
@@ -248,7 +248,7 @@ def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
 
 
 def test_many_states_beside_algebraic_unknowns_are_refused(monkeypatch):
-    monkeypatch.setattr(refusals, "_MOST_REDUCED", 2)
+    monkeypatch.setattr(problem, "_MOST_REDUCED", 2)
     model = load("bridge-rectifier").compile()
     with pytest.raises(SolveError, match="algebraic unknowns and more than 2 states"):
         model.simulate((0.0, 1e-3), [1e-3], "cvode", 1e-6, 1e-8)

@@ -20,8 +20,8 @@ from jinja2 import meta
 from scipy.spatial.transform import Rotation
 
 from cotree import load
+from cotree.watch.animation import PageContext, page, page_data
 from cotree.watch.drawing import Label
-from cotree.watch.page import PageContext, page, page_data
 
 TEMPLATES = Path(__file__).parents[2] / "templates" / "html"
 HOSTILE = "</script><img src=x onerror=alert(1)>&\u2028'\""

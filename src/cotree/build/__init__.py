@@ -10,11 +10,13 @@ from cotree.build.cache import cache_directory, cache_key, clear_cache
 from cotree.build.compile import (
     BuildOptions,
     BuiltLibrary,
+    LoadedLibrary,
     build_library,
     compiler_flags,
+    load_library,
     loop_flags,
+    obtain_library,
 )
-from cotree.build.load import LoadedLibrary, load_library, obtain_library
 from cotree.build.toolchain import Toolchain, abandon, find_toolchain
 
 __all__ = [

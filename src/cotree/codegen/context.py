@@ -46,9 +46,8 @@ if TYPE_CHECKING:
 
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.targets import Target
-    from cotree.dag.lookup import LookupData
+    from cotree.dag.lookup import LookupData, Table
     from cotree.dag.nodes import Node
-    from cotree.dag.table import Table
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from cotree.codegen.c_files import INTEGRATORS, conditions, declarations
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
-from cotree.codegen.integrators import INTEGRATORS, conditions
-from cotree.codegen.model_files import declarations
 from cotree.codegen.newton import linear_system
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import int_table

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.printing import Constants
     from cotree.codegen.targets import Target
-    from cotree.linear.plan import Elimination
+    from cotree.linear.elimination import Elimination
     from cotree.program.program import Kernel, Program
 
 

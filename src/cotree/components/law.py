@@ -153,10 +153,9 @@ class Law:
         """Evaluate the partial derivatives by some or all arguments; zero ones are absent.
 
         They are the pre-formed ones unless the law has a root or a power of a clipped argument:
-        then the branch is chosen first (:mod:`cotree.dag.clips`).
+        then the branch is chosen first (:mod:`cotree.dag.derivative`).
         """
-        from cotree.dag.clips import Clips
-        from cotree.dag.derivative import tangents
+        from cotree.dag.derivative import Clips, tangents
         from cotree.dag.from_sympy import from_sympy
         from cotree.dag.nodes import ARGUMENT, reachable, substitute
 
@@ -176,7 +175,7 @@ class Law:
     @cached_property
     def _has_root(self) -> bool:
         """Return whether the law has an operation without a finite derivative at some arguments."""
-        from cotree.dag.clips import SINGULAR
+        from cotree.dag.derivative import SINGULAR
         from cotree.dag.from_sympy import from_sympy
         from cotree.dag.nodes import ARGUMENT, Dag, reachable
 

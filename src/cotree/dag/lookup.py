@@ -1,7 +1,8 @@
-"""Lookup tables other than piecewise linear ones: cubic along one axis, bilinear along two.
+"""Lookup tables: piecewise linear, cubic along one axis, bilinear along two.
 
-Each piece is a polynomial, and the outermost pieces continue beyond the ends. Results are the value
-and its derivatives, so that a derivative of a result is another result of the same node.
+Each piece of a cubic or bilinear table is a polynomial, and the outermost pieces continue beyond
+the ends. Results are the value and its derivatives, so that a derivative of a result is another
+result of the same node.
 """
 
 from __future__ import annotations
@@ -11,12 +12,25 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cotree.dag.table import Table
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class Table:
+    """A piecewise linear function, constant outside its range."""
+
+    x: tuple[float, ...]  # ascending arguments, at least two
+    y: tuple[float, ...]  # values at ``x``
+
+    function = "cotree_table"
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by the name of each row."""
+        return {"x": self.x, "y": self.y}
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from cotree.dag.operations import OPERATIONS
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
 
-    from cotree.dag.table import Table
+    from cotree.dag.lookup import Table
 
 
 #: Operations of which columns may consist; divisions by shared values become products.

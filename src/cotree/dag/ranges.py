@@ -13,9 +13,8 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.lookup import HeldTable
+from cotree.dag.lookup import HeldTable, Table
 from cotree.dag.nodes import reachable
-from cotree.dag.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

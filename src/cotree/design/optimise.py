@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
-from cotree.design.design import ConditionValue, Design
 from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
 from cotree.design.search import (
     MET,
     OPTIMAL,
+    ConditionValue,
+    Design,
     Search,
     Space,
     read_variables,

@@ -42,7 +42,7 @@ from cotree.sharing import locked_cache
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.prepare import prepared
-from cotree.solvers.refusals import refusal
+from cotree.solvers.problem import HeldConstraints, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.stiffness import is_confirmed, stiff_method
@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.build import LoadedLibrary
-    from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 

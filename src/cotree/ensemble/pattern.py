@@ -17,13 +17,12 @@ from cotree.errors import Error
 from cotree.methods import Method, method_row
 from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import is_slope
-from cotree.solvers.augmented import tested
 from cotree.solvers.engine import Engine, load_engine
+from cotree.solvers.evaluate import tested
 from cotree.solvers.job import Job
 from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
 from cotree.solvers.prepare import prepared
-from cotree.solvers.problem import Problem, check_values, turn_tolerances
-from cotree.solvers.refusals import refusal
+from cotree.solvers.problem import Problem, check_values, refusal, turn_tolerances
 from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:
@@ -188,7 +187,7 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
     """Return the absolute tolerances of members, of values and of quaternions, if they differ.
 
     Those of sensitivities are divided by the sizes of the parameters; see
-    :class:`cotree.solvers.augmented.Tolerances`.
+    :class:`cotree.solvers.evaluate.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
     names = model.sensitivities[: problem.n_sensitivities]

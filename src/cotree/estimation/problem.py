@@ -3,18 +3,31 @@
 In: conditions, measured rows and estimated parameters. Out: predictions, and from them residuals,
 log-likelihood, gradient and Fisher information, as functions of the estimated parameters on their
 scales. Runs at several points in parameter space go through the ensemble engine in one call.
+
+A steady state is the end of a run: in networks with conserved quantities it depends on the initial
+values, and the Jacobian there is singular. A root finder would need the conservation laws.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.members import MEMBER, Members
+from cotree.ensemble.run import make_plan
 from cotree.errors import ParameterError
-from cotree.estimation.conditions import check_condition, check_measured
-from cotree.estimation.estimated import Array, Scaled
-from cotree.estimation.groups import Group
+from cotree.estimation.conditions import (
+    Columns,
+    Condition,
+    Measured,
+    check_condition,
+    check_measured,
+)
+from cotree.estimation.estimated import Array, Estimated, Scaled
 from cotree.estimation.likelihood import Likelihood, Predictions
 from cotree.model.arrays import as_array
 from cotree.scene.settings import STEPS_OF_FIT, Settings
@@ -22,8 +35,273 @@ from cotree.scene.settings import STEPS_OF_FIT, Settings
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
 
-    from cotree.estimation.conditions import Condition, Measured
-    from cotree.estimation.estimated import Estimated
+    from cotree.compiled import Model
+    from cotree.ensemble.plan import Block, Plan
+
+
+# Times at which a run to the steady state is checked, [s]. Steps of implicit methods grow as the
+# states settle, so that each of the last decades takes only a few steps.
+_TIMES = 10.0 ** np.arange(-2, 11)
+
+# Values are at rest if they change by less than this, in multiples of the tolerances, over a decade
+# of time: within ten times the time an exponential decays to a negligible rest.
+_CHANGE = 10.0
+
+
+class _Runs:
+    """Runs of a model from rows of values, with sensitivities and without."""
+
+    def __init__(self, model: Model, settings: Settings, outputs: Sequence[str] = ()) -> None:
+        self._model, self._settings, self._outputs = model, settings, outputs
+        self._threads = usable_cores()
+        self._plans: dict[bool, Plan] = {}
+
+    def run(self, columns: Sequence[str], rows: Array, n_first: int, *, slopes: bool) -> Block:
+        """Run rows, of which the first belong to the first point."""
+        if slopes not in self._plans:
+            # The method is chosen at the first point. If a distant point turns out to be stiff,
+            # that is detected during its run.
+            members = Members(tuple(columns), rows[:n_first], {MEMBER: np.arange(n_first)})
+            # It is chosen once, so that results do not depend on the history of evaluations.
+            known = next(iter(self._plans.values()), None)
+            own = replace(known.settings if known else self._settings, sensitivities=slopes)
+            plan = make_plan(self._model.kernels, own, members, outputs=self._outputs, lanes=1)
+            self._plans[slopes] = replace(plan, is_chosen=known.is_chosen) if known else plan
+        return run_block(self._plans[slopes], rows, threads=self._threads)
+
+
+class SteadyStates:
+    """Steady states at which the conditions of a group begin."""
+
+    def __init__(
+        self, conditions: Sequence[Condition], names: Sequence[str], settings: Settings
+    ) -> None:
+        self._conditions, self._settings, self._names = conditions, settings, names
+        self._model = conditions[0].model
+        first_runs = [c.before for c in conditions if c.before is not None]
+        # Several conditions may begin at one steady state.
+        self._distinct = list(dict.fromkeys(first_runs))
+        self._of = [self._distinct.index(before) for before in first_runs]
+        parameters = dict.fromkeys(name for c in self._distinct for name in c.parameters)
+        initial = dict.fromkeys(name for c in self._distinct for name in c.initial)
+        for before in self._distinct:
+            if before.model is not self._model or before.initial.keys() != initial.keys():
+                raise ParameterError(
+                    f"condition '{before.name}' leads to a steady state: it needs the model of the "
+                    "conditions that begin there, and the same initial values as others"
+                )
+        self._columns: tuple[str, ...] = (*parameters, *initial)
+        self._maps = [Columns(c, self._columns, names) for c in self._distinct]
+        self._first = (
+            SteadyStates(self._distinct, names, settings) if first_runs[0].before else None
+        )
+        self._runs = _Runs(
+            self._model,
+            replace(
+                settings,
+                t_span=(0.0, float(_TIMES[-1])),
+                t_eval=_TIMES,
+                # Explicit methods would take too many steps to the last of these times.
+                method="rodas5" if settings.method == "auto" else settings.method,
+                inputs=self._distinct[0].inputs,
+            ),
+        )
+        self._keeps: list[npt.NDArray[np.bool_]] = []
+
+    def through(self, own: Sequence[Array]) -> list[Array]:
+        """Map sensitivities to estimated parameters for runs that begin at the steady states.
+
+        ``own`` are the maps of the later runs alone; see :class:`Columns`.
+        """
+        model, found = self._model, []
+        earlier = [item.through for item in self._maps]
+        if self._first is not None:
+            earlier = self._first.through(earlier)
+        for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
+            before = earlier[self._of[i]]
+            # Sensitivities to initial values that only the run before estimates are free here.
+            is_initial = np.array([name in model.states for name in model.sensitivities])
+            both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
+            for m, j in np.argwhere((before != both) & (before != 0)):
+                raise ParameterError(
+                    f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
+                    f"the run to the steady state of condition '{condition.name}', but not later"
+                )
+            # Sensitivities to parameters that were fixed numbers before begin at zero.
+            self._keeps.append(np.asarray(before.any(axis=1)))
+            found.append(both)
+        return found
+
+    def begin(
+        self, columns: Sequence[str], rows: Array, values: Array, *, slopes: bool
+    ) -> tuple[tuple[str, ...], Array, list[str]]:
+        """Add the steady states to the columns and rows of members, (n_thetas * n_conditions, ...).
+
+        Initial values that members set already are kept. The reasons why a member has no steady
+        state, or empty strings, are returned, too.
+        """
+        own = np.array([item.row(theta) for theta in values for item in self._maps])
+        its, earlier = self._columns, [""] * len(own)
+        if self._first is not None:
+            its, own, earlier = self._first.begin(its, own, values, slopes=slopes)
+        block = self._runs.run(its, own, len(self._distinct), slopes=slopes)
+        n, m = len(self._model.states), len(self._model.sensitivities) if slopes else 0
+        names = list(self._model.states)
+        names += [f"d({x})/d({p})" for p in self._model.sensitivities[:m] for x in names]
+        kept = [
+            j
+            for j, name in enumerate(names)
+            if name not in columns and not any(name.startswith(f"d({c})/") for c in columns)
+        ]
+        found = np.zeros((len(rows), len(kept)))
+        failed = [""] * len(rows)
+        n_c, n_d = len(self._conditions), len(self._distinct)
+        rest = [self._at_rest(block.z[k], n) for k in range(len(own))]
+        for k in range(len(rows)):
+            i = (k // n_c) * n_d + self._of[k % n_c]
+            if earlier[i]:
+                failed[k] = earlier[i]
+            elif block.status[i] != 0:
+                failed[k] = f"the run to its steady state: {block.messages[i]}"
+            elif rest[i] is None:
+                failed[k] = f"no steady state before it: states still change at t = {_TIMES[-1]:g}"
+            else:
+                is_kept = np.concatenate([np.ones(n), np.repeat(self._keeps[k % n_c], n)])
+                found[k] = (block.z[i, rest[i]] * is_kept[: n * (1 + m)])[kept]
+        return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
+
+    def _at_rest(self, z: Array, n: int) -> int | None:
+        """Find the first of the checked times at which values have stopped changing."""
+        a = self._settings
+        size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
+        change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
+        # Small sensitivities are compared with the largest one to the same parameter.
+        slopes = np.abs(z[:, n:].reshape(len(z), -1, n)).max(axis=2, keepdims=True)
+        near = np.abs(np.diff(z[:, n:].reshape(len(z), -1, n), axis=0)) <= (
+            _CHANGE * a.rtol * slopes[1:]
+        )
+        change[:, n:] |= near.reshape(len(z) - 1, -1)
+        found = np.flatnonzero(change.all(axis=1))
+        return int(found[0]) + 1 if found.size else None
+
+
+# Length of a run for which only the initial time was measured, [s].
+_SHORTEST = 1.0
+
+
+class Group:
+    """Conditions that run in one block, with the numbers of their measured rows, ``rows``."""
+
+    def __init__(
+        self,
+        conditions: Sequence[Condition],
+        numbers: Sequence[int],
+        measured: Measured,
+        names: Sequence[str],
+        settings: Settings,
+    ) -> None:
+        first = conditions[0]
+        self._model, self._conditions, self._names = first.model, conditions, names
+        parameters = dict.fromkeys(name for c in conditions for name in c.parameters)
+        self._columns = (*parameters, *first.initial)
+        self._maps = [Columns(c, self._columns, names) for c in conditions]
+        through = [item.through for item in self._maps]
+        self._steady = SteadyStates(conditions, names, settings) if first.before else None
+        if self._steady is not None:
+            through = self._steady.through(through)
+        self._through = np.array(through)
+        self.rows = np.flatnonzero(np.isin(measured.condition, numbers))
+        order = {number: i for i, number in enumerate(numbers)}
+        conditions_of_rows = [order[int(c)] for c in measured.condition[self.rows]]
+        self._condition_of = np.array(conditions_of_rows, dtype=np.intp)
+        times, self._at = np.unique(measured.t[self.rows], return_inverse=True)
+        self._times: Array = times
+        start, end = first.t_start, float(times[-1])
+        span = (start, end if end > start else start + _SHORTEST)
+        self._quantities(measured)
+        own = replace(settings, t_span=span, t_eval=times, inputs=first.inputs)
+        self._runs = _Runs(self._model, own, self._outputs)
+
+    def _quantities(self, measured: Measured) -> None:
+        """Locate the observables and standard deviations of the rows within a block."""
+        wanted = [measured.observable[i] for i in self.rows.tolist()]
+        noise = [measured.noise[i] for i in self.rows.tolist()]
+        known = {*self._model.states, *self._model.outputs}
+        self.numbers = np.array([np.nan if isinstance(v, str) else v for v in noise], dtype=float)
+        self._with_noise = np.array([i for i, v in enumerate(noise) if v in known], dtype=np.intp)
+        # Standard deviations that are estimated parameters: their rows and parameter numbers.
+        direct = [i for i, v in enumerate(noise) if isinstance(v, str) and v not in known]
+        self._direct = np.array(direct, dtype=np.intp)
+        self._direct_of = np.array([self._names.index(str(noise[i])) for i in direct], np.intp)
+        wanted += [str(noise[i]) for i in self._with_noise]
+        states = self._model.states
+        self._outputs = tuple(dict.fromkeys(name for name in wanted if name not in states))
+        # Order of the columns: states, then the requested outputs.
+        place = {name: i for i, name in enumerate((*states, *self._outputs))}
+        self._which = np.array([place[name] for name in wanted], dtype=np.intp)
+        self._member = np.concatenate([self._condition_of, self._condition_of[self._with_noise]])
+        self._time = np.concatenate([self._at, self._at[self._with_noise]])
+
+    def run(
+        self, values: Array, *, slopes: bool
+    ) -> tuple[Array, Array, Array, Array, tuple[str, ...]]:
+        """Run all conditions for each row of parameter values.
+
+        Observables and standard deviations are returned, each with their derivatives with respect
+        to the values of the estimated parameters, not their logarithms, which are empty if not
+        requested; then the reasons why the runs of a row failed, or empty strings.
+        """
+        n, n_rows = len(values), len(self.rows)
+        rows = np.array([item.row(theta) for theta in values for item in self._maps])
+        columns, failed = self._columns, [""] * len(rows)
+        if self._steady is not None:
+            columns, rows, failed = self._steady.begin(columns, rows, values, slopes=slopes)
+        block = self._runs.run(columns, rows, len(self._conditions), slopes=slopes)
+        found, along = self._read(block, n, slopes=slopes)
+        sigma = np.tile(self.numbers, (n, 1))
+        sigma[:, self._with_noise] = found[:, n_rows:]
+        sigma_along = np.zeros((n, n_rows, along.shape[2]))
+        sigma_along[:, self._with_noise] = along[:, n_rows:]
+        sigma[:, self._direct] = values[:, self._direct_of]
+        if slopes:
+            sigma_along[:, self._direct, self._direct_of] = 1.0
+        messages = self._messages(block, failed, n)
+        return found[:, :n_rows], along[:, :n_rows], sigma, sigma_along, messages
+
+    def _read(self, block: Block, n: int, *, slopes: bool) -> tuple[Array, Array]:
+        """Extract values and their derivatives by the estimated parameters from a block."""
+        n_states, n_c = len(self._model.states), len(self._conditions)
+        shape = (n, n_c, len(self._times))
+        every = np.concatenate([block.z[..., :n_states], block.outputs], axis=2)
+        every = every.reshape(*shape, -1)
+        values = every[:, self._member, self._time, self._which]
+        if not slopes:
+            return values, np.zeros((n, len(self._which), 0))
+        m = len(self._model.sensitivities)
+        of_states = block.z[..., n_states:].reshape(*shape, m, n_states)
+        of_outputs = block.output_sensitivities.reshape(*shape, m, len(self._outputs))
+        along = np.concatenate([of_states, of_outputs], axis=4)
+        along = along[:, self._member, self._time, :, self._which].swapaxes(0, 1)
+        return values, np.einsum("qrm,rmj->qrj", along, self._through[self._member])
+
+    def _messages(self, block: Block, failed: Sequence[str], n: int) -> tuple[str, ...]:
+        """Return for each point why one of its runs failed, or an empty string."""
+        n_c, found = len(self._conditions), []
+        # An event may end a run before the last measurement.
+        last = np.array([self._times[self._at[self._condition_of == c]].max() for c in range(n_c)])
+        for i in range(n):
+            message = ""
+            for c, condition in enumerate(self._conditions):
+                k = i * n_c + c
+                place = int(np.searchsorted(self._times, last[c]))
+                ended = np.isnan(block.z[k, place]).any()
+                why = failed[k] or (block.messages[k] if block.status[k] != 0 else "")
+                if not why and ended:
+                    why = f"its run ended before the last measurement at t = {last[c]:g}"
+                if why:
+                    message = message or f"condition '{condition.name}': {why}"
+            found.append(message)
+        return tuple(found)
 
 
 class Problem:

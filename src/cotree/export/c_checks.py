@@ -28,8 +28,7 @@ from cotree.model.start import scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.pipeline import text_of
-from cotree.solvers.held_constraints import HeldConstraints
-from cotree.solvers.problem import ModelEvents
+from cotree.solvers.problem import HeldConstraints, ModelEvents
 from cotree.tolerances import RANK, loose_rtol, rtol_fault
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
+from cotree.dag.lookup import Table
 from cotree.dag.multi_output import table
 from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, UNKNOWN
-from cotree.dag.table import Table
 from cotree.equations import State
 from cotree.formulation.fields import (
     FieldNames,
@@ -252,7 +252,8 @@ def _modes(
             mode.name,
             "",
             dag.symbol(STATE, n_before + i),
-            # Those of jumps follow from the states; see :func:`cotree.formulation.events.started`.
+            # Those of jumps follow from the states; see
+            # :func:`cotree.formulation.first_graph.started`.
             dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
         )
         for i, mode in enumerate(scene.modes.values())

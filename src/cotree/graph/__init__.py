@@ -7,8 +7,16 @@ from __future__ import annotations
 
 from cotree.graph.common_forest import Contracted, common_forest
 from cotree.graph.linear_graph import GraphEdge, LinearGraph, TreeStep
-from cotree.graph.matrices import TopologyMatrix, f_circuit, f_cutset, incidence
-from cotree.graph.tree import Tree, named_tree, select_tree, tree_walk
+from cotree.graph.tree import (
+    TopologyMatrix,
+    Tree,
+    f_circuit,
+    f_cutset,
+    incidence,
+    named_tree,
+    select_tree,
+    tree_walk,
+)
 
 __all__ = [
     "Contracted",

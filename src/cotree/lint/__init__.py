@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cotree.lint.linter import dangling_hint, lint
-from cotree.lint.rules import Finding
+from cotree.lint.rules import Finding, dangling_hint, lint
 
 __all__ = ["Finding", "dangling_hint", "lint"]

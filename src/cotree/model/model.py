@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from cotree.build import BuildOptions
     from cotree.dag.corners import Corners
-    from cotree.model.junctions import Junctions
     from cotree.model.kernels import Kernels, NativeModel
+    from cotree.model.roots import Junctions
     from cotree.program.layout import Layout
     from cotree.program.program import Program
     from cotree.program.text import ModelText
@@ -392,7 +392,7 @@ class CompiledModel:
     @locked_cached_property
     def junctions(self) -> Junctions:
         """The exponentials of the algebraic equations."""
-        from cotree.model.junctions import Junctions
+        from cotree.model.roots import Junctions
 
         return Junctions.of(self.program)
 
@@ -473,7 +473,7 @@ class CompiledModel:
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
         if is_many(y):
-            from cotree.model.columns import in_columns
+            from cotree.model.kernels import in_columns
 
             return in_columns(self, name, t, y, p, u, s)
         self._prepare(p)

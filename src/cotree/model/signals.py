@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag.table import Table
+from cotree.dag.lookup import Table
 from cotree.errors import ParameterError, brief, nearest
 from cotree.scene.expressions import check_number
 from cotree.scene.tables import parse_signal

@@ -6,7 +6,7 @@ is made (:mod:`cotree.plot.figures`); nothing is computed here but positions on 
 
 from __future__ import annotations
 
-from cotree.plot.files import check_picture, save_figure, svg_text
+from cotree.plot.figures import check_picture, save_figure, svg_text
 from cotree.plot.graph import draw_graph, draw_graphs
 from cotree.plot.result import Curves, Name, choose_curves, draw_curves, plot_result
 

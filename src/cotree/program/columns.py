@@ -264,7 +264,7 @@ def map_rates(
     sensitivities of all others being zero.
     """
     # Eliminating algebraic unknowns needs the derivatives along each direction separately; see
-    # cotree.program.reduced.
+    # cotree.program.lower.
     if equations.n_algebraic:
         return MappedRates(None, None)
     common = part_sources(equations, solved.unknowns)

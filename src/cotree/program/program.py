@@ -8,14 +8,14 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
+import cotree.dag.nodes  # noqa: F401 - lets arenas be pickled
 from cotree.dag.corners import Corners
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
 from cotree.dag.switching_times import TimeEvent, longest_step
 from cotree.dag.time_events import find_corners
 from cotree.errors import SolveError
-from cotree.linear.plan import plan_elimination
+from cotree.linear.elimination import Elimination, plan_elimination
 from cotree.program.counts import OperationCount, by_need, count_operations
 from cotree.program.text import Traits
 from cotree.report import Table
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Guard
-    from cotree.linear.plan import Elimination
     from cotree.program.kernels import KernelSpec
     from cotree.program.layout import Layout
 

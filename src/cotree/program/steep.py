@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.dag.clips import SINGULAR, is_singular
 from cotree.dag.continuity import ways_to_zero
-from cotree.dag.derivative import tangent
+from cotree.dag.derivative import SINGULAR, is_singular, tangent
 from cotree.dag.nodes import substitute
 
 if TYPE_CHECKING:

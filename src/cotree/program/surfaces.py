@@ -26,10 +26,9 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.dag.clips import SINGULAR
 from cotree.dag.continuity import meets, ways_to_zero
-from cotree.dag.derivative import tangent
-from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
+from cotree.dag.derivative import SINGULAR, tangent
+from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable, Table
 from cotree.dag.multi_output import SEVERAL
 from cotree.dag.nodes import (
     INPUT,
@@ -43,7 +42,6 @@ from cotree.dag.nodes import (
     symbols_in,
 )
 from cotree.dag.switching_times import time_events_within
-from cotree.dag.table import Table
 from cotree.equations import CornerRow
 from cotree.program.steep import SteepRoots, ends, find_roots
 

@@ -24,7 +24,7 @@ from cotree.scene.tables import converted, parse_lookup, parse_signal
 from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
-    from cotree.dag.table import Table
+    from cotree.dag.lookup import Table
 
 
 def edge_statement(

@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.table import Table
+from cotree.dag.lookup import Table
 from cotree.errors import SceneError, UnitError, brief, check_known, nearest
 from cotree.files import is_number, read_rows
 from cotree.naming import RESERVED, check_name, check_text

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cotree.dag.table import Table
+from cotree.dag.lookup import Table
 from cotree.errors import ModelError, SceneError
 from cotree.files import read_text, written_whole
 from cotree.scene.description import SceneDescription

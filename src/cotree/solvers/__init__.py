@@ -6,8 +6,7 @@ with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.held_constraints import HeldConstraints
-from cotree.solvers.problem import Problem, check_problem
+from cotree.solvers.problem import HeldConstraints, Problem, check_problem
 from cotree.solvers.result import Drift, RunRecord, Statistics, Trajectory, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 

@@ -147,7 +147,7 @@ class SundialsAid:
             n_nonzeros = model.n_nonzeros
             starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
             rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
-            from cotree.linear.plan import narrow_band
+            from cotree.linear.elimination import narrow_band
 
             c.lower, c.upper, order = narrow_band(n, starts, rows)
             if order is not None:

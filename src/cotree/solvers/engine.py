@@ -3,7 +3,7 @@
 CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
 environment variable COTREE_SUNDIALS names a library that replaces both.
 
-In: a name in ``codegen.integrators.STEPPERS``. Out: the library that runs jobs, with the functions
+In: a name in ``codegen.c_files.STEPPERS``. Out: the library that runs jobs, with the functions
 of SUNDIALS that it calls; or the reason of a failure.
 """
 
@@ -91,7 +91,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     capital and a full stop. ``ffi`` is the engine's and declares these functions.
     """
     # cotree's own methods do not need the modules that print C.
-    from cotree.codegen.integrators import sundials_functions
+    from cotree.codegen.c_files import sundials_functions
 
     try:
         # Lazily, since functions of Python in the module are not needed.

@@ -15,10 +15,15 @@ from cotree.errors import Error
 from cotree.model.kernels import SINGULAR, Newton
 from cotree.model.start_in_c import filled_tables
 from cotree.sharing import RecentCache
-from cotree.solvers.augmented import Tolerances, as_tested, is_integrated
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
-from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.evaluate import (
+    Evaluator,
+    IntegrationStopError,
+    Tolerances,
+    as_tested,
+    is_integrated,
+)
 from cotree.solvers.messages import event_message, subjects, undefined_ahead
 from cotree.solvers.problem import (
     Native,

@@ -15,9 +15,8 @@ import numpy as np
 
 from cotree.codegen.statuses import SENTENCES
 from cotree.errors import listed
-from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.callbacks import Rescue
-from cotree.solvers.evaluate import BUDGET_SPENT
+from cotree.solvers.evaluate import BUDGET_SPENT, RTOL_FLOOR, tested_rtol
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from cotree.solvers.messages import (
     stiffness_note,
     summary,
 )
-from cotree.solvers.refusals import beyond_scipy, refusal
+from cotree.solvers.problem import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:

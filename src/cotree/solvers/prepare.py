@@ -22,10 +22,9 @@ from cotree.model.unknowns import content_sizes
 from cotree.records import filled
 from cotree.scene.expressions import check_number, check_positive
 from cotree.scene.settings import MOST_STEPS, Settings, in_python
-from cotree.solvers.augmented import DENSE_LIMIT
-from cotree.solvers.held_constraints import HeldConstraints
+from cotree.solvers.evaluate import DENSE_LIMIT
 from cotree.solvers.job import Shared
-from cotree.solvers.problem import ModelEvents, Native, Problem
+from cotree.solvers.problem import HeldConstraints, ModelEvents, Native, Problem
 from cotree.tolerances import SAME
 
 if TYPE_CHECKING:

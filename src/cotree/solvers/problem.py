@@ -1,4 +1,4 @@
-"""The initial value problem of every solver, and the checks before a run.
+"""The initial value problem of every solver, and the checks made before work.
 
 In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the culprit.
 The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
@@ -8,7 +8,8 @@ At a breakpoint whose time t* depends on the parameters, rates may jump from f- 
 of the states, which are continuous, then jump by ``(f- - f+) dt*/dp``: a later breakpoint prolongs
 the action of f- at the expense of f+.
 
-C locates and applies events: see ``templates/runtime/events/cotree_events.h``.
+C locates and applies events, see ``templates/runtime/events/cotree_events.h``, and projects on the
+constraints during a run. ``HeldConstraints`` choose methods and judge results.
 """
 
 from __future__ import annotations
@@ -23,10 +24,12 @@ import numpy.typing as npt
 
 from cotree.dag.corners import Corners
 from cotree.errors import ModelError, SolveError
+from cotree.methods import METHODS
 from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.unknowns import solve_states
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
+from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
     from cotree.equations import EventRow
     from cotree.model.kernels import NativeModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.job import Shared
     from cotree.solvers.result import FloatArray
 
@@ -283,7 +285,7 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 def turn_tolerances(problem: Problem) -> FloatArray:
     """Return the absolute tolerance of sensitivities to each parameter, shape (..., m).
 
-    Sizes may have rows; see :class:`cotree.solvers.augmented.Tolerances`.
+    Sizes may have rows; see :class:`cotree.solvers.evaluate.Tolerances`.
     """
     # The tolerance of the state divided by the size of the parameter, as the error test has it.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
@@ -410,3 +412,113 @@ class ModelEvents:
                 rates.append(at.call("rhs", other))
         spread = np.ptp(rates, axis=0)
         return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))
+
+
+# Edges with more than this share of a dependent combination of constraints are named.
+_INVOLVED = 0.1
+
+
+class HeldConstraints:
+    """Residuals and gradients of a model's constraints.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        A model with constraints.
+    p : ndarray, shape (n_parameters,)
+        Its parameters.
+    u : callable
+        ``u(t)`` returns the inputs, shape (n_inputs,), or None for the model's own.
+    """
+
+    def __init__(
+        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+    ) -> None:
+        self.names = tuple(row.name for row in model.layout.constraints)
+        self._model, self._p, self._u = model, p, u
+        self._edges = model.layout.constraint_edges
+        self._residual = model.bound("constraints", p)
+
+    def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
+        """Return gradients, and the singular value below which they are nearly dependent."""
+        starts, n = self._model.start_in_c, len(self._model.states)
+        assert starts is not None  # there is a compiler
+        return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether there are constraints, and not only norms of quaternions."""
+        return bool(self._edges)
+
+    def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
+        """Name the edges whose constraints are dependent, or nearly so, at a point."""
+        rows, weakest = self._gradients(t, z)
+        # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine constraints.
+        squares, directions = np.linalg.eigh(rows @ rows.T)
+        weak = directions[:, squares <= weakest**2]
+        involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
+        return tuple(dict.fromkeys(self._edges[i] for i in involved))
+
+    def redundant(self, t: float, z: FloatArray) -> int:
+        """Count the constraints that follow from the others at a point."""
+        if not self._edges:
+            return 0
+        rows, _ = self._gradients(t, z)
+        return len(rows) - int(np.linalg.matrix_rank(rows, tol=RANK))
+
+    def residual(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
+        n = len(self._model.states)
+        return np.array(self._residual(t, z[:n], z[n:], self._u(t)))
+
+
+# Largest number of states with algebraic unknowns, whose elimination fills the Jacobian.
+_MOST_REDUCED = 2000
+
+
+def refusal(method: str, problem: Problem) -> str:
+    """Return why a method in C cannot solve a checked problem; empty if it can."""
+    row = METHODS[method]
+    if problem.native is None:
+        return problem.not_native
+    if row.family == "correctors" and problem.events is not None:
+        return "there are events"
+    # SUNDIALS needs at least one rate.
+    if row.family == "cotree":
+        return _dependent(problem) if row.implicit else ""
+    if problem.n_states == problem.n_algebraic:
+        return "there are no states"
+    is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
+    if is_reduced and problem.n_states > _MOST_REDUCED:
+        return f"there are algebraic unknowns and more than {_MOST_REDUCED} states"
+    return ""
+
+
+def beyond_scipy(problem: Problem) -> str:
+    """Return the part of a problem that SciPy's methods do not support; empty if there is none."""
+    if problem.events is not None:
+        return f"events, such as '{problem.events.rows[0].name}'"
+    if problem.n_algebraic:
+        unknowns = problem.names[problem.n_states - problem.n_algebraic :]
+        return "algebraic unknowns" + (f", such as '{unknowns[0]}'" if unknowns else "")
+    if problem.held is not None:
+        return f"constraints, such as '{problem.constraints[0]}'"
+    if problem.has_corners:
+        return "laws with corners, which have to be located"
+    if not problem.n_states:
+        return "a problem without states"
+    if problem.n_sensitivities and problem.shifts.rows_at(corner_times(problem)[:-1])[0].any():
+        return "sensitivities to parameters that move a corner of a source"
+    return ""
+
+
+def _dependent(problem: Problem) -> str:
+    """Return a message on constraints that are dependent at the start; empty if none are.
+
+    Stages of Rosenbrock methods violate these, which then contradict each other.
+    """
+    edges = (
+        () if problem.singular is None else problem.singular(problem.settings.t_span[0], problem.z0)
+    )
+    names = ", ".join(f"'{edge}'" for edge in edges)
+    return f"constraints of {names} are dependent at the start" if edges else ""

@@ -21,12 +21,16 @@ from cotree.errors import SolveError
 from cotree.methods import METHODS
 from cotree.model.linear import solve_with
 from cotree.quiet import without_warnings
-from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.budgets import Progress, Thinning, steps_spent
-from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
+from cotree.solvers.evaluate import (
+    BUDGET_SPENT,
+    FAILED,
+    Evaluator,
+    IntegrationStopError,
+    augmented_tolerances,
+)
 from cotree.solvers.messages import ROUNDING_LEVEL, summary
-from cotree.solvers.problem import Problem, check_problem, segments
-from cotree.solvers.refusals import beyond_scipy
+from cotree.solvers.problem import Problem, beyond_scipy, check_problem, segments
 from cotree.solvers.result import FloatArray, Statistics, Trajectory
 from cotree.tolerances import LIMITS
 

@@ -15,11 +15,10 @@ import numpy as np
 from cotree.errors import SolveError
 from cotree.methods import METHODS, method_row
 from cotree.records import changed
-from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.engine import has_sundials, load_engine
+from cotree.solvers.evaluate import RTOL_FLOOR
 from cotree.solvers.native import begin_in_c, check_available, with_compile_time
-from cotree.solvers.problem import check_problem, corner_times
-from cotree.solvers.refusals import beyond_scipy, refusal
+from cotree.solvers.problem import beyond_scipy, check_problem, corner_times, refusal
 from cotree.solvers.stiffness import (
     MethodSwitch,
     bound_of_decay,

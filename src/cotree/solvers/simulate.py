@@ -18,7 +18,7 @@ from cotree.records import deferred, filled
 from cotree.solvers.engine import sweep
 from cotree.solvers.messages import is_of_rounding, with_growth
 from cotree.solvers.prepare import Preparation, Run, prepared
-from cotree.solvers.problem import check_values
+from cotree.solvers.problem import HeldConstraints, check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.held_constraints import HeldConstraints
 
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")

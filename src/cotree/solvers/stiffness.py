@@ -16,7 +16,7 @@ import numpy as np
 from cotree.errors import SingularSystemError, SolveError, UnsolvedError
 from cotree.solvers.engine import has_sundials
 from cotree.solvers.evaluate import FAILED, Evaluator, IntegrationStopError
-from cotree.solvers.refusals import beyond_scipy, refusal
+from cotree.solvers.problem import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:

@@ -1,35 +1,236 @@
-"""Animations of results, and their files."""
+"""Animations of results, and their files: pictures, and self-contained HTML pages.
+
+Names are untrusted: the template of pages escapes them, and JSON contains no markup of HTML. A
+content security policy contains the hashes of the viewer and the style, so that no other script can
+run or access a network.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
+import json
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from cotree.codegen.render import environment
 from cotree.errors import SceneError
-from cotree.files import check_suffix, written_whole
+from cotree.files import check_suffix, template_folder, written_whole
 from cotree.scene.expressions import check_number
 from cotree.scene.part import origins_of
 from cotree.sharing import forming
+from cotree.version import VERSION
 from cotree.watch.catalogue import draft_scene
-from cotree.watch.frames import choose_frames, coordinates_at
+from cotree.watch.frames import WatchedModel, choose_frames, coordinates_at
 from cotree.watch.meshes import visual_meshes
-from cotree.watch.page import page
-from cotree.watch.picture import Painter, gif
+from cotree.watch.picture import MARGIN, Painter, decimals, gif, place_camera
 from cotree.watch.stage import MotionValues, set_stage
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
+
+    from markupsafe import Markup
 
     from cotree.scene.description import SceneDescription
     from cotree.solvers import RunRecord
     from cotree.watch.drawing import Drawing
-    from cotree.watch.frames import WatchedModel
-    from cotree.watch.shapes import Mesh
+    from cotree.watch.shapes import Array, Mesh
+
+
+_GRAINS = 50_000  # steps of rounded positions within the extent
+_TURN = 2e-5  # step to which entries of quaternions are rounded
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
+
+
+@dataclass(frozen=True)
+class PageContext:
+    """Variables of the page's template."""
+
+    #: Untrusted text.
+    title: str
+    note: str
+    #: Content security policy, and the program that wrote the file.
+    policy: str
+    generator: str
+    last: int  # number of the last frame
+    speeds: tuple[tuple[str, str], ...]  # labels and factors
+    #: Escaped already.
+    style: Markup
+    script: Markup
+    data: Markup
+
+
+def page(drawing: Drawing) -> str:
+    """Return the page, which is the same text for the same drawing."""
+    from markupsafe import Markup
+
+    style, script = (_text(f"viewer.{suffix}") for suffix in ("css", "js"))
+    policy = f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}"
+    context = PageContext(
+        title=drawing.title,
+        note=drawing.note,
+        policy=policy,
+        generator=f"cotree {VERSION}",
+        last=len(drawing.frames.times) - 1,
+        speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
+        # These are files of the package.
+        style=Markup(style),
+        script=Markup(script),
+        data=Markup(embedded(page_data(drawing))),
+    )
+    return environment(is_html=True).get_template("html/page.html.jinja").render(page=context)
+
+
+def embedded(value: Any) -> str:
+    """Write JSON that is safe within a script element."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    # The text is ASCII. A "</script>" in a name would end the element.
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def page_data(drawing: Drawing) -> dict[str, Any]:
+    """Return the data of the viewer as plain lists and numbers.
+
+    Positions are whole numbers of ``unit``, quaternions of ``turn``, and each row of both is the
+    difference to the previous one; a track at rest has one row.
+    """
+    poses, frames = drawing.poses, drawing.frames
+    camera, reach = place_camera(drawing, None)
+    # The file omits tracks without shapes.
+    used = sorted(
+        {solid.track for solid in drawing.solids}
+        | {track for strut in drawing.struts for track in strut.tracks}
+        | {label.track for label in drawing.labels}
+    )
+    number = {track: i for i, track in enumerate(used)}
+    extent = float(np.abs(poses.positions[used]).max())
+    extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
+    # Few digits of the unit suffice, since positions are multiples of it.
+    unit = float(f"{extent / _GRAINS:.3g}") or 1.0
+    times = frames.times
+    return {
+        "frames": len(times),
+        "start": float(times[0]),
+        "step": float(times[1] - times[0]) if len(times) > 1 else 0.0,
+        "pause": frames.pause,
+        "digits": decimals(times),
+        "flat": drawing.is_flat,
+        "up": drawing.up.tolist(),
+        "towards": _short(drawing.towards),
+        "reach": _short(reach),
+        "margin": MARGIN,
+        "extent": _short([extent])[0],
+        "unit": unit,
+        "turn": _TURN,
+        "centres": _differences(camera.centres / unit),
+        "tracks": [
+            {
+                "p": _differences(poses.positions[track] / unit),
+                "q": _differences(_quaternions(poses.axes[track]) / _TURN),
+            }
+            for track in used
+        ],
+        "solids": [
+            {
+                "name": solid.name,
+                "track": number[solid.track],
+                "color": list(solid.color),
+                "mesh": _packed(solid.mesh),
+            }
+            for solid in drawing.solids
+        ],
+        "struts": [
+            {
+                "name": strut.name,
+                "tracks": [number[track] for track in strut.tracks],
+                "ends": [_short(end) for end in strut.ends],
+                "side": _short(strut.side),
+                "color": list(strut.color),
+                "mesh": _packed(strut.mesh),
+            }
+            for strut in drawing.struts
+        ],
+        "labels": [
+            {"text": label.text, "track": number[label.track], "at": _short(label.local)}
+            for label in drawing.labels
+        ],
+        "floor": _short(drawing.floor().ravel()),
+    }
+
+
+def _short(values: Sequence[float] | Array) -> list[float]:
+    """Round to six digits."""
+    return [float(f"{float(v):.6g}") + 0.0 for v in values]
+
+
+def _differences(rows: Array) -> list[int]:
+    """Return the first row and the differences of rows, rounded to whole numbers."""
+    whole = np.rint(rows).astype(np.int64)
+    # Rounding precedes the differences, so that errors do not accumulate.
+    steps = np.diff(whole, axis=0)
+    if not steps.any():
+        return [int(v) for v in whole[0]]
+    return [int(v) for v in np.concatenate([whole[:1], steps]).ravel()]
+
+
+def _quaternions(axes: Array) -> Array:
+    """Return unit quaternions, scalar first, of matrices; signs are continuous over time."""
+    r = axes
+    # Four times the squares of the entries; the largest is the divisor (S. Shepperd, 1978).
+    trace = np.trace(r, axis1=1, axis2=2)
+    squares = np.stack([1.0 + trace, *(1.0 - trace + 2.0 * r[:, i, i] for i in range(3))], axis=1)
+    products = np.empty((len(r), 4, 4))
+    for i in range(4):
+        products[:, i, i] = squares[:, i]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        own = r[:, k, j] - r[:, j, k]
+        products[:, 0, i + 1] = products[:, i + 1, 0] = own
+        shared = r[:, i, j] + r[:, j, i]
+        products[:, i + 1, j + 1] = products[:, j + 1, i + 1] = shared
+    largest = np.argmax(squares, axis=1)
+    found: Array = products[np.arange(len(r)), largest]
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    # q and -q are the same rotation; the viewer interpolates between neighbours.
+    turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
+    turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
+    found[1:] *= turns[:, None]
+    return found
+
+
+def _packed(mesh: Mesh) -> dict[str, Any]:
+    """Return vertices as two-byte fractions of their box, and faces, in little-endian base64."""
+    low = mesh.points.min(axis=0)
+    span = np.ptp(mesh.points, axis=0)
+    parts = (mesh.points - low) / np.where(span > 0.0, span, 1.0)
+    is_wide = len(mesh.points) > 65535
+    return {
+        "low": _short(low),
+        "span": _short(span),
+        "points": _base64(np.rint(65535.0 * parts).astype("<u2")),
+        "faces": _base64(mesh.faces.astype("<u4" if is_wide else "<u2")),
+        "wide": is_wide,
+    }
+
+
+def _base64(values: npt.NDArray[Any]) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
+
+
+def _text(name: str) -> str:
+    return (template_folder() / "html" / name).read_text(encoding="utf-8")
+
 
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # pixels

@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.components import Acts, Role
 from cotree.watch import shapes
-from cotree.watch.draft import DrawingBuilder
+from cotree.watch.drawing import DrawingBuilder
 from cotree.watch.shapes import DAMPER, FORCE, JOINT, RAIL, SPRING, Array, Color, Mesh
 
 if TYPE_CHECKING:

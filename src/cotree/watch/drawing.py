@@ -1,6 +1,7 @@
 """An animated drawing: solids on tracks, struts between them, and their poses over time.
 
-Pictures and pages are made from it; :mod:`cotree.watch.draft` makes it from a graph.
+A drawing is made from a graph; pictures and pages are made from it. In a plane, bars are plates in
+layers, which show the order of the bodies; struts are behind them.
 """
 
 from __future__ import annotations
@@ -10,12 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.watch.shapes import Color, axes_along
+from cotree.components import Role
+from cotree.watch import shapes
+from cotree.watch.shapes import BODIES, GROUND, JOINT, Array, Color, Mesh, axes_along
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.first_graph import FirstGraph
     from cotree.watch.frames import Moments
-    from cotree.watch.shapes import Array, Mesh
-    from cotree.watch.stage import Poses
+    from cotree.watch.stage import MotionValues, Place, Poses, Stage
+
 
 #: The camera follows a mechanism that travels more than this many times its own size.
 FAR = 15.0
@@ -161,3 +168,208 @@ def _outermost(points: Array) -> Array:
     if len(points) <= len(_DIRECTIONS):
         return points
     return np.asarray(points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))])
+
+
+def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
+    """Assign each of n clusters the lowest layer that no neighbour of smaller number has.
+
+    Joints and constraints of ``edges`` make neighbours; ``places`` are those of the nodes.
+    """
+    neighbours: list[set[int]] = [set() for _ in range(n)]
+    for edge in edges:
+        if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
+            a, b = (places[name].cluster for name in (edge.first, edge.second))
+            neighbours[max(a, b)].add(min(a, b))
+    layers = [0] * n
+    # Greedy colouring; the ground has no layer.
+    for cluster in range(1, n):
+        taken = {layers[other] for other in neighbours[cluster] if other}
+        layers[cluster] = next(i for i in range(n) if i not in taken)
+    return layers
+
+
+class DrawingBuilder:
+    """Builder of a drawing: shapes of each edge, in the clusters' axes.
+
+    ``with_visuals`` are the clusters with shapes from a robot's file.
+    """
+
+    def __init__(
+        self,
+        first: FirstGraph,
+        values: MotionValues,
+        stage: Stage,
+        with_visuals: frozenset[int] = frozenset(),
+    ) -> None:
+        self.first, self.values, self.stage = first, values, stage
+        self.poses, self.places = stage.poses, stage.places
+        self.w = stage.thickness
+        self.solids: list[Solid] = []
+        self.struts: list[Strut] = []
+        self.labels: list[Label] = []
+        self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
+        # Slightly more than the thickness of a plate, so that layers do not touch.
+        self.pitch = 1.1 * self.w if stage.is_flat else 0.0
+        self.with_visuals = with_visuals
+        self._grounded: set[tuple[float, ...]] = set()
+        self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
+
+    def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
+        """Return the drawing, with a title above it and a note below."""
+        # Struts come last, since those between the same nodes are drawn side by side.
+        stage = self.stage
+        for (first, second), own in self._between.items():
+            self._add_struts(first, second, own)
+        if not self.solids and not self.struts:  # points are drawn as balls
+            for name, place in self.places.items():
+                self.solid(name, place.cluster, shapes.sphere(self.w).placed(place.local))
+        return Drawing(
+            title,
+            note,
+            frames,
+            self.poses,
+            tuple(self.solids),
+            tuple(self.struts),
+            tuple(self.labels),
+            stage.up,
+            stage.towards,
+            stage.is_flat,
+            self.w,
+        )
+
+    def color(self, cluster: int) -> Color:
+        """Return the colour of a body."""
+        return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
+
+    def raised(self, cluster: int) -> Array:
+        """Return the offset of a body's plates towards the viewer, in its axes."""
+        return self.layer[cluster] * self.pitch * self.towards(cluster)
+
+    def towards(self, cluster: int) -> Array:
+        """Return the plane's normal in a body's axes if it is constant."""
+        return np.asarray(self.poses.axes[cluster][0].T @ self.stage.towards)
+
+    def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
+        """Return an axis of an edge, (3,), in the axes of a node's cluster."""
+        return np.asarray(self.places[end].turn @ self.values.numbers(edge.vectors[name]))
+
+    def gap(self, first: str, second: str) -> Array:
+        """Return the vector between two nodes over time, in ground axes, shape (n_times, 3)."""
+        one, two = (self.places[name] for name in (first, second))
+        return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
+
+    def reach(self, edge: BoundEdge) -> Array:
+        """Return the vector between the nodes of an edge over time, in the axes of the first."""
+        one = self.places[edge.first]
+        axes = self.poses.axes[one.cluster] @ one.turn
+        return np.asarray(np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second)))
+
+    def solid(
+        self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
+    ) -> None:
+        """Add a shape that moves with a body, by default in the body's colour.
+
+        ``label`` writes its name beside it.
+        """
+        self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
+        if label:
+            self.label(name, cluster, mesh.points.mean(axis=0))
+
+    def label(self, name: str, cluster: int, local: Array) -> None:
+        """Name a point of a body, given in the body's axes, [m]."""
+        self.labels.append(Label(name, cluster, local))
+
+    def upright(self) -> Array:
+        """Return ground axes with z up and y towards the viewer."""
+        return shapes.axes_along(self.stage.up, self.stage.towards)
+
+    def is_hidden(self, edge: BoundEdge) -> bool:
+        """Return whether both bodies of a joint have visuals."""
+        return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.with_visuals
+
+    def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
+        """Draw a cylinder about an axis, in the axes of a node's cluster, through the node."""
+        place = self.places[end]
+        at = place.local
+        if self.stage.is_flat:  # through all layers
+            height = 0.5 * max(self.layer) * self.pitch
+            at, length = at + height * self.towards(place.cluster), 2.0 * height + 1.3 * self.w
+        mesh = shapes.cylinder(radius, length).placed(at, shapes.axes_along(axis))
+        self.solid(edge.name, place.cluster, mesh, JOINT)
+
+    def mark(self, edge: BoundEdge) -> None:
+        """Label a joint, and draw a symbol of the ground if one of its bodies is the ground."""
+        one, two = self.places[edge.first], self.places[edge.second]
+        self.label(edge.name, one.cluster, one.local)
+        for place in (one, two):
+            if place.cluster == 0:
+                self.ground_symbol(edge.name, place)
+
+    def ground_symbol(self, name: str, place: Place) -> None:
+        """Draw a symbol of the ground at a point, once."""
+        if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
+            place = self.places["ground"]  # bars lead from there to the point
+        if (at := tuple(place.local)) in self._grounded:
+            return
+        self._grounded.add(at)
+        w, size = self.w, 3.6 * self.w
+        axes = self.upright()
+        if self.stage.is_flat:
+            triangle = np.array([[0.0, 0.0], [-0.62 * size, -size], [0.62 * size, -size]])
+            legs = shapes.extruded(triangle, 0.5 * w)
+            base = shapes.box(2.0 * size, 0.6 * w, 0.22 * size)
+            behind = 1.2 * self.pitch * self.stage.towards
+        else:
+            legs = shapes.turned([(0.0, -size), (0.6 * size, -size), (0.2 * size, 0.0), (0.0, 0.0)])
+            base = shapes.cylinder(0.8 * size, 0.2 * size)
+            behind = np.zeros(3)
+        base = base.placed(np.array([0.0, 0.0, -1.1 * size]))
+        foot = shapes.joined([legs, base]).placed(place.local - behind, axes)
+        self.solid(name, 0, foot, GROUND)
+
+    def length(self, first: str, second: str) -> float:
+        """Return the mean distance of two nodes."""
+        return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
+
+    def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
+        """Draw an element between two nodes; several between the same nodes are drawn side by side.
+
+        The mesh has length one along z.
+        """
+        one, two = self.places[first], self.places[second]
+        # Struts within one body or between coincident points are not drawn.
+        if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
+            self._between.setdefault((first, second), []).append((name, mesh, color))
+
+    def _add_struts(self, first: str, second: str, own: list[tuple[str, Mesh, Color]]) -> None:
+        """Add all struts between two nodes, with a symbol of the ground or a wall at their ends."""
+        one, two = self.places[first], self.places[second]
+        stage, axes = self.stage, self.poses.axes
+        gaps = self.gap(first, second)
+        # The direction at the greatest length is the best defined; struts may shrink to a point.
+        gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
+        towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
+        along = shapes.axes_along(gap, towards)
+        apart, behind = 2.9 * self.w * along[:, 0], np.zeros(3)
+        if stage.is_flat:  # behind the bars
+            behind = 1.6 * self.pitch * stage.towards
+        for i, (name, mesh, color) in enumerate(own):
+            shift = (i - 0.5 * (len(own) - 1)) * apart - behind
+            # The shift at the first time is fixed in the clusters.
+            ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
+            side = axes[one.cluster, 0].T @ towards
+            tracks = (one.cluster, two.cluster)
+            self.struts.append(Strut(name, tracks, (ends[0], ends[1]), side, mesh, color))
+            self.label(name, one.cluster, ends[0])
+        # The wall is wide enough for all struts side by side.
+        width = (2.9 * len(own) + 0.6) * self.w
+        # A strut whose direction changes ends at a symbol of the ground, else at a wall.
+        is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
+        for place in (one, two):
+            if place.cluster == 0 and is_turning:
+                self.ground_symbol(own[0][0], place)
+            elif place.cluster == 0 or len(own) > 1:
+                wall = shapes.box(width, width if place.cluster == 0 else self.w, 0.5 * self.w)
+                at = place.local - axes[place.cluster, 0].T @ behind
+                turn = axes[place.cluster, 0].T @ along
+                self.solid(own[0][0], place.cluster, wall.placed(at, turn))

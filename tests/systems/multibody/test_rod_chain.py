@@ -9,8 +9,8 @@ import pytest
 import sympy
 from rod_chain import rod_chain
 
+from cotree.codegen.c_files import render_model
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.pipeline import formulate, generate
 from cotree.program import columns
 

@@ -11,7 +11,7 @@ from reference_scenes import absolute_tree, read_reference, scene_of
 from scipy.integrate import solve_ivp
 
 import cotree
-from cotree.solvers.held_constraints import HeldConstraints
+from cotree.solvers.problem import HeldConstraints
 
 
 def windows(n: int) -> cotree.Scene:

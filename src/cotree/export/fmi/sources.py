@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from cotree.codegen.c_files import INTEGRATORS, method_files, render_model, stepper_files
 from cotree.codegen.context import (
     KernelFile,
     file_fields,
@@ -18,8 +19,6 @@ from cotree.codegen.context import (
     model_context,
     name_tables,
 )
-from cotree.codegen.integrators import INTEGRATORS, method_files, stepper_files
-from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
 from cotree.codegen.render import render

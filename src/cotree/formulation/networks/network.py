@@ -18,7 +18,6 @@ from cotree.formulation.networks.couplings import (
     through_name,
 )
 from cotree.formulation.networks.names import Names
-from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.rubbing import (
     Holding,
     check_friction,
@@ -27,7 +26,7 @@ from cotree.formulation.networks.rubbing import (
     reacting_fields,
     used_by_friction,
 )
-from cotree.formulation.networks.solved import Solved, solve_plan
+from cotree.formulation.networks.solved import Solved, make_plan, solve_plan
 from cotree.formulation.networks.states import (
     Redundant,
     algebraic_state,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind
 from cotree.dag.nodes import MEASURED, symbols_in
 from cotree.errors import FormulationError
-from cotree.formulation.networks.derived import holding_laws
+from cotree.formulation.networks.rules import holding_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping

@@ -3,21 +3,28 @@
 A variable is a pair of a quantity and a name. Its rule is an f-circuit or f-cutset equation (a
 sum) or a terminal equation (a law). Differentiated, sums stay sums and laws become sums of their
 pre-formed partial derivatives, so a sensitivity graph has the same topology (paper, Eq. (4)).
+
+A terminal equation that is solved for a rate, or is a residual, or is differentiated, is a SymPy
+expression with partial derivatives too, formed once.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Protocol
 
+from cotree.components import Kind, Terminal
+from cotree.components.law import Law, law_symbol
 from cotree.dag.derivative import tangents
-from cotree.dag.nodes import substitute
+from cotree.dag.nodes import Dag, Node, substitute
+from cotree.errors import FormulationError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Iterable, Mapping
 
-    from cotree.components import Law
-    from cotree.dag.nodes import Dag, Node
+    from cotree.scene.networks import Port
+
 
 #: A quantity and a name.
 Variable = tuple[str, str]
@@ -197,3 +204,263 @@ class Unknown(Rule):
     def needs(self) -> tuple[Variable, ...]:
         """The equation."""
         return (self.residual,)
+
+
+def _or_zero(law: Law | None) -> Any:
+    import sympy
+
+    return sympy.Integer(0) if law is None else law.expression
+
+
+@lru_cache(maxsize=1024)
+def stored_rate(terminal: Terminal, is_across: bool) -> Law:
+    """Solve a storage's terminal equation for the rate of its state.
+
+    Capacities: ``rate = (through - leak) / capacity``; inertances ``rate = (across - drop) /
+    inertance``.
+    """
+    assert terminal.storage is not None
+    # Dual cases share one formula: through flows into a capacity, across acts on an inertance.
+    given, loss = _sides(terminal, is_across)
+    return Law.of((given - loss) / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
+def stored_value(terminal: Terminal, is_across: bool) -> Law:
+    """Return the law of a dependent storage: ``storage * rate``, or the rate of its content."""
+    return Law.of(_stored(terminal, is_across))
+
+
+@lru_cache(maxsize=1024)
+def stored_residual(terminal: Terminal, is_across: bool) -> Law:
+    """Form the residual of a storage: rate of its content plus loss, minus the inflow."""
+    return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
+
+
+@lru_cache(maxsize=1024)
+def linear_content(terminal: Terminal) -> Law | None:
+    """Return the content of a storage of constant capacity; None if its loss stores energy, too."""
+    is_across = terminal.kind is Kind.ACROSS_STORAGE
+    loss = terminal.through if is_across else terminal.across
+    # A loss that contains rates stores something itself, so that the content is incomplete.
+    if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
+        return None
+    return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
+
+
+def _stored(terminal: Terminal, is_across: bool) -> Any:
+    loss = _sides(terminal, is_across)[1]
+    if terminal.content is not None:
+        return rate_of(terminal.content).expression + loss
+    assert terminal.storage is not None
+    # A linear storage: capacity * rate of across, or inertance * rate of through, plus its loss.
+    rate = law_symbol("across_rate" if is_across else "through_rate")
+    return terminal.storage.expression * rate + loss
+
+
+def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
+    if is_across:
+        return law_symbol("through"), _or_zero(terminal.through)
+    return law_symbol("across"), _or_zero(terminal.across)
+
+
+@lru_cache(maxsize=1024)
+def across_residual(terminal: Terminal) -> Law:
+    """Return the equation of a branch whose across variable is unknown."""
+    if terminal.through is not None and terminal.kind is not Kind.COUPLED:
+        # Symmetric if the laws are.
+        return Law.of(terminal.through.expression - law_symbol("through"))
+    assert terminal.across is not None
+    # The variable minus its law; the slope is one if the law does not depend on the variable.
+    return Law.of(law_symbol("across") - terminal.across.expression)
+
+
+@lru_cache(maxsize=1024)
+def through_residual(terminal: Terminal) -> Law:
+    """Return the equation of a chord whose through variable is unknown."""
+    if terminal.through is not None:
+        return Law.of(law_symbol("through") - terminal.through.expression)
+    assert terminal.across is not None
+    return Law.of(terminal.across.expression - law_symbol("across"))
+
+
+@lru_cache(maxsize=1024)
+def friction_residual(terminal: Terminal) -> Law:
+    """Form the equation of dry friction: no relative acceleration, or the law of its mode.
+
+    All modes have the same variables in the same places, so that one elimination serves all.
+    """
+    assert terminal.friction is not None
+    own = terminal.friction
+    through, mode = law_symbol("through"), law_symbol(own.mode)
+    struck = impulse = 0
+    if own.presser:
+        impulse = law_symbol(f"impulse{own.suffix}")
+        stuck, forward, backward, free, struck = pressed_weights(mode)
+    else:
+        stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
+    # The sign makes the derivative by the through variable positive in every mode: through slows
+    # the motion down.
+    return Law.of(
+        -stuck * law_symbol("across_rate")
+        + forward * (through - own.forward.expression)
+        + backward * (through - own.backward.expression)
+        + free * through
+        + struck * (impulse - law_symbol("across_rate"))
+    )
+
+
+@lru_cache(maxsize=1024)
+def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
+    """Return the force of a unilateral constraint on a mechanism, its share and its jump.
+
+    The force is the multiplier times the share, one while the edge sticks or is closed and zero
+    otherwise, plus the law of the mode. In an impact the jump is the change of the across variable,
+    which replaces its rate: the rates of all states are then their changes by the impact.
+    """
+    import sympy
+
+    multiplier = law_symbol("multiplier")
+    if terminal.stop is not None:
+        mode = law_symbol(f"mode{terminal.stop.suffix}")
+        _, held, struck = _stop_weights(mode)
+        jump = struck * law_symbol(f"impulse{terminal.stop.suffix}")
+        return Law.of((held + struck) * multiplier), Law.of(held + struck), Law.of(jump)
+    own = terminal.friction
+    assert own is not None
+    mode = law_symbol(own.mode)
+    jump = sympy.Integer(0)
+    if own.presser:
+        stuck, forward, backward, _, struck = pressed_weights(mode)
+        impulse = law_symbol(f"impulse{own.suffix}")
+        stuck, jump = stuck + struck, struck * impulse
+    else:
+        stuck, forward, backward, _ = mode_weights(mode, own.grip is not None)
+    sliding = forward * own.forward.expression + backward * own.backward.expression
+    return Law.of(stuck * multiplier + sliding), Law.of(stuck), Law.of(jump)
+
+
+@lru_cache(maxsize=1024)
+def stop_residual(terminal: Terminal) -> Law:
+    """Form the equation of a rigid stop: no force, no relative acceleration, or an impact.
+
+    In an impact the mode is doubled, and the required change of the across variable replaces the
+    relative acceleration: the rates of all states are then their changes by the impact.
+    """
+    assert terminal.stop is not None
+    suffix = terminal.stop.suffix
+    mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
+    # Exactly one in their modes and zero in the others.
+    free = (1 - mode**2) * (4 - mode**2) / 4
+    held = mode**2 * (4 - mode**2) / 3
+    struck = mode**2 * (mode**2 - 1) / 12
+    wanted = struck * law_symbol(f"impulse{suffix}")
+    return Law.of(free * through + wanted - (held + struck) * law_symbol("across_rate"))
+
+
+def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
+    """Return expressions that are one in one mode of a stop: free, held, or struck."""
+    return (
+        (1 - mode**2) * (4 - mode**2) / 4,
+        mode**2 * (4 - mode**2) / 3,
+        mode**2 * (mode**2 - 1) / 12,
+    )
+
+
+def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
+    """Return expressions that are one in one mode of friction and zero in the others.
+
+    They are exact in doubles for the modes 0, 1, -1 and 2: stuck, forwards, backwards and free.
+    """
+    if not may_be_free:
+        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, 0
+    return (
+        (1 - mode**2) * (2 - mode) / 2,
+        mode * (mode + 1) * (2 - mode) / 2,
+        mode * (mode - 1) * (2 - mode) / 6,
+        mode * (mode**2 - 1) / 6,
+    )
+
+
+def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Return such weights for friction that a rigid stop presses together.
+
+    The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
+    """
+    return (
+        (1 - mode**2) * (2 - mode) * (3 - mode) / 6,
+        mode * (mode + 1) * (2 - mode) * (3 - mode) / 4,
+        mode * (mode - 1) * (2 - mode) * (3 - mode) / 24,
+        mode * (mode**2 - 1) * (3 - mode) / 6,
+        mode * (mode**2 - 1) * (mode - 2) / 24,
+    )
+
+
+@lru_cache(maxsize=1024)
+def spring_residual(terminal: Terminal) -> Law:
+    """Form the rate of a spring's through variable by its law, less that by the f-cutset."""
+    assert terminal.through is not None
+    return Law.of(rate_of(terminal.through).expression - law_symbol("through_rate"))
+
+
+@lru_cache(maxsize=1024)
+def spring_rate(terminal: Terminal) -> Law:
+    """Solve the differentiated law of a linear spring for the rate of its stretch."""
+    assert terminal.storage is not None
+    # The differentiated law is affine in the rate of the stretch, with the same slope k.
+    at_rest = spring_residual(terminal).expression.subs(law_symbol("stretch_rate"), 0)
+    return Law.of(-at_rest / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
+def spring_stretch(terminal: Terminal) -> Law:
+    """Solve the law of a linear spring for its stretch."""
+    assert terminal.through is not None
+    assert terminal.storage is not None
+    # The law is affine in the stretch: f = f0 + k s, where ``storage`` holds k.
+    unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
+    return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
+
+
+@lru_cache(maxsize=1024)
+def explicit_residual(name: str, law: Law) -> Law:
+    """Form the residual of an explicit law: the variable minus the law."""
+    return Law.of(law_symbol(name) - law.expression)
+
+
+@lru_cache(maxsize=1024)
+def rate_of(law: Law) -> Law:
+    """Differentiate a law by time: the sum of its partial derivatives times rates."""
+    import sympy
+
+    total = sympy.Integer(0)
+    for name, partial in law.partials.items():
+        total += partial * law_symbol(rate_name(name))
+    return Law.of(total)
+
+
+def rate_name(name: str) -> str:
+    """Name the rate of a law's argument."""
+    first, _, rest = name.partition("_")
+    # The marker of the rate precedes the name of a sibling port: across_rate_secondary.
+    if first in ("across", "through") and name != first:
+        return f"{first}_rate_{rest}"
+    return f"{name}_rate"
+
+
+def higher_index(port: Port) -> FormulationError:
+    """Return the error for an edge whose rate of change no equation determines."""
+    if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
+        why = (
+            "sources, gyrators or other storages determine its rate of change, which would have to"
+        )
+        return FormulationError(
+            f"the equations of storage '{port.name}' have a higher index than supported: "
+            f"{why} be differentiated once more; put a resistance in parallel or in series "
+            "with it"
+        )
+    return FormulationError(
+        f"the equations of '{port.name}' have a higher index than supported: a storage is "
+        "connected to its nonlinear law such that the law's rate of change would be needed; "
+        "put a resistance between them"
+    )

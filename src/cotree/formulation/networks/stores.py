@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind, content_of
 from cotree.domains import DOMAINS
-from cotree.formulation.networks.derived import linear_content
+from cotree.formulation.networks.rules import linear_content
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

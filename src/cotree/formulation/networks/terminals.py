@@ -13,7 +13,13 @@ from cotree.dag.nodes import symbols_in
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
 from cotree.formulation.fields import guards_of, is_timed
-from cotree.formulation.networks.derived import (
+from cotree.formulation.networks.names import argument_of
+from cotree.formulation.networks.rubbing import limit_law
+from cotree.formulation.networks.rules import (
+    FieldRule,
+    Lawful,
+    Sum,
+    Unknown,
     across_residual,
     explicit_residual,
     friction_residual,
@@ -29,9 +35,6 @@ from cotree.formulation.networks.derived import (
     stored_value,
     through_residual,
 )
-from cotree.formulation.networks.names import argument_of
-from cotree.formulation.networks.rubbing import limit_law
-from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
 from cotree.scene.networks import GIVES, Swap
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from cotree.errors import brief, check_known
 from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, SourceLine, located, renaming_notes, scene_name
-from cotree.readers.spice.devices import DEVICES, find_couplings
-from cotree.readers.spice.laws import has_signals
+from cotree.readers.spice.devices import DEVICES, find_couplings, has_signals
 from cotree.readers.spice.netlist import (
     Circuit,
     Line,

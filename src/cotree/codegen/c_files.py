@@ -1,4 +1,4 @@
-"""Integrators as C text: for C projects, and for the engine that Python drives.
+"""C files of a model and of integrators: for C projects, and for the engine that Python drives.
 
 SUNDIALS is called without its headers: ``templates/runtime/sundials/cotree_sundials.h`` declares
 the functions, in a conditional part for each library. CVODES and IDAS are CVODE and IDA with
@@ -10,9 +10,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.model_files import declarations
+from cotree.codegen.c_text import exported
 from cotree.codegen.render import render
-from cotree.codegen.runtime import header_text, resolve, source_texts, with_runtime
+from cotree.codegen.runtime import ALL, Features, header_text, resolve, source_texts, with_runtime
 from cotree.codegen.tableaus import (
     FIXED,
     ROSENBROCK,
@@ -21,15 +21,70 @@ from cotree.codegen.tableaus import (
     RosenbrockTableau,
     Tableau,
 )
-from cotree.codegen.targets import DOUBLE
+from cotree.codegen.targets import DOUBLE, Target
 from cotree.methods import SUNDIALS, WITH_SENSITIVITIES
+from cotree.quiet import without_collection
 from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from cotree.codegen.targets import Target
+    from cotree.codegen.context import ModelContext
+
+
+@without_collection()
+def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
+    """Write the C files of a model.
+
+    Parameters
+    ----------
+    model : ModelContext
+        From :func:`cotree.codegen.context.model_context`.
+    features : Features
+        What is compiled.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name: ``<model>.h``, ``<model>.c``, the headers that these include; and
+        ``<model>_vectors.h`` where C does something with several numbers at a time.
+    """
+    vectors, target = {}, model.target
+    if model.uses_vectors:
+        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)
+    files = {
+        f"{model.prefix}.h": render("c/model.h.jinja", target, model=model),
+        f"{model.prefix}.c": render("c/model.c.jinja", target, model=model),
+        **vectors,
+    }
+    return with_runtime(files, target, features=features, has_sources=False)
+
+
+def cdef(header: str, prefix: str) -> str:
+    """Return the declarations that cffi reads, for one model.
+
+    Parameters
+    ----------
+    header : str
+        Text of ``cotree_abi.h``.
+    prefix : str
+        Prefix of the model's names.
+    """
+    return f"{declarations([header], ['cotree_model'])}const cotree_model *{prefix}_abi(void);\n"
+
+
+def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
+    """Return the exported functions of headers, and types, for cffi; numbers are doubles.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Headers, in an order in which each follows those that it includes.
+    types : sequence of str
+        Names of types besides those that functions have.
+    """
+    return f"typedef double cotree_real;\n{exported(texts, types)}"
 
 
 #: The function that returns the version, called before any other.
