@@ -370,7 +370,7 @@ def check_sensitivities(
     span = None if t_end is None else (0.0, t_end)
     probe = model.simulate(span, method=method, throw=True, **common)
     found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)
-    tell = report or _say_nothing
+    tell = report or _no_report
     tell(found.heading)
     runs = _reference_runs(model, plain, found, common)
     for name in names:
@@ -381,7 +381,7 @@ def check_sensitivities(
     return found
 
 
-def _say_nothing(text: str) -> None:
+def _no_report(text: str) -> None:
     pass
 
 

@@ -93,7 +93,7 @@ def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
 
 def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
     """Write a table to a file, completely or not at all."""
-    with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         write_rows(file, rows)
 
 
@@ -139,7 +139,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 
 
 @contextlib.contextmanager
-def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
+def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
     """Return a temporary file that replaces a file once it is complete.
 
     A reader never sees an incomplete file, and after an error the old file is unchanged.

@@ -36,7 +36,7 @@ from cotree.scene.graphs import (
     separate_trees,
 )
 from cotree.scene.jumps import jump_values, lower_discontinuities
-from cotree.scene.variants import standing_scene
+from cotree.scene.variants import scene_at_rest
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -232,8 +232,8 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     for total, _ in layout.followers:  # a start computes it from the variable that follows from it
         wanted[total] = "0"
     try:
-        standing = standing_scene(scene, wanted, jump_values(scene))
-        program, _ = generate(formulate(standing, given, None)[1])
+        at_rest = scene_at_rest(scene, wanted, jump_values(scene))
+        program, _ = generate(formulate(at_rest, given, None)[1])
     except Error as error:
         hint = ""
         if isinstance(error, TopologyError):

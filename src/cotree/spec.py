@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
-from cotree.build.cache import kept
+from cotree.build.cache import cached
 from cotree.components import OWN
 from cotree.errors import Error, ModelError
 from cotree.model.loading import load_model
@@ -101,7 +101,7 @@ class BuildSpec:
             If an edge's inertia belongs to no body, or there is no compiler.
         """
         begun = time.perf_counter()
-        text = kept(self.key, lambda: self.formed.text)
+        text = cached(self.key, lambda: self.formed.text)
         # If the program was cached, these stages were not run.
         formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
@@ -124,7 +124,7 @@ class BuildSpec:
 
         # A callable: the network at rest is formed at the first request of a start.
         key = None if self.key is None else ("at rest", self.key)
-        return lambda: kept(key, form)
+        return lambda: cached(key, form)
 
 
 def open_spec(data: bytes) -> BuildSpec:

@@ -118,7 +118,7 @@ def test_clear_removes_only_what_cotree_wrote(cache: Path):
     key = "a" * 64
     (cache / f"{key}.so").write_bytes(b"")
     (cache / f"{key}.sha256").write_bytes(b"")
-    cache_module.keep_failed({"model.c": "", "model.h": ""}, key)
+    cache_module.save_failed_sources({"model.c": "", "model.h": ""}, key)
     interrupted = cache / "cotree-build-xyz"
     interrupted.mkdir()
     (interrupted / "model.c").touch()

@@ -212,7 +212,7 @@ def test_compiler_reads_nothing_and_leaves_no_temporary_files(files, make_script
 
 @pytest.mark.parametrize("shared", [{}, {"same.c": "int same;\n"}])
 def test_compiler_that_says_and_writes_nothing(make_script, shared):
-    with pytest.raises(BuildError, match="ended without an error on .*, but wrote no file"):
+    with pytest.raises(BuildError, match=r"ended without an error on .*, but wrote no file"):
         build_library(
             {"own.c": "int own;\n"},
             abi_version=1,

@@ -13,13 +13,15 @@ from cotree.dag.switching_times import (
     find_time_events,
     longest_step,
 )
-from cotree.dag.time_events import find_corners
+from cotree.dag.time_events import find_restart_times
 from cotree.scene.expressions import parse
 
 
 def stop_times(stops, values, low, high):
     """List the times strictly within a span."""
-    return [t for t in find_corners(stops, values, low, high).times.tolist() if low < t < high]
+    return [
+        t for t in find_restart_times(stops, values, low, high).times.tolist() if low < t < high
+    ]
 
 
 def _times(text, low=0.0, high=10.0, **parameters):

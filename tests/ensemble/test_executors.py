@@ -231,11 +231,11 @@ def test_blocks_grow_by_the_time_that_they_took():
     shares = AdaptiveRanges(1000, 100)
     shares.n_workers = 2
     assert next(shares) == (0, 1)
-    shares.learn(1, 0.01)
+    shares.update(1, 0.01)
     assert next(shares) == (1, 9)  # eight times as many, at first
-    shares.learn(8, 0.08)
+    shares.update(8, 0.08)
     assert next(shares) == (9, 39)  # 0.3 s
-    shares.learn(30, 0.0003)
+    shares.update(30, 0.0003)
     assert next(shares) == (39, 139)
     ranges = [(0, 1), (1, 9), (9, 39), (39, 139), *shares]
     assert [first for first, _ in ranges[1:]] == [end for _, end in ranges[:-1]]

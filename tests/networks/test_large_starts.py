@@ -13,7 +13,7 @@ from cotree import Scene
 from cotree.dag.nodes import Dag, symbols_in, symbols_of_each
 from cotree.linear.factors import factorise, factorise_definite
 from cotree.pipeline import formulate, generate
-from cotree.scene.variants import standing_scene
+from cotree.scene.variants import scene_at_rest
 
 
 def _ladder(n, rung):
@@ -62,7 +62,7 @@ def test_the_equations_grow_as_the_ladder_does(rung, n):
     def n_nodes(n):
         scene = _ladder(n, rung)
         scene.simulation(start="operating point", held={f"n{n // 2}": 0.5})
-        first, equations, _ = formulate(standing_scene(scene, [f"C{n - 1}.v"], {}), (), None)
+        first, equations, _ = formulate(scene_at_rest(scene, [f"C{n - 1}.v"], {}), (), None)
         assert len(equations.states) == (n if rung is _diode else 0)
         return len(first.system.dag)
 
@@ -122,7 +122,7 @@ def test_a_chain_of_transistors_is_sparse_and_meets_kirchhoff():
     n = 40
     scene = _amplifiers(n)
     wanted = [f"M{end}{i}.v" for i in range(n) for end in "bce"]
-    program, _ = generate(formulate(standing_scene(scene, wanted, {}), (), None)[1])
+    program, _ = generate(formulate(scene_at_rest(scene, wanted, {}), (), None)[1])
     # A few unknowns in each equation: eliminated to the junctions, 80 times 80 entries are left.
     layout = program.layout
     assert len(layout.row_indices) < 6 * len(layout.states)

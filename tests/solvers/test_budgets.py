@@ -151,7 +151,7 @@ def test_every_so_manyth_step_is_taken():
     thinning, stored = Thinning(), []
     for start in range(0, 100, 7):
         new = list(range(start, start + 7))
-        stored += new[thinning.taken(len(new))]
+        stored += new[thinning.select(len(new))]
         if len(stored) > 10:
             stored = stored[thinning.thin()]
     assert stored == list(range(0, 105, thinning.stride))

@@ -155,7 +155,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
     return library
 
 
-def kept(of: object, make: Callable[[], _T]) -> _T:
+def cached(of: object, make: Callable[[], _T]) -> _T:
     """Return the result of a function, from the cache if possible.
 
     ``of`` determines the result together with cotree's own files; None if it is unknown. The result
@@ -240,7 +240,7 @@ def building(key: str, time_limit: float) -> Iterator[None]:
             lock.release()
 
 
-def keep_failed(files: Mapping[str, str], key: str) -> Path:
+def save_failed_sources(files: Mapping[str, str], key: str) -> Path:
     """Write the sources of a failed build to ``failed/<key>`` and return that folder."""
     directory = cache_directory() / _FAILED / key
     directory.mkdir(parents=True, exist_ok=True)

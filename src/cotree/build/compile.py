@@ -30,9 +30,9 @@ from cotree.build.cache import (
     cache_directory,
     cache_key,
     find_published,
-    keep_failed,
     private_directory,
     publish,
+    save_failed_sources,
     write_files,
 )
 from cotree.build.toolchain import Outcome, Toolchain, run_limited
@@ -358,7 +358,7 @@ def _attempt(
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     # The private folder is removed, so the sources are copied for the user.
-    source = keep_failed(files, key) / step.source
+    source = save_failed_sources(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
         command=shlex.join(step.command),

@@ -28,7 +28,7 @@ from cotree.cli.options import (
     Plot,
     SceneName,
     Sensitivity,
-    complain,
+    print_error,
     read_robots_with,
     read_scene,
     warnings_in_one_line,
@@ -164,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
     # Any other exception is a defect and keeps its traceback.
     except Error as error:
-        complain(str(error))
+        print_error(str(error))
         return 2
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -19,7 +19,7 @@ from cotree.cli.options import (
     EndTime,
     Plot,
     SceneName,
-    complain,
+    print_error,
     read_scene,
     with_options,
     write_file,
@@ -145,7 +145,7 @@ def fit_scene(
             **settings,
         )
     except SolveError as error:
-        complain(str(error))
+        print_error(str(error))
         raise typer.Exit(1) from None
     typer.echo(str(result))
     write_file(output, result.to_json)

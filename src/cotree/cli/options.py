@@ -169,7 +169,7 @@ def write_file(path: Path | None, write: Callable[[Path], object]) -> None:
 INTERRUPTED = 130
 
 
-def complain(sentence: str) -> None:
+def print_error(sentence: str) -> None:
     """Print a sentence on standard error, on one line."""
     typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
 
@@ -179,7 +179,7 @@ def warnings_in_one_line() -> Iterator[None]:
     """Show warnings as sentences, without file names and source lines."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        complain(f"warning: {message}")
+        print_error(f"warning: {message}")
 
     with warnings.catch_warnings():
         # By default Python shows repeated warnings of a line of code only once.

@@ -10,7 +10,7 @@ import numpy as np
 
 from cotree.check import Array, Experiment
 from cotree.errors import Error
-from cotree.files import written_whole
+from cotree.files import atomic_write
 from cotree.plot import choose_curves, plot_result, save_figure, svg_text
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def draw_run(
 def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     """Draw the curves of a run into a file, ``.html`` or ``.gif``, instead of an animation."""
     figure = plot_result(result.smooth(), names or None)
-    with written_whole(path, "the picture") as draft:
+    with atomic_write(path, "the picture") as draft:
         if path.suffix.lower() == ".html":
             head = '<!DOCTYPE html>\n<meta charset="utf-8">\n<title>cotree</title>\n'
             draft.write_text(head + svg_text(figure), encoding="utf-8")

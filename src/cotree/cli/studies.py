@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cotree.build.cache import kept
+from cotree.build.cache import cached
 from cotree.cli.arguments import (
     check_folder,
     check_picture,
@@ -71,7 +71,7 @@ def warn_of(scene: Scene) -> None:
         return [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
 
     # Most scenes have no findings, which is cached; lines are those of the present file.
-    found = findings() if kept(("findings", scene), lambda: bool(findings())) else []
+    found = findings() if cached(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
     if len(found) > _MOST_WARNINGS:

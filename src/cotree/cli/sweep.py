@@ -15,7 +15,7 @@ from cotree.cli.options import (
     EndTime,
     SceneName,
     Sensitivity,
-    complain,
+    print_error,
     read_scene,
     with_options,
     write_file,
@@ -149,7 +149,7 @@ def sweep_scene(
                 **settings,
             )
     except MemberError as error:
-        complain(str(error))
+        print_error(str(error))
         raise typer.Exit(1) from None
     typer.echo(sweep_report(runs, time.perf_counter() - begun).text())
     write_file(file, lambda path: write_dataset(runs, path))

@@ -245,7 +245,7 @@ class _Pushing:
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
         return law_symbol("stiffness") * power * sympy.Max(share, 0)
 
-    def _rub(self, normal: str, slides: tuple[str, ...]) -> Any:
+    def _friction_force(self, normal: str, slides: tuple[str, ...]) -> Any:
         import sympy
 
         # Regularised: the friction of each direction is smooth about rest.
@@ -274,7 +274,9 @@ class _Pushing:
         names = tuple(slide_name(i, end) for i in range(self._n_directions))
 
         def law(own: str) -> Law:
-            return Law.formed_by(lambda: self._rub(normal, names) * law_symbol(f"across_{own}"))
+            return Law.formed_by(
+                lambda: self._friction_force(normal, names) * law_symbol(f"across_{own}")
+            )
 
         return [
             Terminal(

@@ -161,12 +161,12 @@ class Law:
 
         wanted = [name for name in names or self.partials if name in self.partials]
         symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
-        standing = {symbols[name]: arguments[name] for name in symbols if name in arguments}
+        known = {symbols[name]: arguments[name] for name in symbols if name in arguments}
         if self._has_root:
-            whole, clips = from_sympy(self.expression, dag, symbols), Clips(standing)
+            whole, clips = from_sympy(self.expression, dag, symbols), Clips(known)
             if any(clips.reaches(node) for node in reachable([whole])):
-                rows = (tangents([whole], {symbols[name]: dag.one}, standing) for name in wanted)
-                values = [substitute(row, standing)[0] for row in rows]
+                rows = (tangents([whole], {symbols[name]: dag.one}, known) for name in wanted)
+                values = [substitute(row, known)[0] for row in rows]
                 pairs = zip(wanted, values, strict=True)
                 return {name: value for name, value in pairs if not value.is_zero}
         values = [from_sympy(self.partials[name], dag, arguments) for name in wanted]

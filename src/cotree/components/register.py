@@ -135,8 +135,12 @@ def _check_operations(law: Law, what: str) -> None:
 
 def _predicate(error: Exception) -> str:
     """Return the predicate of a message about a law."""
-    told = str(error)
-    return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
+    message = str(error)
+    return (
+        message.removeprefix("the law ")
+        if message.startswith("the law ")
+        else f"has no value: {message}"
+    )
 
 
 #: Arguments of laws that are neither variables of ports nor fields.

@@ -190,7 +190,7 @@ def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: floa
     return not _margin(values, abs) >= 0.0
 
 
-def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
+def kink_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
     """List the symbols of ``moving`` on which the kinks of a continuous value depend."""
     order = reachable([node])
     changing = dependent(order, moving)
@@ -202,7 +202,7 @@ def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
     return frozenset(symbols_in(looked_at))
 
 
-def meets(above: Node, below: Node, boundary: Node) -> bool:
+def agree_at(above: Node, below: Node, boundary: Node) -> bool:
     """Return whether both branches at a boundary agree at all zeros of the boundary.
 
     If substituting zero for the boundary, or one of its terms by the others, does not make the

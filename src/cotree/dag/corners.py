@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Corners:
+class RestartTimes:
     """Times at which integration restarts, ascending, with their derivatives along m directions."""
 
     times: FloatArray
@@ -28,15 +28,15 @@ class Corners:
         return len(self.times)
 
     @classmethod
-    def none(cls) -> Corners:
+    def none(cls) -> RestartTimes:
         """Return an empty list."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
 
     @property
-    def moved(self) -> Corners:
+    def moved(self) -> RestartTimes:
         """The time events whose time, or that of a coinciding one, moves along some direction."""
         moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
-        return Corners(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
+        return RestartTimes(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 
     def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return which of some times are time events, with slopes and spreads, otherwise zero."""

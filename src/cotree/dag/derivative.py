@@ -85,11 +85,11 @@ class Clips:
     """Terms of the chain rule for operations whose arguments are constant in some branch.
 
     One object serves one traversal of a program. Terms of all other operations are plain products.
-    ``standing`` are nodes that later replace symbols and may have branches, too.
+    ``replacements`` are nodes that later replace symbols and may have branches, too.
     """
 
-    def __init__(self, standing: Mapping[Node, Node]) -> None:
-        self._standing = standing
+    def __init__(self, replacements: Mapping[Node, Node]) -> None:
+        self._replacements = replacements
         # Branches are formed in a separate arena, which leaves the numbers of nodes unchanged.
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
@@ -103,7 +103,7 @@ class Clips:
         if node.op not in SINGULAR or term.is_zero:
             return term
         condition = self._reached(node)
-        if condition is None and self._may_stand_still(node):
+        if condition is None and self._may_be_constant(node):
             condition = -dag.function("abs", d_arg)
         return term if condition is None else dag.select(condition, dag.zero, term)
 
@@ -163,7 +163,7 @@ class Clips:
         found = any(is_singular(node.op, args) for args in product(*branches))
         return form(*node.args) if found else None
 
-    def _may_stand_still(self, node: Node) -> bool:
+    def _may_be_constant(self, node: Node) -> bool:
         """Return whether a branch that may be singular lacks a symbol that another one has."""
         if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
             return False
@@ -191,7 +191,7 @@ class Clips:
         if node.value is not None:
             return (own.constant(node.value),)
         if node.op == "symbol":
-            value = self._standing.get(node)
+            value = self._replacements.get(node)
             return (own.symbol(*node.data),) if value is None else self._of(value)
         given = [self._branches[arg] for arg in node.args]
         if node.op == "select":
@@ -433,7 +433,7 @@ def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
 def tangents(
     roots: Sequence[Node],
     seed: Mapping[Node, Node],
-    standing: Mapping[Node, Node] = MappingProxyType({}),
+    replacements: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[Node]:
     """Differentiate forward: the derivative of each root in the direction of the seed.
 
@@ -444,7 +444,7 @@ def tangents(
     seed : mapping of Node to Node
         Derivative of each symbol; symbols that are absent are constant. Other values may be
         seeded too: their own arguments are then not followed.
-    standing : mapping of Node to Node
+    replacements : mapping of Node to Node
         What will be substituted for some symbols in the derivatives, so that roots of what is
         clipped there are known (:mod:`cotree.dag.derivative`).
 
@@ -461,19 +461,19 @@ def tangents(
     if not roots:
         return []
     zero = roots[0].dag.zero
-    return [row.get(0, zero) for row in tangents_along(roots, [seed], standing)]
+    return [row.get(0, zero) for row in tangents_along(roots, [seed], replacements)]
 
 
 def tangents_along(
     roots: Sequence[Node],
     seeds: Sequence[Mapping[Node, Node]],
-    standing: Mapping[Node, Node] = MappingProxyType({}),
+    replacements: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[dict[int, Node]]:
     """Differentiate forward along several directions at once; return nonzero derivatives.
 
-    The result has for each root its derivatives by number of the direction. Seeds and ``standing``
-    are those of :func:`tangents`; a value that one direction seeds is constant along the others,
-    unless they seed it, too.
+    The result has for each root its derivatives by number of the direction. For seeds and
+    ``replacements`` see :func:`tangents`; a value seeded by one direction is constant along the
+    others unless they seed it, too.
     """
     # A value that is seeded with zero still gets a row here: it is constant, and its arguments are
     # not followed along any direction.
@@ -485,7 +485,7 @@ def tangents_along(
                 seeded[node][i] = d
     known = {node: row for node, row in seeded.items() if row}
     several: dict[Node, dict[int, list[Node]]] = {}
-    clips = Clips(standing)
+    clips = Clips(replacements)
     for node in reachable(roots, stop=seeded):
         if node in seeded or not node.args:
             continue

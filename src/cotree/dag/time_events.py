@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cotree.dag.corners import Corners
+from cotree.dag.corners import RestartTimes
 from cotree.dag.derivative import tangents
 from cotree.dag.switching_times import TimeEvent, value_of
 from cotree.tolerances import SAME
@@ -45,13 +45,13 @@ def time_events_along(
     )
 
 
-def find_corners(
+def find_restart_times(
     stops: Sequence[TimeEvent],
     values: Mapping[Node, float],
     low: float,
     high: float,
     others: Sequence[float] = (),
-) -> Corners:
+) -> RestartTimes:
     """List the time events within the span from ``low`` to ``high``, both ends included.
 
     Times that differ by rounding are merged, with the slopes of the first of them. At an end of the
@@ -80,12 +80,12 @@ def find_corners(
     slopes = np.where(at_end, 0.0, slopes)
     t = np.where(at_low, low, np.where(at_high, high, t))
     if not len(t):
-        return Corners(t, slopes, spreads)
+        return RestartTimes(t, slopes, spreads)
     starts = np.flatnonzero(np.concatenate([[True], ~_is_same(t[1:], t[:-1])]))
     first = np.repeat(slopes[starts], np.diff(np.append(starts, len(t))), axis=0)
     differ = np.where(_is_same(first, slopes), 0.0, np.abs(first - slopes))
     spreads = np.maximum.reduceat(np.maximum(spreads, differ), starts, axis=0)
-    return Corners(t[starts], slopes[starts], spreads, scale)
+    return RestartTimes(t[starts], slopes[starts], spreads, scale)
 
 
 def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:

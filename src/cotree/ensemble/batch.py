@@ -393,9 +393,9 @@ class Worker:
         problem = self._problem_in_work(member)
         kept = members.results.z[member, : members.n_kept[member]].copy()
         method = self._pattern.row.name
-        said = budget_message(problem, method, c.job, ended, kept, self._last_point())
+        message = budget_message(problem, method, c.job, ended, kept, self._last_point())
         members.results.steps[member] = members.n_steps[member]
-        members.results.fail(member, BUDGET_SPENT, said)
+        members.results.fail(member, BUDGET_SPENT, message)
 
     def _last_point(self) -> FloatArray:
         """Return the last point of the current member."""

@@ -23,7 +23,7 @@ from cotree.ensemble.pattern import NotBatchable
 from cotree.ensemble.plan import FEW, Block, Plan
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
-from cotree.files import check_parent, check_suffix, target_path, write_csv, written_whole
+from cotree.files import atomic_write, check_parent, check_suffix, target_path, write_csv
 from cotree.quiet import without_warnings
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION
@@ -265,7 +265,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
         return
     try:
         if suffix == ".nc":
-            with written_whole(path) as draft:
+            with atomic_write(path) as draft:
                 dataset.to_netcdf(draft, engine="h5netcdf")
         else:
             _write_zarr(dataset, path)
@@ -361,7 +361,7 @@ class Collected:
         """Return the ranges of members to run."""
         return self._ranges
 
-    def take(self, first: int, block: Block) -> None:
+    def add_block(self, first: int, block: Block) -> None:
         """Copy the results of some members; ``first`` is the number of the first of them."""
         there, whole = slice(first, first + len(block.status)), self._whole
         for name in ("z", "outputs", "output_sensitivities", "status", "messages", "steps"):

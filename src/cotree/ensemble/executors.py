@@ -159,7 +159,7 @@ class AdaptiveRanges:
         first, self._first = self._first, self._first + size
         return first, self._first
 
-    def learn(self, n_members: int, seconds: float) -> None:
+    def update(self, n_members: int, seconds: float) -> None:
         """Update the size by the time that some members took in one worker."""
         wanted = max(self._least, int(PIECE * n_members / max(seconds, 1e-9)))
         self._size = max(1, min(wanted, _GROWTH * n_members, self._most))
@@ -208,7 +208,7 @@ class ExecutorRun:
                 self._executor.shutdown(wait=False, cancel_futures=True)
 
     def _blocks(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
-        source, learn, end = iter(ranges), getattr(ranges, "learn", None), math.inf
+        source, update, end = iter(ranges), getattr(ranges, "update", None), math.inf
         while True:
             if self._stop.is_set():
                 end = min(end, time.monotonic() + _GRACE)
@@ -228,8 +228,8 @@ class ExecutorRun:
             if answer is None:
                 continue
             block, seconds = answer
-            if learn and seconds:
-                learn(share.end - share.first, seconds)
+            if update and seconds:
+                update(share.end - share.first, seconds)
             yield share.first, block
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:

@@ -107,7 +107,7 @@ class Block:
         for member in np.flatnonzero(members).tolist():
             self.messages[member] = ""
 
-    def put(self, plan: Plan, member: int, run: RunRecord) -> None:
+    def add_run(self, plan: Plan, member: int, run: RunRecord) -> None:
         """Add a member from the record of its run."""
         self.steps[member] = run.statistics.n_steps
         self.fail(member, run.status, run.message if run.status != 0 else "")

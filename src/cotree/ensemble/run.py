@@ -179,7 +179,7 @@ def run_ensemble(
             while True:
                 with contextlib.closing(run(plan, members.rows, done.ranges())) as blocks:
                     for first, block in blocks:
-                        done.take(first, block)
+                        done.add_block(first, block)
                         bar.reached(done.reasons.done, done.reasons.failed)
                         _check(execution, members, done.reasons)
                 if not done.wait(stop):
@@ -222,13 +222,13 @@ def run_blocks(
     if executor is not None:
         yield from ExecutorRun(executor, plan, rows, threads, stop).run(ranges)
         return
-    learn = getattr(ranges, "learn", None)
+    update = getattr(ranges, "update", None)
     for first, end in ranges:
         if stop.is_set():
             return
         block, seconds = run_here(plan, rows[first:end], threads, stop)
-        if learn:
-            learn(end - first, seconds)
+        if update:
+            update(end - first, seconds)
         yield first, block
 
 

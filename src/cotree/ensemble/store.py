@@ -263,7 +263,7 @@ class Store:
                 self._find_blocks()
         return bool(self._missing) and not stop.is_set()
 
-    def take(self, first: int, block: Block) -> None:
+    def add_block(self, first: int, block: Block) -> None:
         """Write a block while the next one is computed; an incomplete one is left out."""
         if np.any(block.status == NOT_RUN):
             return

@@ -49,7 +49,7 @@ def run_member(plan: Plan, row: Sequence[float], block: Block, member: int) -> N
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
         with without_warnings():  # messages have the same text
-            block.put(plan, member, simulate(plan.model, settings))
+            block.add_run(plan, member, simulate(plan.model, settings))
     except Error as error:
         block.fail(member, FAILED, str(error))
     block.seconds[member] += time.perf_counter() - begun
@@ -137,9 +137,9 @@ def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulate(model, settings)
-    for said in caught:
-        if str(said.message) != run.message:
-            warnings.warn(str(said.message), said.category, stacklevel=level_of_user())
+    for warning in caught:
+        if str(warning.message) != run.message:
+            warnings.warn(str(warning.message), warning.category, stacklevel=level_of_user())
     return run
 
 

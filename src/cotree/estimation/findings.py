@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.estimation.estimated import LOGARITHMS
-from cotree.estimation.uncertainty import in_words, points_beside, split
+from cotree.estimation.uncertainty import in_words, neighbouring_points, split
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -93,7 +93,7 @@ def of_directions(found: Uncertainty, more_rows: Array | None = None) -> tuple[s
     if not found.split.open.shape[1]:
         return ()
     problem = found.problem
-    points = points_beside(problem, found.theta)
+    points = neighbouring_points(problem, found.theta)
     beside = []
     for point, there in zip(points, problem.predict(points), strict=True):
         if there.message:

@@ -71,7 +71,9 @@ class Rendezvous:
             raise Stopped
         return found
 
-    def meet(self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]) -> bool:
+    def run_all(
+        self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]
+    ) -> bool:
         """Run functions in one thread each; return whether Ctrl-C has stopped them.
 
         They call :meth:`ask` with their number. ``report`` is called after each batch with the
@@ -284,7 +286,7 @@ def minimise_from_starts(
                 bar.count(first + done, lambda elapsed: label)
 
             if not is_stopped:
-                is_stopped = meeting.meet([one.run for one in block], count)
+                is_stopped = meeting.run_all([one.run for one in block], count)
             records += [one.record() for one in block]
             n_evaluations = sum(row.n_evaluations for row in records)
     # The sort is stable, so of equal starts the first one comes first.

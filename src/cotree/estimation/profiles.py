@@ -141,7 +141,7 @@ def profiles_of(
         for k, i in enumerate(chosen)
         for side in (-1, 1)
     ]
-    meeting.meet([walk.run for walk in walks], lambda done, n: None)
+    meeting.run_all([walk.run for walk in walks], lambda done, n: None)
     return tuple(
         _joined(found, i, level, walks[2 * k], walks[2 * k + 1]) for k, i in enumerate(chosen)
     )

@@ -411,11 +411,11 @@ class FitResult(Reported):
 
     def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the same as JSON text; if a path is given, also write it to that file."""
-        from cotree.files import written_whole
+        from cotree.files import atomic_write
 
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
         if path is not None:
-            with written_whole(path) as draft:
+            with atomic_write(path) as draft:
                 draft.write_text(text + "\n", encoding="utf-8")
         return text
 

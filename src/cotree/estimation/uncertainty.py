@@ -119,7 +119,7 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
     return np.asarray(np.linalg.qr(basis)[0]) if basis.shape[1] else basis
 
 
-def points_beside(problem: Problem, theta: Array) -> Array:
+def neighbouring_points(problem: Problem, theta: Array) -> Array:
     """Choose nearby points, at which a structural direction must be undetermined as well."""
     random = np.random.default_rng(0)
     share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))

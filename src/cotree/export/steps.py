@@ -284,7 +284,7 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     sections = [
         _heading(first, speller, names),
         _topology(first),
-        speller.section(title, edge_terms(first, speller.stand_in)),
+        speller.section(title, edge_terms(first, speller.placeholder)),
         *(speller.section(title, terms) for title, terms in cluster_terms(first)),
         speller.section("(5) projection on the motion spaces", balance_terms(first)),
         _result(speller, equations),
@@ -404,7 +404,7 @@ class _Speller:
     graphs: tuple[_Graph, ...]  # G1 and its sensitivity graphs
     kinds: dict[str, str]  # component names of the edges
     known: dict[Node, Any]  # symbols, and the components of the terms that were printed
-    stand_ins: dict[Variable, Node]  # symbols for variables of networks
+    placeholders: dict[Variable, Node]  # symbols for variables of networks
     spell: Callable[[Any], str]  # writes a SymPy expression
 
     @classmethod
@@ -435,13 +435,13 @@ class _Speller:
             graph.seed[symbol] = tangent
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
 
-    def stand_in(self, variable: Variable, letter: str, place: str) -> Node:
+    def placeholder(self, variable: Variable, letter: str, place: str) -> Node:
         """Return the symbol of a network's variable in terminal equations."""
-        if variable not in self.stand_ins:
-            symbol = self.dag.symbol("steps", len(self.stand_ins))
-            self.stand_ins[variable] = symbol
+        if variable not in self.placeholders:
+            symbol = self.dag.symbol("steps", len(self.placeholders))
+            self.placeholders[variable] = symbol
             self._introduce(symbol, letter, place)
-        return self.stand_ins[variable]
+        return self.placeholders[variable]
 
     def section(self, title: str, terms: Sequence[Term]) -> str:
         """Write the nonzero terms, graph by graph; empty if there are none."""

@@ -245,8 +245,8 @@ def resolver_of(
         # A name that is not allowed here is another mistake than a misspelt name.
         if allowed and (name == "t" or "." in name or name in others):
             own = others.get(name, advice)
-            told = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
-            raise ExpressionError(told)
+            message = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
+            raise ExpressionError(message)
         # T usually means a temperature or a torque, rarely the time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
         raise ExpressionError(f"uses the unknown name '{name}'{hint}")

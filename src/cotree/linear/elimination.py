@@ -106,9 +106,9 @@ def eliminate(
                 # The same object: an unchanged node, or a sum that was extended in place.
                 if updated is before:
                     continue
-                _put(own, columns, k, other, updated)
+                _set_entry(own, columns, k, other, updated)
                 if is_symmetric and other != k:
-                    _put(rows[other], columns, other, k, updated)
+                    _set_entry(rows[other], columns, other, k, updated)
         # Only rows and columns of the pivot have other counts now.
         left.below, left.beside = below, row
         pivots.append(pivot)
@@ -127,7 +127,7 @@ def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
     return columns
 
 
-def _put(
+def _set_entry(
     row: dict[int, T], columns: Mapping[int, set[int]], i: int, j: int, entry: T | None
 ) -> None:
     """Set the entry of row i, column j, and update the pattern by columns, if any."""

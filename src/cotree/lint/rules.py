@@ -22,9 +22,9 @@ from cotree.model.start import check_start
 from cotree.scene.checks import (
     Dimensions,
     VariableUnits,
-    alone,
     dimension_of_unit,
     inertia_faults,
+    single_name,
     stated_units,
     stated_values,
     tiny_masses,
@@ -86,7 +86,7 @@ _MOST_COMPARED = 1000
 _LIKE = 0.8  # share of letters in common
 
 
-def look_alike(name: str, others: Iterable[str]) -> str:
+def similar_name(name: str, others: Iterable[str]) -> str:
     """Return the name of which another may be a misspelling; "" if none is close.
 
     Names that differ in numbers only, such as ``m1`` and ``m2``, differ on purpose; names of a part
@@ -121,7 +121,7 @@ def name_findings(scene: SceneDescription) -> Iterator[Finding]:
     for kind, table in (("parameter", scene.parameters), ("input", scene.inputs)):
         for name in table:
             if own and name not in used:
-                close = look_alike(name, used & {*scene.parameters, *scene.inputs})
+                close = similar_name(name, used & {*scene.parameters, *scene.inputs})
                 hint = f"; did you mean it instead of '{close}'?" if close else ""
                 message = f"{kind} '{name}' is unused: remove it, or use it{hint}"
                 yield Finding(f"unused-{kind}", kind, name, message)
@@ -248,7 +248,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         if node == "ground" or len(edges) != 1 or node in observed:
             continue
         edge = edges[0]
-        close = look_alike(node, set(scene.nodes))
+        close = similar_name(node, set(scene.nodes))
         if scene.origin is not None and edge.component.role is not Role.NETWORK:
             continue  # robots have frames at the ends of arms and joints
         is_end = edge.component.role is Role.BODY  # bodies may move freely
@@ -365,7 +365,7 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
     for kind, name, what, unit, value in _expressions(scene):
         # A single name of another dimension is refused when the equations are formed. Expressions
         # without any unit of the user may follow another system.
-        if known.states(alone(value)) or not known.states_any(value):
+        if known.states(single_name(value)) or not known.states_any(value):
             continue
         dimensions = Dimensions(known)
         found, stated = dimensions.of(value.tree), dimension_of_unit(unit)
@@ -386,7 +386,7 @@ def _shared(scene: SceneDescription) -> Iterator[Finding]:
     uses: dict[str, dict[str, str]] = defaultdict(dict)
     for edge in scene.edges.values():
         for what, unit, value in stated_values(edge):
-            row = scene.parameters.get(alone(value))
+            row = scene.parameters.get(single_name(value))
             if row is not None and not row.unit and dimension_of_unit(unit) is not None:
                 uses[row.name].setdefault(unit, what)
     for name, by_unit in uses.items():

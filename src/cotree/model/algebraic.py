@@ -55,7 +55,7 @@ class Algebraic:
         # decorator errstate would be shared by all threads before NumPy 2.
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
-        return self._taken(t, y, root)
+        return self._accept(t, y, root)
 
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.
@@ -68,18 +68,18 @@ class Algebraic:
         equation = self._equation(t, y)
         root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess), self._linear)
         try:
-            return self._taken(t, y, root)
+            return self._accept(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
                 # A matrix may be singular at one point by chance; equations that leave unknowns
                 # free are singular everywhere.
-                points = (root.z, guess[self.cut :], *_aside(root.z))
+                points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
                 if not np.any(root.g):  # a double root, at which derivatives are singular
                     self._check_index([equation.by_unknowns(root.z)])
             raise SolveError(str(error)) from None
 
-    def _taken(self, t: float, y: Array, root: Root) -> Array:
+    def _accept(self, t: float, y: Array, root: Root) -> Array:
         """Store a root's unknowns in y and keep its matrix; return its rates."""
         y[self.cut :] = root.z
         # The matrix of a root serves the next point nearby; that of a failed search does not.
@@ -97,7 +97,7 @@ class Algebraic:
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
             slope = self._equation(t, y).by_unknowns
-            self._check_index(slope(point) for point in (z, *_aside(z)))
+            self._check_index(slope(point) for point in (z, *_nearby_points(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
         """Return the algebraic equations at constant time and states."""
@@ -168,7 +168,7 @@ class Algebraic:
         )
 
 
-def _aside(z: Array) -> tuple[Array, Array]:
+def _nearby_points(z: Array) -> tuple[Array, Array]:
     """Return two random points around a point, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))

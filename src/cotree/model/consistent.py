@@ -148,13 +148,13 @@ class Report:
         shown = listed(
             f"'{value}' with {listed(map(repr, names))}" for value, names in following.items()
         )
-        said = (
+        message = (
             f"initial values change with parameters, so that those given before them are kept: "
             f"{shown}. Give them as expressions of these parameters, or leave them out"
         )
         if is_warning:
-            warnings.warn(said, RuntimeWarning, stacklevel=level_of_user())
-        return f"{said[0].upper()}{said[1:]}."
+            warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
+        return f"{message[0].upper()}{message[1:]}."
 
     def _following(self) -> Iterator[tuple[str, str]]:
         for j, i in np.argwhere(self._follows).tolist():

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
-from cotree.build.cache import kept
+from cotree.build.cache import cached
 from cotree.errors import BuildError, Error, ParameterError, SolveError
 from cotree.model.arrays import Array, as_array, is_many
 from cotree.program.kernels import KERNELS
@@ -348,7 +348,7 @@ def shared_code(library: str, *stepper: str) -> SharedCode:
         files, declared = library_texts(library, *stepper)
         return SharedCode(files, declared, shared_files(files))
 
-    return kept((library, stepper), render)
+    return cached((library, stepper), render)
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:

@@ -113,7 +113,7 @@ class Linearizer:
         self._equations = equations
         solved = SolvedSystem.of(equations)
         self._nodes = _columns(equations, solved, (*equations.columns, *input_columns))
-        rates = solved.put(equations.rates)
+        rates = solved.substitute(equations.rates)
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
         with_value = list(valued)
@@ -126,7 +126,7 @@ class Linearizer:
         #: Constraints and their rates, differentiated if parameters are unknowns of a trim.
         self._values_held = [*valued.values(), *rows.rates]
         # Values of events follow those of the outputs.
-        self._outputs = solved.put(equations.output_values[: len(equations.outputs)])
+        self._outputs = solved.substitute(equations.output_values[: len(equations.outputs)])
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])

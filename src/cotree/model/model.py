@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.build import BuildOptions
-    from cotree.dag.corners import Corners
+    from cotree.dag.corners import RestartTimes
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.model.roots import Junctions
     from cotree.program.layout import Layout
@@ -334,10 +334,10 @@ class CompiledModel:
         """Whether runs begin at the operating point."""
         return self.rest is not None
 
-    def corners(
+    def restart_times(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
-    ) -> Corners:
-        """List when inputs and rates jump or have kinks; see :meth:`Program.corners`.
+    ) -> RestartTimes:
+        """List when inputs and rates jump or have kinks; see :meth:`Program.restart_times`.
 
         Parameters
         ----------
@@ -350,7 +350,7 @@ class CompiledModel:
         others : sequence of float
             Further times, such as those of tables, [s].
         """
-        return self.program.corners(p.tolist(), (min(span), max(span)), given, others)
+        return self.program.restart_times(p.tolist(), (min(span), max(span)), given, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Return the longest step that skips no variation of an input, [s]."""

@@ -21,7 +21,7 @@ from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
 from cotree.model.arrays import Array, new_quantities
 from cotree.model.consistent import Report, Start
 from cotree.model.kernels import SINGULAR, build_engine, shared_code
-from cotree.model.unknowns import of_model, turned_back
+from cotree.model.unknowns import contradicting_jumps, of_model
 from cotree.program.kernels import KERNELS, KernelSpec
 from cotree.sharing import locked_cache
 from cotree.version import ABI_VERSION
@@ -262,7 +262,7 @@ class StartCall:
         if report is not None and status in _CONTRADICTIONS:
             report.refuse(y, is_of_derivatives=status == _CONTRADICTIONS[1])
         if status == _TURNED_BACK:
-            raise turned_back(at)
+            raise contradicting_jumps(at)
         if status == _UNDETERMINED or (status in _COMPLETE and self._starts.is_sparse):
             self.search().algebraic.check_index(at.t, y)
         if status not in _COMPLETE:

@@ -120,10 +120,10 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
         if not changed:
             return y
         y = solve_states(at, y)
-    raise turned_back(at)
+    raise contradicting_jumps(at)
 
 
-def turned_back(at: EvaluationPoint) -> SolveError:
+def contradicting_jumps(at: EvaluationPoint) -> SolveError:
     """Return the error of modes of jumps that contradict the states that they lead to."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from cotree.files import check_suffix, written_whole
+from cotree.files import atomic_write, check_suffix
 from cotree.plot.result import new_figure
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
     # Neither date nor random identifiers, so that the same picture is the same file.
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with (
-        written_whole(path, "the picture") as draft,
+        atomic_write(path, "the picture") as draft,
         matplotlib.rc_context({"svg.hashsalt": "cotree"}),
     ):
         fig.savefig(draft, format=format, dpi=150, metadata=dates.get(format, {}))

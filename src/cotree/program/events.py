@@ -298,7 +298,7 @@ def event_kernels(
     for row, impact in zip(rows, impacts, strict=True):
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
-    corners = solved.put([row.value for row in equations.corners])
+    corners = solved.substitute([row.value for row in equations.corners])
     # No state jumps at a kink; if the slope is infinite, its value at rest depends on no parameter.
     looked_at = [
         value if row.is_steep else dag.zero
@@ -332,7 +332,7 @@ def event_kernels(
         "events": [
             *(values[row.watched] for row in rows),
             *corners,
-            *solved.put(equations.pieces),
+            *solved.substitute(equations.pieces),
             *found_ranges.quantities,
         ],
         "jumps": jumps,

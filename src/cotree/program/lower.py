@@ -395,11 +395,11 @@ def lower(equations: Equations) -> Program:
     # sensitivities then fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
-    rates = solved.put(equations.rates)
-    watched = solved.put([equations.output_values[row.watched] for row in equations.events])
+    rates = solved.substitute(equations.rates)
+    watched = solved.substitute([equations.output_values[row.watched] for row in equations.events])
     reached = reached_states(equations, solved, timed_by(equations, rates, watched))
     equations = without_vanishing(equations, reached)
-    outputs = solved.put(equations.output_values)
+    outputs = solved.substitute(equations.output_values)
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
     mapped = map_rates(equations, solved, rates, reached)
     along, written_out, motion = _differentiate(

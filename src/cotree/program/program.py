@@ -9,11 +9,11 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 import cotree.dag.nodes  # noqa: F401 - lets arenas be pickled
-from cotree.dag.corners import Corners
+from cotree.dag.corners import RestartTimes
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
 from cotree.dag.switching_times import TimeEvent, longest_step
-from cotree.dag.time_events import find_corners
+from cotree.dag.time_events import find_restart_times
 from cotree.errors import SolveError
 from cotree.linear.elimination import Elimination, plan_elimination
 from cotree.program.counts import OperationCount, by_need, count_operations
@@ -73,20 +73,20 @@ class Program:
     #: Upper bounds of the steps while each input is the scene's own, by the same names.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
-    def corners(
+    def restart_times(
         self,
         p: Sequence[float],
         span: tuple[float, float],
         replaced: Container[str] = (),
         others: Sequence[float] = (),
-    ) -> Corners:
+    ) -> RestartTimes:
         """List the times within a span at which integration restarts, for parameters p.
 
         ``replaced`` are inputs that a run replaces, ``others`` further times, which depend on no
         parameter. Raises SolveError if a period is far too short for the span.
         """
         if not self.stops and not others:
-            return Corners.none()
+            return RestartTimes.none()
         # A run that replaces an input has none of its time events.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
@@ -95,7 +95,7 @@ class Program:
                 for stop in stops
                 for node in (stop.first, stop.period, *chain.from_iterable(stop.along))
             ]
-            return find_corners(stops, _parameters(nodes, p), *span, others)
+            return find_restart_times(stops, _parameters(nodes, p), *span, others)
         except ValueError as error:
             raise SolveError(str(error)) from None
 
@@ -150,7 +150,7 @@ class Program:
             has_constant_start=not symbols_in(
                 [*results["initial"], *results["initial_sensitivity"]]
             ),
-            has_corners=bool(self.stops),
+            has_time_events=bool(self.stops),
             has_longest_step=bool(self.longest_steps),
         )
 

@@ -63,7 +63,7 @@ class SolvedSystem:
         """The solver without friction, whose forces neither project nor take part in impacts."""
         return self.factors.inner if isinstance(self.factors, HeldFactors) else self.factors
 
-    def put(self, nodes: Sequence[Node]) -> list[Node]:
+    def substitute(self, nodes: Sequence[Node]) -> list[Node]:
         """Substitute the values of the unknowns for their symbols."""
         return substitute(nodes, self.unknowns)
 
@@ -71,7 +71,7 @@ class SolvedSystem:
         """Differentiate along directions one by one; shared values are visited once."""
         # Derivatives of thousands of states share most of their nodes.
         known = iter(
-            self.put(
+            self.substitute(
                 [
                     node
                     for row in directions

@@ -26,7 +26,7 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.dag.continuity import meets, ways_to_zero
+from cotree.dag.continuity import agree_at, ways_to_zero
 from cotree.dag.derivative import SINGULAR, tangent
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable, Table
 from cotree.dag.multi_output import SEVERAL
@@ -250,7 +250,7 @@ class _Kinks:
     def is_smooth(self, node: Node) -> bool:
         """Return whether all users of a branching value are twice differentiable there."""
         condition, positive, negative = _branches(node)
-        if _meet_twice(positive, negative, condition, self._moving):
+        if _agree_twice(positive, negative, condition, self._moving):
             return True
         if node in self._roots:
             return False
@@ -268,7 +268,7 @@ class _Kinks:
                 above[reader], below[reader] = (
                     substitute([reader], known)[0] for known in (above, below)
                 )
-                if _meet_twice(above[reader], below[reader], condition, self._moving):
+                if _agree_twice(above[reader], below[reader], condition, self._moving):
                     del above[reader], below[reader]
                     continue
             except (ArithmeticError, ValueError):  # it has no value there
@@ -314,7 +314,7 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
     return condition, above, below
 
 
-def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
+def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
     """Return whether two values and their first two derivatives agree at the zero of a third."""
     pairs, one = [(above, below)], above.dag.one
     symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
@@ -325,7 +325,7 @@ def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> 
                 for a, b in pairs
                 for symbol in symbols
             ]
-        if not all(meets(*pair, boundary) for pair in pairs):
+        if not all(agree_at(*pair, boundary) for pair in pairs):
             return False
     return True
 
@@ -340,7 +340,7 @@ _Ways = list[dict["Node", "Node"]]
 def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
     """Return the sides of a condition that selects one of two values; None: it jumps there."""
     above, below = branches
-    if not meets(above, below, condition):
+    if not agree_at(above, below, condition):
         return None
     ways = ways_to_zero(condition)
     found = [_end_within(reachable([value]), ways) for value in branches]

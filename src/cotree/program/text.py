@@ -29,7 +29,7 @@ class Traits:
     is_rheonomic: bool  # whether conditions on the start depend on time
     constant_inputs: tuple[str, ...]  # inputs that are functions of parameters only
     has_constant_start: bool  # whether initial values depend on no parameter
-    has_corners: bool  # whether inputs or rates have time events
+    has_time_events: bool  # whether inputs or rates have time events
     has_longest_step: bool  # whether anything bounds the steps
 
     def can_extend(self, layout: Layout) -> bool:

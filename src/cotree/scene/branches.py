@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import OWN, Law, Terminal
 from cotree.components.component import Field
 from cotree.components.terminal import integral_of
-from cotree.dag.continuity import may_jump, meets
+from cotree.dag.continuity import agree_at, may_jump
 from cotree.dag.nodes import PARAMETER, STATE, Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -68,11 +68,11 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
     return lambda tree: Expression.of_tree(tree).lower(dag, symbols.__getitem__)
 
 
-def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
+def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
     """Return whether an expression is continuous at every jump of one of its parts.
 
     The part jumps at the zero of its argument. Both values of the whole are compared there, for all
-    values of the parameters; see :func:`cotree.dag.continuity.meets`.
+    values of the parameters; see :func:`cotree.dag.continuity.agree_at`.
     """
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
@@ -86,7 +86,7 @@ def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str])
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_with(whole, part, side)) for side in sides)
-        return meets(above, below, lowered(looked_at))
+        return agree_at(above, below, lowered(looked_at))
     except (ArithmeticError, ValueError):  # undefined somewhere: continuity is not proved
         return False
 
@@ -117,7 +117,7 @@ def _vanishing(boundary: ast.expr, parameters: Container[str]) -> Callable[[ast.
         lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
         try:
             value = lowered(tree)
-            return meets(value, value.dag.zero, lowered(boundary))
+            return agree_at(value, value.dag.zero, lowered(boundary))
         except (ArithmeticError, ValueError):  # it has no value anywhere
             return False
 
@@ -174,7 +174,7 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
         isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
     )
     if is_certain and all(
-        has_only_corner(tree, part, parameters) for part in parts if tree is not None
+        has_only_kink(tree, part, parameters) for part in parts if tree is not None
     ):
         return
     raise SceneError(
@@ -369,7 +369,7 @@ def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]
     atoms = whole.atoms(sympy.sign, sympy.core.relational.Relational)
     parts = {atom: ast.unparse(own) for atom in atoms if (own := to_tree(atom, names)) is not None}
     corners = {
-        ast.unparse(part) for part in jumps_in(tree) if has_only_corner(tree, part, parameters)
+        ast.unparse(part) for part in jumps_in(tree) if has_only_kink(tree, part, parameters)
     }
     return {atom for atom, text in parts.items() if text in corners}
 

@@ -227,7 +227,7 @@ def check_scene_units(scene: SceneDescription) -> None:
         return
     for edge in scene.edges.values():
         for what, wanted, value in stated_values(edge):
-            name = alone(value)
+            name = single_name(value)
             if name not in units:
                 continue
             kind = "parameter" if name in scene.parameters else "input"
@@ -241,7 +241,7 @@ def stated_units(scene: SceneDescription) -> dict[str, str]:
     return {name: unit for name, unit in rows.items() if unit.strip()}
 
 
-def alone(value: Expression) -> str:
+def single_name(value: Expression) -> str:
     """Return the name of which an expression consists, up to its sign; otherwise ""."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
     name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
@@ -294,7 +294,7 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
     """Return the sentences of :func:`inertia_faults`."""
-    return (told for _, told in inertia_faults(scene))
+    return (fault for _, fault in inertia_faults(scene))
 
 
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:

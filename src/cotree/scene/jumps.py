@@ -27,7 +27,7 @@ from cotree.scene.branches import (
     check_contents,
     check_located,
     clipped,
-    has_only_corner,
+    has_only_kink,
     jumps_in,
     may_branch,
     with_branches,
@@ -180,7 +180,7 @@ class _Rewriting:
         whole = expression.tree
         corners = [] if is_stored else jumps_in(whole)
         kept = frozenset(
-            id(part) for part in corners if has_only_corner(whole, part, self._old.parameters)
+            id(part) for part in corners if has_only_kink(whole, part, self._old.parameters)
         )
         tree = _Tree(self, expression.where, kept).rewritten(whole)
         if ast.dump(tree) == ast.dump(expression.tree):

@@ -242,9 +242,9 @@ def origin_note(
     """Return the locations of the declarations of parts that a message names, as its end."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
-        if told := _statement_of(name, members, outer):
-            found.setdefault(told, name)
-    rows = [told.format(name=f"'{name}'") for told, name in list(found.items())[:_MOST]]
+        if note := _statement_of(name, members, outer):
+            found.setdefault(note, name)
+    rows = [note.format(name=f"'{name}'") for note, name in list(found.items())[:_MOST]]
     return f" ({'; '.join(rows)})" if rows else ""
 
 
@@ -254,10 +254,10 @@ def locating_errors(scene: SceneDescription) -> Iterator[None]:
     try:
         yield
     except (ModelError, FormulationError) as error:
-        told = origin_note(str(error), scene.members, scene) if scene.members else ""
-        if not told or told in str(error):
+        note = origin_note(str(error), scene.members, scene) if scene.members else ""
+        if not note or note in str(error):
             raise
-        raise type(error)(f"{error}{told}") from None
+        raise type(error)(f"{error}{note}") from None
 
 
 def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None:
@@ -389,8 +389,8 @@ def _rows_of(scene: SceneDescription, part: Part) -> Rows:
                 full = f"{member}.{own}"
                 rows.bind_input(full, in_value(value, index, f"input '{full}'"), scene)
         except ModelError as error:
-            told = origin_note(str(error), {member: part})
-            raise type(error)(f"{what}: {error}{told}") from None
+            note = origin_note(str(error), {member: part})
+            raise type(error)(f"{what}: {error}{note}") from None
     for full, value in part.set.items():
         try:
             if not part.is_node(full):

@@ -75,7 +75,7 @@ def advice(message: str, text: str) -> str:
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     line = brief(lines[number - 1], 80)
-    remedy = next((told for said, told in _ADVICE if re.search(said, message)), "")
+    remedy = next((text for pattern, text in _ADVICE if re.search(pattern, message)), "")
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 

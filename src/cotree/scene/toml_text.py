@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.dag.lookup import Table
 from cotree.errors import ModelError, SceneError
-from cotree.files import read_text, written_whole
+from cotree.files import atomic_write, read_text
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
@@ -43,7 +43,7 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
     text = scene_text(scene)
     text = _kept_text(scene, text) or text
-    with written_whole(path, "the scene") as draft:
+    with atomic_write(path, "the scene") as draft:
         draft.write_text(text, encoding="utf-8", newline="\n")
 
 

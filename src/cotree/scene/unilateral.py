@@ -316,7 +316,7 @@ class _Disc:
         return f"({v1}*{d1} + {v2}*{d2})"
 
     @property
-    def beside(self) -> str:
+    def across_slip(self) -> str:
         """The slip across that direction."""
         (v1, v2), (d1, d2) = self.slip, self.directions
         return f"({v2}*{d1} - {v1}*{d2})"
@@ -333,7 +333,7 @@ def _ways(port: Port) -> dict[str, str]:
         return {}
     disc = _Disc.of(port)
     d1, d2 = disc.directions
-    tangent = f"({disc.beside}*{disc.along}/({disc.along}**2 + {_SLOWEST}**2))"
+    tangent = f"({disc.across_slip}*{disc.along}/({disc.along}**2 + {_SLOWEST}**2))"
     length = f"sqrt(1 + {tangent}**2)"
     return {
         f"way{friction.suffix}": f"({d1} - {tangent}*{d2})/{length}",
@@ -366,7 +366,7 @@ def _disc_rows(port: Port) -> list[_Row]:
     first, second = (
         {f"{holder}.impulse": f"-{v}"} for holder, v in zip(disc.holders, disc.slip, strict=True)
     )
-    turned = f"({_WIDEST}*{along}**2 - {disc.beside}**2 + {_SLOWEST}**2)"
+    turned = f"({_WIDEST}*{along}**2 - {disc.across_slip}**2 + {_SLOWEST}**2)"
     return [
         ("stops", f"{slides}*{along}", ModePart.SLIP, own | first),
         (
@@ -377,7 +377,7 @@ def _disc_rows(port: Port) -> list[_Row]:
         ),
         (
             "turns",
-            f"{slides}*{turned}/({along}**2 + {disc.beside}**2 + {_SLOWEST}**2)",
+            f"{slides}*{turned}/({along}**2 + {disc.across_slip}**2 + {_SLOWEST}**2)",
             ModePart.TURN,
             own | directions,
         ),

@@ -130,8 +130,8 @@ def nodes_of(usage: Usage) -> str:
         return "none listed; its fields name them"
     if rest and not needed:
         return f"{', '.join(rest)}; none where it acts on {_places(usage)}"
-    told = ", ".join(needed)
-    return f"{told}, and {', '.join(rest)} if wanted" if rest else told
+    text = ", ".join(needed)
+    return f"{text}, and {', '.join(rest)} if wanted" if rest else text
 
 
 def _nodes_doc(usage: Usage) -> str:
@@ -151,9 +151,9 @@ def _places(usage: Usage) -> str:
 def _entry_line(entry: Entry) -> str:
     unit = f", [{entry.unit}]" if entry.unit else ""
     default = default_of(entry)
-    told = f", default {default}" if entry.default is not None else ""
-    told = told if entry.required or told else ", optional"
-    return f"{entry.name} : {takes_of(entry)}{unit}{told}"
+    text = f", default {default}" if entry.default is not None else ""
+    text = text if entry.required or text else ", optional"
+    return f"{entry.name} : {takes_of(entry)}{unit}{text}"
 
 
 def _wrapped(text: str) -> list[str]:

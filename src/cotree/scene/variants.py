@@ -172,34 +172,34 @@ def keep_tunable(
 _DOMAIN = "electrical"
 
 
-def standing_scene(
+def scene_at_rest(
     scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
 ) -> SceneDescription:
     """Make the scene of an operating point, with the variables as outputs ``wanted_0``, ..."""
     # A shallow copy: only what differs at rest is replaced.
-    standing = copy.copy(scene)
-    standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}
-    standing.events, standing.defaults = {}, Simulation()
+    at_rest = copy.copy(scene)
+    at_rest.edges = {name: _edge_at_rest(edge) for name, edge in scene.edges.items()}
+    at_rest.events, at_rest.defaults = {}, Simulation()
     for number, (node, voltage) in enumerate(scene.defaults.held):
         if node not in scene.nodes:
             raise SceneError(f"held of the simulation names the unknown node '{node}'")
         # The method of a scene checks the statement and makes the edge; its name is changed
         # afterwards.
-        source, own = "voltage_source", standing.edges
-        standing.edges = {}
-        standing.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
+        source, own = "voltage_source", at_rest.edges
+        at_rest.edges = {}
+        at_rest.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
         own[f"held {number}"] = replace(  # a name that no edge of a scene can have
-            standing.edges[f"held_{number}"], name=f"held {number}"
+            at_rest.edges[f"held_{number}"], name=f"held {number}"
         )
-        standing.edges = own
-    standing.outputs = {
+        at_rest.edges = own
+    at_rest.outputs = {
         f"wanted_{i}": jumps.get(name) or parse(name, f"variable '{name}' at the operating point")
         for i, name in enumerate(wanted)
     }
-    return standing
+    return at_rest
 
 
-def _standing(edge: Edge) -> Edge:
+def _edge_at_rest(edge: Edge) -> Edge:
     component = edge.component
     is_electrical = component.role is Role.NETWORK and all(
         port.domain == _DOMAIN and integral_of(port) is None for port in component.ports

@@ -68,7 +68,7 @@ class _Seeds:
                     # Sorted by symbol, so that a field visits only directions that change it.
                     self._by_symbol[symbol][i] = d
 
-    def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
+    def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
         """Differentiate a node along all directions on which it depends."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
@@ -83,7 +83,7 @@ class _Seeds:
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
-        found = {i: tangents([node], seed, standing)[0] for i, seed in touched.items()}
+        found = {i: tangents([node], seed, replacements)[0] for i, seed in touched.items()}
         return {i: d for i, d in found.items() if not d.is_zero}
 
 

@@ -51,7 +51,7 @@ class Thinning:
         self.stride = 1
         self._seen = 0
 
-    def taken(self, n_new: int) -> slice:
+    def select(self, n_new: int) -> slice:
         """Return the places of the steps to store among some new ones."""
         first = -self._seen % self.stride
         self._seen += n_new

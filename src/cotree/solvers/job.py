@@ -28,8 +28,8 @@ from cotree.solvers.messages import event_message, subjects, undefined_ahead
 from cotree.solvers.problem import (
     Native,
     Problem,
-    corner_times,
     describe_entry,
+    restart_times,
     turn_tolerances,
     turning,
 )
@@ -106,7 +106,7 @@ class Rows:
             return
         # An event may have replaced the last row that was counted.
         first = min(self._n_thinned, int(self._job.n_kept))
-        chosen = self.thinning.taken(int(self._job.n_kept) - first)
+        chosen = self.thinning.select(int(self._job.n_kept) - first)
         self._keep_rows(first, chosen)
 
     def _keep_rows(self, first: int, chosen: slice) -> None:
@@ -304,16 +304,16 @@ class Job:
         if not self._has_newton and problem.singular is not None:
             # Rates exist only on dependent constraints: C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
-        self._put("p", native.model.p)
-        self._put("k", native.model.k)
+        self._set_array("p", native.model.p)
+        self._set_array("k", native.model.k)
         if native.n_inputs:
-            self._put("u", np.zeros(native.n_inputs))
+            self._set_array("u", np.zeros(native.n_inputs))
         c.rtol = self._tolerances.rtol_of(problem)
         sizes = [row if row is None else row.tobytes() for row in (problem.sizes, problem.scales)]
         if sizes != self._sizes:
             self._sizes = sizes
-            self._put("atols", self._tolerances.of(problem))
-        self._put("z", problem.z0)
+            self._set_array("atols", self._tolerances.of(problem))
+        self._set_array("z", problem.z0)
         self.z = self._arrays["z"]
         is_timed = self._is_timed(problem)
         if not is_timed:
@@ -362,11 +362,11 @@ class Job:
 
     def _set_times(self, problem: Problem) -> None:
         """Set the span, breakpoints and requested times."""
-        c, corners = self.job, corner_times(problem)
+        c, corners = self.job, restart_times(problem)
         c.t, c.n_corners = corners[0], len(corners)
         if not np.array_equal(corners, self._corners):
             self._corners = corners
-            self._put("corners", corners)
+            self._set_array("corners", corners)
         c.scale = problem.scale
         if len(problem.breakpoints):
             c.is_start_sharp = int(corners[0] in problem.breakpoints)
@@ -379,7 +379,7 @@ class Job:
         # Times are never changed in place, so that the same array has the same values.
         if problem.settings.t_eval is not self._wanted:
             self._wanted = problem.settings.t_eval
-            self._put("wanted", np.asarray(problem.settings.t_eval, dtype=float))
+            self._set_array("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
         """Take some steps, and return a result such as ``COTREE_JOB_DONE``.
@@ -497,7 +497,7 @@ class Job:
         self._point("records", self._ffi.from_buffer("double[]", records))
         self.job.most_records = self._blank.most_records = rows
 
-    def _put(self, name: str, values: FloatArray) -> None:
+    def _set_array(self, name: str, values: FloatArray) -> None:
         """Set a pointer of the structure to values, for this run and the following ones."""
         known = self._pointers.get(name)
         pointer = self._placed(name, values)
@@ -525,7 +525,7 @@ class Job:
         """Provide the working memory of C, filled with zeros."""
         memory = self._arrays.get("memory")
         if memory is None or memory.nbytes < n_bytes:
-            self._put("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
+            self._set_array("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
         else:
             memory.fill(0.0)
 

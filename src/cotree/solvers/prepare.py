@@ -285,7 +285,7 @@ class Preparation:
         self._is_held = settings.project and bool(layout.constraints)
         sizes = parameter_sizes(model, settings.scales)
         self._size_of = sizes if any(isinstance(of, int) for of in sizes) else []
-        self._has_corners = model.traits.has_corners or bool(settings.inputs)
+        self._has_time_events = model.traits.has_time_events or bool(settings.inputs)
         self._is_step_free = settings.max_step is None and model.traits.has_longest_step
         # Functions of Python among the inputs may have a state.
         self.asks_python = bool(self._signals.sampled) or any(
@@ -352,7 +352,7 @@ class Preparation:
             values["sizes"] = content_sizes(at, start.y)
         if self._is_step_free:
             values["max_step"] = model.longest_step(p, self.settings.inputs)
-        if self._has_corners:
+        if self._has_time_events:
             values |= self._corners(p, signals)
         if self._size_of:
             values["scales"] = self._scales(p)
@@ -384,7 +384,7 @@ class Preparation:
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
         """Return fields of corners, which depend on parameters."""
         settings, scale = self.settings, self._template.scale
-        corners = self.model.corners(p, settings.t_span, settings.inputs, signals.breakpoints)
+        corners = self.model.restart_times(p, settings.t_span, settings.inputs, signals.breakpoints)
         return {
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
@@ -405,7 +405,7 @@ class Preparation:
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
             "events": ModelEvents(model, p, u) if model.layout.events else None,
-            "has_corners": bool(model.layout.corners),
+            "has_kinks": bool(model.layout.corners),
         }
 
 

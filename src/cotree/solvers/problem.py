@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.corners import Corners
+from cotree.dag.corners import RestartTimes
 from cotree.errors import ModelError, SolveError
 from cotree.methods import METHODS
 from cotree.model.model import CompiledModel, EvaluationPoint
@@ -90,7 +90,7 @@ class Problem:
         beyond an end of the span that is one is evaluated.
     scale : float
         The largest time in the computation of breakpoints, whose rounding error they have, [s].
-    shifts : Corners
+    shifts : RestartTimes
         Derivatives of breakpoints, and of the start, by the parameters of sensitivity.
     names, parameters : tuple of str
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
@@ -123,7 +123,7 @@ class Problem:
         where no edges are constrained.
     events : ModelEvents or None
         The events of the problem, for methods in C; time must increase.
-    has_corners : bool
+    has_kinks : bool
         Whether the rates have kinks that methods in C locate while time increases; they restart
         after each.
     n_observed : int
@@ -148,7 +148,7 @@ class Problem:
     scales: FloatArray | None = None
     breakpoints: Sequence[float] | FloatArray = ()
     scale: float = 0.0
-    shifts: Corners = field(default_factory=Corners.none)
+    shifts: RestartTimes = field(default_factory=RestartTimes.none)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
@@ -163,7 +163,7 @@ class Problem:
     native: Native | None = None
     not_native: str = "its equations are Python functions"
     events: ModelEvents | None = None
-    has_corners: bool = False
+    has_kinks: bool = False
     places: npt.NDArray[np.intp] | None = None
     n_observed: int = 0
     reach: Callable[[float, FloatArray], None] | None = None
@@ -265,7 +265,7 @@ def _check_sizes(problem: Problem) -> None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
 
-def corner_times(problem: Problem) -> FloatArray:
+def restart_times(problem: Problem) -> FloatArray:
     """List start, breakpoints inside the span, and end, in the order of the run."""
     start, end = map(float, problem.settings.t_span)
     if not len(problem.breakpoints):
@@ -279,7 +279,7 @@ def corner_times(problem: Problem) -> FloatArray:
 
 def segments(problem: Problem) -> list[tuple[float, float]]:
     """Cut the span at the breakpoints inside it."""
-    return list(itertools.pairwise(corner_times(problem).tolist()))
+    return list(itertools.pairwise(restart_times(problem).tolist()))
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:
@@ -503,11 +503,11 @@ def beyond_scipy(problem: Problem) -> str:
         return "algebraic unknowns" + (f", such as '{unknowns[0]}'" if unknowns else "")
     if problem.held is not None:
         return f"constraints, such as '{problem.constraints[0]}'"
-    if problem.has_corners:
+    if problem.has_kinks:
         return "laws with corners, which have to be located"
     if not problem.n_states:
         return "a problem without states"
-    if problem.n_sensitivities and problem.shifts.rows_at(corner_times(problem)[:-1])[0].any():
+    if problem.n_sensitivities and problem.shifts.rows_at(restart_times(problem)[:-1])[0].any():
         return "sensitivities to parameters that move a corner of a source"
     return ""
 

@@ -256,7 +256,7 @@ class _Run:
         if len(self.times) >= self.problem.most_rows:
             kept = self.thinning.thin()
             self.times, self.columns = self.times[kept], self.columns[kept]
-        if range(1)[self.thinning.taken(1)]:
+        if range(1)[self.thinning.select(1)]:
             self._store(self.t, self.z)
 
 

@@ -18,7 +18,7 @@ from cotree.records import changed
 from cotree.solvers.engine import has_sundials, load_engine
 from cotree.solvers.evaluate import RTOL_FLOOR
 from cotree.solvers.native import begin_in_c, check_available, with_compile_time
-from cotree.solvers.problem import beyond_scipy, check_problem, corner_times, refusal
+from cotree.solvers.problem import beyond_scipy, check_problem, refusal, restart_times
 from cotree.solvers.stiffness import (
     MethodSwitch,
     bound_of_decay,
@@ -140,11 +140,11 @@ def _solve(
         check_available(method)
     attempt = begun or begin_in_c(problem, method)
     if isinstance(attempt, str):
-        return _stand_in(problem, row, attempt)
+        return _run_substitute(problem, row, attempt)
     return attempt.finish(successor)
 
 
-def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
+def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
     """Integrate with the substitute of a method that C cannot run, and report it."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
@@ -339,7 +339,7 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     span = problem.settings.t_span
     if problem.reach is not None:
         # Only the run itself takes samples.
-        start, end = corner_times(problem)[:2].tolist()
+        start, end = restart_times(problem)[:2].tolist()
         span = start, end
     rtol = max(problem.settings.rtol, _PROBE_RTOL)
     probe = problem.with_settings(t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span)

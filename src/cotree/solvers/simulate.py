@@ -236,7 +236,7 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
     p = model.arguments_of(record.parameter_values)
-    corners = model.corners(p, span, settings.inputs, signals.breakpoints).times
+    corners = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
     return np.concatenate([corners, *(e.t for e in record.events.values())])
 
 

@@ -245,7 +245,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     move what it remembers; algebraic unknowns it would solve for at each evaluation.
     """
     # The number of kinks and events in a run is unknown.
-    locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
+    locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
     is_wide = problem.n_states > _MOST_STATES  # planning its elimination takes long
     if has_restarts or is_wide or problem.n_algebraic or problem.held is not None:

@@ -161,10 +161,10 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
             return best
     best = min(pairs, key=lambda pair: pair.agreement, default=None)
     if best is None or not best.agreement <= _TOO_FAR:
-        said = [pair.summary() for pair in pairs] + notes
+        texts = [pair.summary() for pair in pairs] + notes
         raise SolveError(
             f"no two methods agree to {_TOO_FAR:.0e}, so errors cannot be measured "
-            f"({'; '.join(said)}): give a shorter end time, as a chaotic motion needs, or a longer "
+            f"({'; '.join(texts)}): give a shorter end time, as chaotic motions need, or a longer "
             "time limit"
         )
     return best
@@ -189,10 +189,14 @@ def _own_error(found: Array, reference: Array, other: Array) -> float:
     if reference.size == 0:
         return math.nan
     size = np.max(np.abs(reference), axis=-1)
-    is_told = (size > 0.0) & (np.max(np.abs(other - reference), axis=-1) <= _MEASURABLE * size)
-    if not np.any(is_told):
+    is_measurable = (size > 0.0) & (
+        np.max(np.abs(other - reference), axis=-1) <= _MEASURABLE * size
+    )
+    if not np.any(is_measurable):
         return math.nan
-    largest = float(np.max(np.max(np.abs(found - reference), axis=-1)[is_told] / size[is_told]))
+    largest = float(
+        np.max(np.max(np.abs(found - reference), axis=-1)[is_measurable] / size[is_measurable])
+    )
     return largest if math.isfinite(largest) else math.inf
 
 

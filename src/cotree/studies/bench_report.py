@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.files import written_whole
+from cotree.files import atomic_write
 from cotree.plot.figures import figure_for_people
 from cotree.plot.result import curve_colors, draw_grid
 from cotree.report import Report, Reported, Table, json_values
@@ -174,7 +174,7 @@ class BenchReport(Reported):
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write ``to_dict()`` to a file; raise SceneError if it cannot be written."""
-        with written_whole(path) as draft:
+        with atomic_write(path) as draft:
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
@@ -199,19 +199,19 @@ class BenchReport(Reported):
     def _recommendations(self) -> Iterator[tuple[str, str]]:
         for target in TARGETS:
             tied = self.tied(target)
-            said = [
+            texts = [
                 f"{row.method} at rtol {row.rtol:.0e}, atol {row.atol:.0e}: {row.least:.3g} s"
                 for row in tied
             ]
             if len(tied) > 1:
-                said[-1] += ", within noise of each other"
+                texts[-1] += ", within noise of each other"
             if tied and not self.judges_own(target):
-                said.append("(small quantities are not judged by their own size here)")
+                texts.append("(small quantities are not judged by their own size here)")
             if not tied:
                 known = self.reference.agreement
                 of_it = f"not known: the reference is good to {known:.1e} only"
-                said = ["none of these" if known <= target else of_it]
-            for i, line in enumerate(said):
+                texts = ["none of these" if known <= target else of_it]
+            for i, line in enumerate(texts):
                 yield f"{target:.0e}" if i == 0 else "tie" if i < len(tied) else "", line
 
 

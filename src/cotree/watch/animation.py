@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from cotree.codegen.render import environment
 from cotree.errors import SceneError
-from cotree.files import check_suffix, template_folder, written_whole
+from cotree.files import atomic_write, check_suffix, template_folder
 from cotree.scene.expressions import check_number
 from cotree.scene.part import origins_of
 from cotree.sharing import forming
@@ -291,7 +291,7 @@ class Animation:
                 _check_size(height, "height", 32, _LARGEST_PICTURE)
             _check_size(max_frames, "max_frames", 1, 100_000)
             text = gif(self.drawing, width, height, max_frames)
-        with written_whole(target, "the animation") as draft:
+        with atomic_write(target, "the animation") as draft:
             draft.write_bytes(text)
 
     def frame(self, number: int, *, width: int = 640, height: int | None = None) -> Any:

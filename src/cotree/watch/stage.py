@@ -255,7 +255,7 @@ class MotionValues:
         # In the order of the list above.
         rows = iter(values)
 
-        def taken(k: int) -> Array:
+        def next_values(k: int) -> Array:
             return np.stack([self._over_time(next(rows)) for _ in range(k)], axis=-1)
 
         still = np.broadcast_to(np.eye(3), (self.n, 3, 3))
@@ -266,10 +266,10 @@ class MotionValues:
             # Across variables add along the branches (f-circuits): position of the parent and the
             # offset.
             basis = bases[branch.parent]
-            origins.append(origins[branch.parent] + (basis @ taken(3)[:, :, None])[:, :, 0])
-            own = taken(9).reshape(self.n, 3, 3)
+            origins.append(origins[branch.parent] + (basis @ next_values(3)[:, :, None])[:, :, 0])
+            own = next_values(9).reshape(self.n, 3, 3)
             if motion.frames.steps[branch.child] is not None:
-                basis = basis @ taken(9).reshape(self.n, 3, 3)
+                basis = basis @ next_values(9).reshape(self.n, 3, 3)
             bases.append(basis)
             axes.append(basis @ own)
         return Poses(np.stack(origins), np.stack(axes))

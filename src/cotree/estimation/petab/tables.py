@@ -438,8 +438,8 @@ def _parsed(path: str | Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
         # Errors of single characters have a reason in place of a problem.
-        told = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
-        raise SceneError(f"{where}: not valid YAML: {told}") from None
+        problem = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
+        raise SceneError(f"{where}: not valid YAML: {problem}") from None
     if not isinstance(data, dict) or "format_version" not in data:
         raise SceneError(f"{path}: not a PEtab problem: it has no 'format_version'")
     return data

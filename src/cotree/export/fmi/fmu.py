@@ -29,7 +29,7 @@ from cotree.export.c_checks import Evaluated, check_loops, check_numbers
 from cotree.export.fmi.fmu_variables import list_variables
 from cotree.export.fmi.model_description import Description, xml_text
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
-from cotree.files import write_rows, written_whole
+from cotree.files import atomic_write, write_rows
 from cotree.naming import c_identifier
 from cotree.program.surfaces import strip_switching_surfaces
 from cotree.quiet import level_of_user
@@ -537,7 +537,7 @@ def interval_of(t_end: float) -> float:
 
 def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
     with (
-        written_whole(path, "the FMU") as draft,
+        atomic_write(path, "the FMU") as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):

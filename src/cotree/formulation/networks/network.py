@@ -279,7 +279,7 @@ def _bind_fields(
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
     """Form the nodes of the fields of all components, and find edges that may supply power."""
     fields: dict[tuple[str, str], Node] = {}
-    standing: dict[Variable, Node] = {}
+    symbol_of: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
     active: set[str] = set()
 
@@ -290,10 +290,10 @@ def _bind_fields(
             return system.signals.node(name, resolve)
         if variable in symbols:
             return symbols[variable]
-        if variable not in standing:
+        if variable not in symbol_of:
             # Its value is not known yet: a symbol represents it until the plan is evaluated.
-            standing[variable] = system.dag.symbol("network", len(standing))
-        return standing[variable]
+            symbol_of[variable] = system.dag.symbol("network", len(symbol_of))
+        return symbol_of[variable]
 
     def ask(guard: Guard) -> None:
         if guard.value.value is None:
@@ -312,7 +312,7 @@ def _bind_fields(
             fields[edge.name, field] = node
             system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
             # A source whose value follows from another variable is a controlled one.
-            if not row.sign and not set(standing.values()).isdisjoint(symbols_in([node])):
+            if not row.sign and not set(symbol_of.values()).isdisjoint(symbols_in([node])):
                 active.add(edge.name)
             if row.sign and not is_varying(node):
                 what = f"{field} of edge '{edge.name}'"
@@ -329,7 +329,7 @@ def _bind_fields(
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     # Fields that use a variable of the networks make it an argument, by its symbol.
-    measured = {symbol: variable for variable, symbol in standing.items()}
+    measured = {symbol: variable for variable, symbol in symbol_of.items()}
     return fields, measured, list(guards.values()), active
 
 

@@ -36,8 +36,8 @@ Tangent = dict["Hashable", "Node"]
 class Given(Protocol):
     """Function that differentiates nodes of states, parameters, inputs and fields."""
 
-    def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node in which ``standing`` will replace symbols."""
+    def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
+        """Differentiate a node in which ``replacements`` replace symbols."""
         ...
 
 
@@ -162,33 +162,35 @@ class FieldRule(Rule):
         """The variables on which it depends."""
         return tuple(variable for _, variable in self.variables)
 
-    def _standing(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
+    def _symbol_values(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
         """Return the values of the symbols of variables."""
         return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
         """Substitute the variables for their symbols."""
-        return substitute([self.node], self._standing(values))[0] if self.variables else self.node
+        return (
+            substitute([self.node], self._symbol_values(values))[0] if self.variables else self.node
+        )
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
         """Differentiate by the other symbols."""
         # Derivatives may contain symbols of variables, too, which are replaced as in the field.
-        standing = self._standing(values)
-        found = given(self.node, standing)
+        symbols = self._symbol_values(values)
+        found = given(self.node, symbols)
         if not self.variables:
             return dict(found)
-        return dict(zip(found, substitute(found.values(), standing), strict=True))
+        return dict(zip(found, substitute(found.values(), symbols), strict=True))
 
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
         """Differentiate by the symbols of variables."""
-        standing = self._standing(values)
+        symbols = self._symbol_values(values)
         for symbol, variable in self.variables:
             if variable in changing:
                 # A field is an expression of the scene; its partial derivatives are formed here.
-                along = tangents([self.node], {symbol: symbol.dag.one}, standing)
-                yield variable, substitute(along, standing)[0]
+                along = tangents([self.node], {symbol: symbol.dag.one}, symbols)
+                yield variable, substitute(along, symbols)[0]
 
 
 @dataclass(frozen=True)

@@ -399,7 +399,7 @@ def solve_plan(
     return solved
 
 
-def _nothing(node: Node, standing: Mapping[Node, Node]) -> Tangent:
+def _nothing(node: Node, replacements: Mapping[Node, Node]) -> Tangent:
     return {}
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, integral_of
-from cotree.dag.continuity import corner_symbols
+from cotree.dag.continuity import kink_symbols
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import symbols_in
 from cotree.domains import DOMAINS
@@ -347,7 +347,7 @@ class Terminals:
         if not is_known:
             reason = "depends on an input or on multibody states"
             raise FormulationError(f"{what} {self._refused(edge, reason)}")
-        self._ask_to_be_continuous(edge, what, node)
+        self._require_continuity(edge, what, node)
         return tangents([node], moving)[0], rates
 
     def _refused(self, edge: str, reason: str) -> str:
@@ -357,12 +357,12 @@ class Terminals:
             f"or add {self._remedy(edge)} between"
         )
 
-    def _ask_to_be_continuous(self, edge: str, what: str, node: Node) -> None:
+    def _require_continuity(self, edge: str, what: str, node: Node) -> None:
         """Raise if a value jumps; if only parameters decide, guard it."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
-        looked_at = corner_symbols(node, changing)
+        looked_at = kink_symbols(node, changing)
         if looked_at and not is_timed(node, self.time):
             self.corners[what] = looked_at
 
@@ -376,7 +376,7 @@ class Terminals:
             value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
             if value not in known.values():  # otherwise it is a field, which is checked by itself
                 what = f"{port.edge.component.name} '{port.edge.name}'"
-                self._ask_to_be_continuous(port.edge.name, what, value)
+                self._require_continuity(port.edge.name, what, value)
         return rate_of(law)
 
     def _remedy(self, edge: str) -> str:

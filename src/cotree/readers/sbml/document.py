@@ -236,7 +236,7 @@ class _Reader:
         for a in self.model.getListOfInitialAssignments():
             symbol = a.getSymbol()
             formula = self._formula(a, f"initial assignment of '{brief(symbol)}'")
-            _put(self.content.initials, symbol, formula)
+            _define(self.content.initials, symbol, formula)
         for rule in self.model.getListOfRules():
             if rule.isAlgebraic():
                 math = self.libsbml.formulaToL3String(rule.getMath()) if rule.isSetMath() else ""
@@ -248,7 +248,7 @@ class _Reader:
             variable, is_rate = rule.getVariable(), rule.isRate()
             word = "rate rule" if is_rate else "assignment rule"
             formula = self._formula(rule, f"{word} of '{brief(variable)}'")
-            _put(self.content.rates if is_rate else self.content.assignments, variable, formula)
+            _define(self.content.rates if is_rate else self.content.assignments, variable, formula)
 
     def _reaction(self, r: Any) -> None:
         whose = f"reaction '{brief(r.getId())}'"
@@ -311,7 +311,7 @@ class _Reader:
         sets: dict[str, Formula] = {}
         for a in e.getListOfEventAssignments():
             variable = a.getVariable()
-            _put(sets, variable, self._formula(a, f"value of '{brief(variable)}' in {whose}"))
+            _define(sets, variable, self._formula(a, f"value of '{brief(variable)}' in {whose}"))
         self.content.events.append(
             SbmlEvent(
                 id,
@@ -354,7 +354,7 @@ def _number_of(element: Any) -> float | None:
     return sign * node.getValue() if is_number else None
 
 
-def _put(table: dict[str, Formula], symbol: str, formula: Formula) -> None:
+def _define(table: dict[str, Formula], symbol: str, formula: Formula) -> None:
     if symbol in table:
         raise formula.at.error(f"there are two formulas for the {formula.what}")
     table[symbol] = formula
