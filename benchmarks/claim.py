@@ -37,8 +37,8 @@ from timing import Contender, about, difference, in_turn, keep, loop, show, spen
 import cotree
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.choice import choose_first_graph
-from cotree.codegen.context import model_context
 from cotree.codegen.c_files import cdef, render_model
+from cotree.codegen.context import model_context
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import symbols_in
 from cotree.model.kernels import CKernels

@@ -30,8 +30,8 @@ from timing import about, keep, surroundings, table
 
 from cotree.build import BuildOptions, compiler_flags, find_toolchain
 from cotree.choice import choose_first_graph
-from cotree.codegen.context import model_context
 from cotree.codegen.c_files import render_model
+from cotree.codegen.context import model_context
 from cotree.pipeline import trees_to_try
 from cotree.program.lower import lower
 from cotree.program.passes import run_passes

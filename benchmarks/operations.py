@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 import cotree
-from cotree.codegen.context import model_context
 from cotree.codegen.c_files import render_model
+from cotree.codegen.context import model_context
 from cotree.pipeline import formulate, generate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))

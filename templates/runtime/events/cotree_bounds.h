@@ -22,8 +22,8 @@ static inline void cotree_set_rate_bounds(REAL *box, int n, int k, REAL slow, RE
     box[3 * n + k] = fast + bend;
 }
 
-/* Set both over a step from a to b, from these and the mean rate of the step before. Return the
- * mean rate of this one. */
+/* Set both over a step from a to b, from the values in them and the mean rate of the previous
+ * step. Return the mean rate of this step. */
 static inline REAL cotree_set_step_bounds(REAL *box, int n, int k, REAL a, REAL b, REAL step,
                                           REAL mean_rate)
 {
@@ -63,9 +63,9 @@ static inline REAL cotree_lower_bound(cotree_side_range r, REAL a, REAL b, REAL 
     return a + r.slow * ((a - b + r.fast * width) / (r.fast - r.slow));
 }
 
-/* Return whether an event function that goes from a to b in a step does not reach zero, which it is
- * beyond by the least at both ends: not even if it moves some times as fast as in this step, or as
- * by the mean rate of the step before. */
+/* Return whether an event function with the values a and b at the ends of a step cannot reach
+ * zero within it. Both values are at least `least` away from zero on the same side; the rate is
+ * bounded by a multiple of the mean rates of this step and the previous one. */
 static inline MASK cotree_is_out_of_reach(REAL side, REAL a, REAL b, REAL moved_before, REAL least)
 {
     const REAL moved = cotree_abs(b - a), distance = cotree_smaller(side * b, side * a);

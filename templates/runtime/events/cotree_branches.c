@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Release all branches: each follows from the value. The band of a steep kink remains: it belongs
- * to both sides. */
+/* Release all branches, so that each follows from its value. The band of a steep kink remains,
+ * since it belongs to both sides. */
 void cotree_release_branches(cotree_events *e)
 {
     int i;
@@ -38,14 +38,15 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 /* Roots whose slopes are infinite on both sides drive a value to zero, away from it, or neither. */
 enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
 
-/* Write to point a point aside of w, with the modes of jumps that belong to it. */
+/* Write to point a point next to w, with the modes of jumps that belong to it. */
 static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real far)
 {
     cotree_real share = COTREE_F(0.0);
     int k, is_known = 0, status;
     cotree_copy(e->n, w, e->point);
     for (k = 0; k < e->run->n_rates; ++k) {
-        /* By different shares (of the golden ratio), so that differences of states change. */
+        /* By different shares (multiples of the golden ratio), so that differences of states
+         * change. */
         share += COTREE_F(0.618034);
         if (share > COTREE_F(1.0)) share -= COTREE_F(1.0);
         e->point[k] += far * (COTREE_F(1.0) + share) * (e->rtol * COTREE_FABS(w[k]) + e->atol);
@@ -63,7 +64,7 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
     return status;
 }
 
-/* Compute the effect of the roots of a steep kink at a point aside of w: on the rates of the
+/* Compute the effect of the roots of a steep kink at a point next to w: on the rates of the
  * states, in sum, and on the rate of the value. Its roots remain suppressed. */
 static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                           cotree_real far, cotree_real *value, cotree_real *effect)
@@ -112,7 +113,7 @@ static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w
     int found, status = classify_roots(e, i, t, w, &found);
     if (status == 0 && found == DRIVES_AWAY && is_at_rest(e, i, t, w))
         return cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_ROOT);
-    e->failure = 0; /* aside, equations may have no solution */
+    e->failure = 0; /* equations may have no solution at this point */
     e->branches[e->rows[i].branch] =
         (status == 0 && found == DRIVES_TO_ZERO ? COTREE_F(1.0) : NARROW_SHARE) *
         cotree_zero_band(e, i);
@@ -241,7 +242,7 @@ int cotree_are_only_kinks(const cotree_events *e)
     return e->n_found > 0 && e->n_modes == 0;
 }
 
-/* Enter the next branches where no other event is due. */
+/* Enter the next branches if no other event is due. */
 int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i;
@@ -273,13 +274,13 @@ int cotree_enters_band(const cotree_events *e, const cotree_real *g)
 /* A value leaves the band of a steep kink at this multiple of its width. */
 #define LEAVING_RATIO COTREE_F(4.0)
 
-/* Return whether a step ended beyond a held branch, within the tolerance, or held none. */
+/* Return whether a step ended beyond a frozen branch by more than the tolerance, or froze none. */
 int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* A table that is not held is never beyond its branch. */
+        /* A table that is not frozen is never beyond its branch. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
         if (e->side[i] == COTREE_F(0.0) &&
             COTREE_FABS(g[i]) >
@@ -306,8 +307,8 @@ static int bound_quantities(cotree_events *e)
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
-/* Test the end of the step alone. Return REFINE if a kink may be reached, from the change in
- * this step and the mean rate in the last one. */
+/* Test the end of the step only. Return REFINE if a kink may be reached, judged by the changes
+ * in this step and the previous one. */
 int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);

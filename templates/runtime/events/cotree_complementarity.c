@@ -343,7 +343,7 @@ static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     int k, n_idle = 0;
     for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
-    /* Sticking constraints share their forces, and the loss of a gear depends on how. */
+    /* Sticking constraints share their forces, on which the loss of a gear depends. */
     if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
     return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_INDETERMINATE);
 }
@@ -370,7 +370,7 @@ static int close_stops(cotree_events *e, int is_held)
 }
 
 /* Pivot until the modes of n unilateral constraints are consistent. Return FOUND; NONE if
- * pivoting ends without; or the failure of the first trial. */
+ * pivoting ends without a solution; or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
     int round, is_begun = 0, is_lost = 0, changed = -1;

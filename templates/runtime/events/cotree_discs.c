@@ -126,7 +126,7 @@ int cotree_begin_sliding(cotree_events *e, int k, cotree_real t)
 }
 
 /* Turn the direction of one contact towards its slip. gain: the change of direction per unit of
- * slip. Return the size of the change. */
+ * slip. Return the magnitude of the change. */
 static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *slip)
 {
     cotree_real *const own = direction_of(e, k), *const last = e->last_turns + 5 * e->disc[k];
@@ -173,7 +173,7 @@ int cotree_turn_discs(cotree_events *e, int round)
             slip_acceleration(e, k, slip);
             least = cotree_slip_rest_tolerance(e, k);
         }
-        /* A contact at the limit that does not move yet keeps the direction of its force. */
+        /* A contact at its limit that does not move yet keeps the direction of its force. */
         if (length_of(slip) <= least) continue;
         is_changed = turn(e, k, round, slip) > DIRECTION_TOL || is_changed;
     }

@@ -12,7 +12,7 @@ int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
     return direction == 0 || (cotree_real)direction == side;
 }
 
-/* Return a past time of an event, the last one for age 0. */
+/* Return a past time of an event; age 0 is the last one. */
 static cotree_real recent_event_time(const cotree_events *e, int i, int age)
 {
     const int place = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
@@ -286,8 +286,8 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
 }
 
 /* Fail because events trigger each other without end: those of the last rounds. If all are
- * jumps, the motion slides along them. If no rate jumps, now and shortly later, any of the modes
- * will do. */
+ * jumps, the motion slides along them. If no rate jumps, now and shortly afterwards, any mode is
+ * valid. */
 static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real later = t + CURVATURE_STEP_SHARE * e->span;
@@ -309,15 +309,15 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDING : COTREE_EVENTS_CASCADE);
 }
 
-/* Return whether the mode of a jump does not belong to the side of its value: an event changed
- * the value, or it leaves zero to that side. */
+/* Return whether the mode of a jump contradicts the side of its value: an event changed the
+ * value, or the value leaves zero to that side. */
 static int is_mode_wrong(const cotree_events *e, int i)
 {
     return e->rows[i].kind == COTREE_JUMP && e->samples[i] == (cotree_real)e->rows[i].direction &&
            cotree_jumps_changes_value(&e->jumps, i);
 }
 
-/* Reject a value that leaves a jump at a time that nothing determines. */
+/* Reject a value that leaves a jump at an undetermined time. */
 static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int k, is_timed = e->is_time_fixed || e->run->n_blocks == 1 || e->side[i] != COTREE_F(0.0);
@@ -327,8 +327,8 @@ static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_re
                : cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_JUMP);
 }
 
-/* Return whether the time is determined: by an earlier event or by a time event. At a kink
- * everything is continuous, so that nothing follows from it. */
+/* Return whether the time is determined, by an earlier event or by a time event. At a kink all
+ * rates are continuous, so that the time has no effect. */
 static int has_fixed_time(const cotree_events *e)
 {
     int k, is_decided = e->is_time_fixed;

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Bounds of the interpolation error, in tolerances: above the first one the step is refined if
- * an event function comes near zero, above the second one before a crossing is located. */
+/* Bounds of the interpolation error, in tolerances: above the first one a step is refined if an
+ * event function comes close to zero, above the second one before a crossing is located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)
 #define FINE_TOLERANCES COTREE_F(4.0)
 
@@ -308,8 +308,8 @@ static int find_crossing(cotree_events *e, int i)
     return found;
 }
 
-/* Find the first crossing of all event functions; return as above, or SHORTEN if none lies
- * before until and nothing is known behind it. */
+/* Find the first crossing of all event functions; return as above, or SHORTEN if there is none
+ * before `until` and later times are undecided. */
 static int find_crossings(cotree_events *e, int *first, cotree_real *until)
 {
     int i, status = COTREE_EVENTS_NONE;
@@ -403,7 +403,7 @@ static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const c
     return w;
 }
 
-/* Return whether a value that was zero has moved to a side that needs another mode. If rates
+/* Return whether a value that was zero has moved to a side that requires another mode. If rates
  * agree on both sides, the mode changes at the start of the step. */
 static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
@@ -457,10 +457,10 @@ static int find_first_event(cotree_events *e)
                 const int is_now = e->is_found[i] && e->root_time[i] <= e->t + e->margin;
                 if (is_now && e->from_side[i] == COTREE_F(0.0))
                     return cotree_fail_grazing(e, i, e->root_time[i]);
-                /* Sticking friction keeps the speed that remains, so that each slip has to end
-                 * by itself. */
+                /* Sticking friction keeps the remaining speed, so that each slip must end
+                 * separately. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));
-                /* It may have crossed against its direction before, unnoticed. */
+                /* The value may have crossed in the other direction before, without an event. */
                 if (e->is_found[i]) e->side[i] = e->from_side[i];
             }
             if (add_simultaneous(e) != 0) return e->failure;
@@ -528,8 +528,8 @@ int cotree_events_apply(cotree_events *e)
         if (!e->is_found[i] || !is_first || cotree_is_kink(e, i)) continue;
         is_first = 0;
         if (!(e->crossing_sign[i] * e->side[i] > COTREE_F(0.0))) continue;
-        /* It left zero by less than rounding. Modes of friction cover this; an impact leaves no
-         * speed; at a continuous jump the step determines the side. */
+        /* The value left zero by less than rounding. Modes of friction handle this; an impact
+         * leaves no speed; at a continuous jump the step determines the side. */
         if (cotree_is_gap(e, i))
             e->unresolved_gap = i;
         else if (cotree_is_continuous(e, i, e->t, e->w))

@@ -77,7 +77,7 @@ typedef struct cotree_events {
     int n_fired;           /* events applied in the last call */
     int is_mode_changed;   /* 1: the last call changed modes of friction, stops or loads */
     int terminal_event;    /* the event that ends the run, or -1 */
-    cotree_real *records;  /* NULL: none are written */
+    cotree_real *records;  /* records of events; NULL: none are written */
     int n_records;
     int event;                        /* that failed */
     cotree_real failure_time, detail; /* detail: see cotree_events_status */
@@ -119,7 +119,7 @@ typedef struct cotree_events {
     cotree_real *quantity_samples;   /* at the samples of a step */
     cotree_real *quantity_mean_rate; /* change per time in the last step */
     cotree_real *stack;              /* of the bisection */
-    cotree_real *from_side;          /* the sign that the function has before its crossing */
+    cotree_real *from_side;          /* the sign of the function before its crossing */
     cotree_real *bracket_start;      /* the last time at which it had that sign */
     int *is_candidate, *is_excluded; /* may cross in this step; bounds exclude a zero */
 
@@ -188,7 +188,7 @@ typedef struct cotree_events {
     cotree_real impact_speed;  /* the largest speed before the impact */
     cotree_real *kernel_modes; /* passed to the kernels in the impact */
     int *is_impact_event;
-    int *was_holding;       /* 1: the stop held before */
+    int *was_holding;       /* 1: the stop was closed before */
     int *impact_role;       /* see find_impact_roles */
     int *ends_at_rest;      /* 1: the stop's rebound is below its rest threshold */
     int *restitution_event; /* whose targets contain the change of speed */
@@ -213,7 +213,7 @@ int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w,
 /* Continue at the end of another integration, where nothing changed. */
 int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Apply the events that an external integrator stepped over, just behind their zeros. */
+/* Apply the events that an external integrator stepped over, just after their zeros. */
 int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w);
 
 /* Select the modes of friction, stops and loads at a point, as at the start of a run. */

@@ -229,8 +229,9 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
     return status;
 }
 
-/* Return the relative acceleration below which there is none: a share of what friction causes,
- * but at least the rounding of the largest rate, since it is a difference of rates. */
+/* Return the relative acceleration below which it counts as zero: a share of the accelerations
+ * that friction causes, but at least the rounding of the largest rate, since it is a difference
+ * of rates. */
 cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],

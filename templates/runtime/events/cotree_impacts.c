@@ -37,7 +37,7 @@ static cotree_impulse impact_of(cotree_events *e)
         const int own = k - cotree_first_stop(e);
         const cotree_real mode = e->modes[k];
         e->kernel_modes[k] = own >= 0 ? KERNEL_STRUCK * mode : mode;
-        /* The force of sticking friction elsewhere stays finite: it has no impulse. */
+        /* The force of sticking friction elsewhere is finite: it has no impulse. */
         if (k < e->n_frictions && mode == COTREE_F(0.0))
             e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
         if (cotree_is_disc(e, k) && mode == COTREE_F(1.0)) e->kernel_modes[k] = KERNEL_SLIDES;
@@ -370,8 +370,9 @@ static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
            w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
 }
 
-/* Remove by an impulse the slip that is left where sliding on planes in space ends: its direction
- * is not resolved at the lowest speeds, so that both components do not vanish at the same time. */
+/* Remove by an impulse the remaining slip at the end of sliding on a plane in space: its
+ * direction is not resolved at the lowest speeds, so that the two components do not vanish at
+ * the same time. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
     cotree_impulse s;
@@ -409,7 +410,7 @@ static void mark_impact_events(cotree_events *e)
     }
 }
 
-/* Record the impacts, except for the event that is recorded anyway. */
+/* Record the impacts, except for the event that is recorded by the caller. */
 void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
 {
     int i;

@@ -65,8 +65,8 @@ int cotree_stays_at_zero(const cotree_events *e, int i)
 
 int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind >= COTREE_KINK; }
 
-/* Return the value from which an event function counts as nonzero. At a kink, or at a continuous
- * jump, errors within the tolerance have no effect. */
+/* Return the magnitude above which an event function counts as nonzero. At a kink, or at a
+ * continuous jump, errors within the tolerance have no effect. */
 cotree_real cotree_zero_band(const cotree_events *e, int i)
 {
     const cotree_real rounding = cotree_rounding_band(e, i);
@@ -74,8 +74,8 @@ cotree_real cotree_zero_band(const cotree_events *e, int i)
     return COTREE_FMAX(COTREE_FMAX(rounding, e->state_error[i]), cotree_tolerance(e, i));
 }
 
-/* Return the distance from zero below which a value matters; with sensitivities grazing ones do,
- * too. */
+/* Return the distance from zero below which extrema are examined; with sensitivities grazing
+ * ones are included. */
 cotree_real cotree_detection_level(const cotree_events *e, int i)
 {
     const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
@@ -160,8 +160,8 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     return status;
 }
 
-/* Return whether a change extrapolates to zero at the switching surface, from w and from a point
- * aside: share is g / (g_aside - g). A nan counts as a jump. */
+/* Return whether a change extrapolates to zero at the switching surface, from w and from a
+ * second point: share is g / (g_aside - g). A nan counts as a jump. */
 static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real share,
                                cotree_real least)
 {
@@ -238,7 +238,7 @@ static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_r
     for (i = 0; i < e->n; ++i) {
         const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
         const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
-        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* a nan, too */
+        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also if nan */
     }
     return 1;
 }
@@ -294,7 +294,7 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 }
 
 /* Return by how much an event function must cross zero: for a force at its limit, by more than
- * it moves there. */
+ * it changes there. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
     return e->n_frictions > 0 && e->stays_at_zero[i] ? e->zero_level[i] : COTREE_F(0.0);
@@ -379,7 +379,8 @@ cotree_real cotree_sample_time(const cotree_events *e, int k)
                                                 (e->t_after - e->t_before);
 }
 
-/* Update the scales of the event functions. A value less its mode has the rounding of the mode. */
+/* Update the scales of the event functions. A value less its mode has the rounding errors of the
+ * mode. */
 int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
                          const cotree_real *g)
 {
@@ -492,8 +493,8 @@ int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, 
     left = side * rate_at(e, i, a);
     right = side * rate_at(e, i, b);
     if (!(left < COTREE_F(0.0) && right > COTREE_F(0.0))) return 0;
-    /* The tangents at both ends bound a convex function from below: they must meet below the
-     * least value. */
+    /* The tangents at both ends bound a convex function from below: they must intersect below
+     * the least value. */
     if ((before - least) / -left + (after - least) / right > b - a) return 0;
     if (!e->is_fine) return 1;
     *at = find_root(e, rate_at, i, -side, a, b);
@@ -619,7 +620,8 @@ int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side)
     e->t = t;
     if (cotree_solution_at(e, t, e->w) != 0 || cotree_project(e, t, e->w) != 0) return 0;
     if (polish_root(e, i, side) || e->failure != 0) return e->failure == 0;
-    /* In a very short step its error hides the value: accept the integrator's solution. */
+    /* In a very short step the error of the value exceeds the value: accept the integrator's
+     * solution. */
     if (cotree_compute_rates(e, e->t, e->w) != 0) return 0;
     if (side * e->jumps.rates[i] < COTREE_F(0.0)) return 1;
     return find_root_near_start(e, i, side);

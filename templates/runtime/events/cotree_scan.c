@@ -51,15 +51,15 @@ int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotre
     return RANGE_UNDECIDED;
 }
 
-/* The largest number of bisections in a step. Beyond it, the step is repeated up to the end of
- * the intervals that are decided. */
+/* Largest number of bisections in a step. If it is exceeded, the step is repeated up to the end
+ * of the decided intervals. */
 #define MAX_DIVISIONS 500
 
 /* At this depth an interval is short enough to locate a zero between two values of different
  * sign. */
 #define LOCATABLE_DEPTH 16
 
-/* The least share of a step that is worth repeating. */
+/* The smallest share of a step for which it is repeated. */
 #define MIN_PROGRESS_SHARE COTREE_F(1e-3)
 
 /* An entry of the stack, one end of an interval: time, values, quantities, and their second
@@ -198,8 +198,8 @@ static int cross_interval(cotree_events *e, const cotree_real *left, const cotre
     return found;
 }
 
-/* Return whether all values are on the side that they come from, beyond tolerance: a step may
- * start there. */
+/* Return whether all values are beyond the tolerance on the side from which they come: a step
+ * may start there. */
 static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 {
     int i;
@@ -211,7 +211,7 @@ static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 }
 
 /* Find the first crossings of nonlinear event functions in a step. Return as find_crossings;
- * SHORTEN if there is none before until and nothing is known behind it. */
+ * SHORTEN if there is none before `until` and later intervals are undecided. */
 int cotree_scan_ranges(cotree_events *e, cotree_real *until)
 {
     cotree_real *const left = ENTRY(e, MAX_DEPTH + 1);

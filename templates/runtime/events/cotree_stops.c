@@ -129,7 +129,7 @@ cotree_real cotree_closing_uncertainty(const cotree_events *e)
     return e->rtol * largest + e->atol;
 }
 
-/* Return the gap rate below which there is none: the rounding of the largest rate, or of the
+/* Return the gap rate below which it counts as zero: the rounding of the largest rate, or of the
  * acceleration over the span; for a stop that was closed, at least the error tolerance. */
 cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
 {
@@ -211,7 +211,8 @@ static cotree_real largest_acceleration_scale(const cotree_events *e)
     return largest;
 }
 
-/* Return the gap acceleration below which there is none: its rounding is that of the largest. */
+/* Return the gap acceleration below which it counts as zero: its rounding is that of the largest
+ * acceleration. */
 cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],

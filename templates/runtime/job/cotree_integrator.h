@@ -48,16 +48,16 @@ typedef struct cotree_stiffness {
     int n_stiff, n_soft, n_calm;
 } cotree_stiffness;
 
-/* Results of an integrator; cotree_status_message says what they are. */
+/* Results of an integrator; cotree_status_message describes them. */
 typedef enum cotree_status {
     COTREE_OK = 0,
     COTREE_BAD_ARGUMENT = 1,
     COTREE_TOO_MANY_STEPS = 2,    /* max_steps were tried in one call of integrate */
     COTREE_STEP_TOO_SMALL = 3,    /* the tolerances ask for steps below the resolution of t */
-    COTREE_RATE_FAILED = 4,       /* however small the step */
-    COTREE_RATE_NOT_FINITE = 5,   /* however small the step */
+    COTREE_RATE_FAILED = 4,       /* for any step size */
+    COTREE_RATE_NOT_FINITE = 5,   /* for any step size */
     COTREE_RATE_STOPPED = 6,      /* the right-hand side returned a negative number */
-    COTREE_PROJECTION_FAILED = 7, /* however small the step */
+    COTREE_PROJECTION_FAILED = 7, /* for any step size */
 #if COTREE_HAS_SUNDIALS
     COTREE_NO_MEMORY = 8,
     COTREE_CANNOT_START = 12,
@@ -68,7 +68,7 @@ typedef enum cotree_status {
     COTREE_FLAGGED = 17,
 #endif
     COTREE_NOT_FINITE = 9,
-    COTREE_NOT_SOLVED = 10,   /* or a value that needs the unknowns is not found */
+    COTREE_NOT_SOLVED = 10,   /* or a value that depends on the unknowns cannot be computed */
     COTREE_NOT_PROJECTED = 11 /* at a point that is stored */
 } cotree_status;
 

@@ -147,7 +147,7 @@ static cotree_real margin_between(const cotree_job *job, cotree_real start, cotr
 }
 
 /* Restrict evaluations to times a few roundings inside both corners, so that no step evaluates
- * both sides of a jump, whatever the rounding of its time. */
+ * both sides of a jump, for any rounding of its time. */
 static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 {
     const cotree_real start = job->corners[job->corner], end = job->corners[job->corner + 1];
@@ -248,7 +248,7 @@ static int stop_at_event(cotree_job *job)
 #endif
 
 #if COTREE_HAS_HELPER
-/* Return whether a stiff problem is worth another method. */
+/* Return whether another method is likely to be faster for a stiff problem. */
 static int is_worth_leaving(const cotree_job *job)
 {
     const cotree_real left = COTREE_FABS(job->corners[job->n_corners - 1] - job->t);
@@ -266,7 +266,8 @@ static int return_stiff(cotree_job *job)
 #endif
 
 #if COTREE_HAS_MOVING_CORNERS
-/* Return whether the time of a corner, or the derivatives of what coincides there, are nonzero. */
+/* Return whether the derivatives of a corner's time, or of the times of coinciding corners, are
+ * nonzero. */
 static int is_moving(const cotree_job *job, int corner)
 {
     const int m = job->model->n_sensitivities;
@@ -369,7 +370,7 @@ static int find_events(cotree_job *job, cotree_real start, cotree_real end)
     return cotree_events_find(&e->events, start, e->before, job->t, e->w, end, h);
 }
 
-/* Move the job to the point of the events, with algebraic unknowns if its points have them. */
+/* Move the job to the point of the events, including algebraic unknowns if its points have them. */
 static int move_to_events(cotree_job *job, cotree_real t)
 {
     const cotree_events *const events = &ENGINE->events;
@@ -469,8 +470,8 @@ static int restart(cotree_job *job)
 }
 
 #if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
-/* Solve for the algebraic unknowns after a corner with the helper: they may have jumped too far
- * for the stored guesses. Return whether the integration may restart with them. */
+/* Solve for the algebraic unknowns after a corner with the helper, since the stored guesses may
+ * be too far away. Return whether the integration may restart with them. */
 static int solve_with_helper(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
@@ -490,7 +491,7 @@ static int solve_with_helper(cotree_job *job)
 #endif
 
 #if COTREE_HAS_INPUTS
-/* Call reach at the start of a segment, with the point at which the last one ended. */
+/* Call reach at the start of a segment, with the end point of the last one. */
 static int call_reach(cotree_job *job, int is_first)
 {
     cotree_engine *const e = ENGINE;

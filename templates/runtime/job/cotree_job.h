@@ -32,13 +32,14 @@ typedef struct cotree_job {
 #endif
 #if COTREE_HAS_HELPER
     const cotree_helper *helper; /* NULL: none */
-    int is_waiting; /* 1: the job returns if the problem is stiff and worth another method */
+    int is_waiting; /* 1: the job returns if the problem is stiff and another method is likely to
+                     * be faster */
 #endif
     int has_sensitivities;
 #if COTREE_HAS_CONSTRAINTS
     int is_held;   /* 1: constraints are satisfied by projection */
     int is_strict; /* 1: rates are evaluated on the constraints, as redundant ones require */
-    cotree_real correction; /* the largest one, as a share of a state or of 1 */
+    cotree_real correction; /* the largest correction, as a share of a state or of 1 */
     /* Tables of the constraints, by which singular positions are detected; NULL: none are. */
     const cotree_assembly_tables *constraints;
     /* Records of singular positions that were crossed: time and states where each stretch began.
@@ -104,7 +105,7 @@ typedef struct cotree_job {
     int most_records;
     int n_records;
     int most_events;          /* the job returns after so many records; 0: no limit */
-    int event;                /* that ended the run, or failed */
+    int event;                /* the event that ended the run, or failed */
     cotree_real event_time;   /* of the failure */
     cotree_real event_detail; /* see cotree_events.h */
     const int *has_fired;
@@ -113,11 +114,12 @@ typedef struct cotree_job {
      * states or inputs may have changed there. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;   /* of the whole run, if the job is a part of it; 0: that of its corners */
+    cotree_real span;   /* span of the whole run, if the job is a part of it; 0: that of its
+                         * corners */
     cotree_real *own_k; /* own copy of k with the branches that steps hold; NULL: not needed */
 #endif
     void *memory; /* cotree_job_memory(...) bytes */
-    int is_stiff; /* as explicit methods find */
+    int is_stiff; /* stiffness as detected by explicit methods */
     cotree_real stiff_since;
     long n_stiff_steps;
     cotree_real last_step;
@@ -142,7 +144,7 @@ COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif
-/* Write the present point of a job with steps left; a job that has ended or waits has written
+/* Write the present point of a job that is not finished; a finished or waiting job has written
  * it. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 

@@ -3,9 +3,9 @@
 
 #if COTREE_HAS_CONSTRAINTS
 /* A step is short if it is below this share of the longest of the last BLOCK to 2 BLOCK ordinary
- * ones; steps of multistep methods vary more. MANY short steps in a row are not due to the step
- * size control alone. Rates on the constraints cost little: the first short step suffices, and
- * AGAIN one below this share of the last that sufficed. */
+ * ones; steps of multistep methods vary more. MANY short steps in a row are not caused by the
+ * step size control alone. Rates on the constraints cost little, so that they begin at the first
+ * short step, and again at one below the share AGAIN of it. */
 #define SHORT COTREE_F(0.3)
 #define SHORT_MULTISTEP COTREE_F(0.03)
 #define AGAIN COTREE_F(0.5)

@@ -21,17 +21,17 @@ typedef enum cotree_stretch {
 
 typedef struct cotree_singularity {
     cotree_assembly assembly;
-    cotree_stretch stretch, next; /* the present one, and that which the last step asks for */
+    cotree_stretch stretch, next; /* the present stretch, and the one that the last step requires */
     cotree_real end;              /* of the stretch */
     /* Lengths of ordinary steps, and of the short one after which constraints were tested last. */
     cotree_real longest, longest_of_block, tested;
-    int n_ordinary, n_short; /* short ones since the last ordinary one */
+    int n_ordinary, n_short; /* number of short steps since the last ordinary one */
     /* The job's own values outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;
     int is_strict;
     cotree_real *loose; /* absolute tolerances of a stretch, n */
-    /* The point at which rates began to be evaluated on the constraints. */
+    /* The point at which evaluation of rates on the constraints began. */
     int has_start;
     cotree_real start, *w;
 } cotree_singularity;

@@ -20,8 +20,8 @@ COTREE_BEGIN_DECLS
 /* The head of a job's memory. */
 typedef struct cotree_engine {
     cotree_run runs[3];    /* storage of the runs below, as many as differ */
-    cotree_run *run;       /* with all that is integrated */
-    cotree_run *of_states; /* states only, if the stepper has such a run; else the same */
+    cotree_run *run;       /* all integrated entries */
+    cotree_run *of_states; /* states only, if the stepper has such a run; otherwise the same run */
     cotree_run *watched;   /* evaluates event functions */
 #if COTREE_HAS_EVENTS
     cotree_events events;
@@ -38,13 +38,13 @@ typedef struct cotree_engine {
     cotree_real *w;     /* the present point, n numbers */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
     int is_running;     /* 1: the last step can be interpolated */
-    int is_helped;      /* 1: w has the unknowns after a breakpoint, not at it */
+    int is_helped;      /* 1: w has the unknowns after a breakpoint, not those at it */
     int n_short;        /* successive steps at rounding level */
     void *own;          /* data of the stepper */
 } cotree_engine;
 
 struct cotree_stepper {
-    int is_multistep; /* 1: steps build on those before */
+    int is_multistep; /* 1: a step depends on earlier ones */
     /* Allocate engine->own and the runs. cotree_engine_of is not available yet. */
     void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_arena *arena);
     /* Initialise the runs, and write the start of the job to engine->w. */
@@ -63,8 +63,7 @@ struct cotree_stepper {
     /* Find the entry that caused a status; may be NULL. */
     void (*blame)(cotree_job *job, int status);
 #if COTREE_HAS_EVENTS
-    /* Return the history for cheap interpolation within the last step; NULL: careful values are
-     * cheap. */
+    /* Return the history for interpolation within the last step; NULL: between() is inexpensive. */
     const cotree_history *(*history)(const cotree_job *job);
 #endif
 #if COTREE_HAS_SUNDIALS

@@ -86,7 +86,7 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
         for (i = 0; i < s->n_forces; ++i) forces[n * s->n_forces + i] -= idle[n * s->n_forces + i];
         for (i = 0; i < s->n_edges; ++i) {
             const int has_impulse = i < s->n_stops && s->speed_events[i] >= 0;
-            /* Unlike forces here, impulses do not have the sign of the side. */
+            /* Unlike the forces here, impulses do not have the sign of the side. */
             own[s->impulse_states[i]] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
         }
     }
@@ -142,7 +142,7 @@ int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_
         for (i = 0; i < run->n_rates; ++i) own[i] += j->time_sensitivity[n] * j->state_rates[i];
     }
     status = compute_impact(j, s, t);
-    /* The rates before the impact are part of the sensitivities already. */
+    /* The sensitivities already include the rates before the impact. */
     for (i = 0; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     return status == 0 ? cotree_complete_event(j, &no_event, t, w) : status;
 }

@@ -1,7 +1,7 @@
 /* cotree_jumps.c: event functions, and the states and sensitivities after an event. */
 #include "cotree_jumps_internal.h"
 
-/* The rounding of the derivatives of a time, as a share. */
+/* Relative rounding error of the derivatives of a time. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
@@ -224,7 +224,7 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
     return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
 }
 
-/* Evaluate what holds before an event: states, rates, and derivatives of the event functions. */
+/* Evaluate states, rates, and derivatives of the event functions before an event. */
 static int evaluate_before(cotree_jumps *j, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;

@@ -83,7 +83,7 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
 int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
                            const int *places, int stride, const cotree_real *modes);
 
-/* Apply an impulse as part of the last event. Modes stay. */
+/* Apply an impulse as part of the last event. Modes are unchanged. */
 int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
                                cotree_real *w);
 

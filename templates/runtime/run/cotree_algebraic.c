@@ -3,7 +3,8 @@
 
 #if COTREE_HAS_ALGEBRAIC
 /* Newton's method for algebraic unknowns; step sizes are shares of an unknown, or of atol near
- * zero. It converges quadratically: after a step below CONVERGED_STEP only rounding is left. */
+ * zero. It converges quadratically: after a step below CONVERGED_STEP only rounding errors
+ * remain. */
 #define MAX_NEWTON_STEPS 50
 #define MIN_DAMPING COTREE_F(1e-6)
 #define CONVERGED_STEP COTREE_SELECT(1e-8, 3.5e-04f)
@@ -61,7 +62,7 @@ static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *
         cotree_real share;
         if (is_new) before[i] = a->x[N_RATES + i];
         share = COTREE_FABS(step[i]) / (COTREE_FABS(before[i]) + run->atol + COTREE_MIN);
-        if (!(share <= *size)) *size = share; /* a nan, too */
+        if (!(share <= *size)) *size = share; /* also if nan */
     }
     if (!is_new && a->size > STALLED_STEP)
         run->bend = COTREE_FMAX(run->bend, COTREE_F(2.0) * *size / a->size);
@@ -178,14 +179,14 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 /* Errors of unknowns are kept below this share of the tolerance, so that rates are accurate. */
 #define UNKNOWN_TOLERANCE COTREE_F(1e-3)
 
-/* The error of a series is estimated only within this share of its radius of convergence. */
+/* The error of a series is only estimated within this share of its radius of convergence. */
 #define MAX_ESTIMATED_REACH COTREE_F(0.5)
 
 /* Series steps longer than this multiple of the radius are left to the damped iteration. */
 #define MAX_REACH COTREE_F(4.0)
 #define MAX_SERIES_STEPS 4
 
-/* The largest error growth of planned pivots: half of the digits. */
+/* Largest error growth of planned pivots: half of the digits. */
 #define MAX_PIVOT_GROWTH COTREE_SELECT(1e8, 2.9e+03f)
 
 /* Integrated unknowns are far from their solution if a projection moves each by FAR_TOLERANCES
@@ -231,7 +232,7 @@ static void extrapolate(const cotree_run *run, cotree_real t, cotree_real *z)
 /* Return whether the planned pivots lost too many digits at the last solution. */
 static int has_lost_digits(const cotree_run *run)
 {
-    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* a nan, too */
+    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* also if nan */
 }
 
 /* Solve for the algebraic unknowns of x by series steps, in place, to a share of their size, or

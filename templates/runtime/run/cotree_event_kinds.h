@@ -1,4 +1,4 @@
-/* cotree_event_kinds.h: what the events of a model stand for. */
+/* cotree_event_kinds.h: kinds of the events of a model. */
 #ifndef COTREE_EVENT_KINDS_H
 #define COTREE_EVENT_KINDS_H
 
@@ -26,7 +26,7 @@
 #define COTREE_STOP_FORCE 12
 #define COTREE_STOP_REBOUND 13
 
-/* A kink of the rates: the event only ends the branch that a step holds. */
+/* A kink of the rates: the event only ends the branch that is frozen during a step. */
 #define COTREE_KINK 14
 
 /* A kink at which the slope of a root is infinite on both sides. Its branch is the half-width of

@@ -39,7 +39,7 @@ cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x);
 /* Compute x, n_columns entries: the minimiser of |A x + b| of minimum norm. */
 void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x);
 
-/* Project b onto what A x cannot reach: its entries are b[i * stride]. */
+/* Project b onto the complement of the range of A: its entries are b[i * stride]. */
 void cotree_least_reject(const cotree_least *a, cotree_real *b, int stride);
 
 COTREE_END_DECLS

@@ -5,8 +5,8 @@
 
 #include "cotree_real.h"
 
-/* A step fails if the projection of its end moves it by more than this many tolerances in the
- * mean. */
+/* A step fails if the projection of its end changes it by more than this many tolerances on
+ * average. */
 #define COTREE_MAX_PROJECTION COTREE_F(10.0)
 
 /* The relative tolerance below which more tolerances are allowed near singular positions, where the
@@ -17,27 +17,27 @@
  * this. */
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)
 
-/* The largest number of steps of a projection. A step below the small correction that is not
- * half the one before is rounding, since Newton's method converges quadratically. */
+/* Largest number of steps of a projection. A step below the limit of small corrections that is
+ * not half the previous one is rounding, since Newton's method converges quadratically. */
 #define COTREE_MOST_PROJECTIONS 10
 
-/* Constraints are not satisfied if a residual, in their own units, exceeds this share of the
- * largest state (or of 1). Near a singular configuration, along directions that the constraints
- * hardly determine, residuals of trial steps at a tolerance of 1e-8 stay below it. */
+/* Constraints are violated if a residual, in its own unit, exceeds this share of the largest
+ * state (or of 1). Near a singular configuration, residuals of trial steps at a tolerance of
+ * 1e-8 stay below it in directions that the constraints hardly determine. */
 #define COTREE_LARGEST_RESIDUAL COTREE_SELECT(1e-06, 2.8e-03f)
 
 #define COTREE_SMALL_CORRECTION COTREE_SELECT(1e-08, 3.5e-04f)
 
 /* Rates jump if they differ by more than this many times their change over the same time on one
- * side of a breakpoint: less is rounding of its time. */
+ * side of a breakpoint; smaller differences are rounding errors of its time. */
 #define COTREE_JUMP_NOISE COTREE_F(1000.0)
 
-/* A step of at most this many units in the last place makes no progress. One is normal before a
- * breakpoint, this many in a row are a stall. */
+/* A step of at most this many units in the last place makes no progress. One such step is normal
+ * before a breakpoint; this many in a row are a stall. */
 #define COTREE_STALL_SPACINGS 16
 #define COTREE_STALL_STEPS 5
 
-/* A stiff problem changes its method only if more than this many steps remain: another method
+/* The method is only changed for stiffness if more than this many steps remain: another method
  * takes some hundred steps and evaluations of matrices, and has to be compiled. */
 #define COTREE_MOST_STIFF_STEPS 1000
 
@@ -53,10 +53,10 @@
  * ones by at most this share. */
 #define COTREE_PLANNED_PIVOTS COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* The largest number of events that one event may trigger at the same time. */
+/* Largest number of simultaneous events that one event may trigger. */
 #define COTREE_EVENT_ROUNDS 50
 
-/* The number of past times stored for each event: so many within a billionth of the span are
+/* Number of past times stored for each event: as many within a billionth of the span are
  * chatter. */
 #define COTREE_EVENT_CROWD 100
 

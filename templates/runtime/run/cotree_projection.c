@@ -40,8 +40,8 @@ static int step_of_states(const cotree_iteration *a, int is_new, cotree_real *si
 }
 
 /* Take Newton steps with the states until they are below rounding; speeds follow the coordinates
- * one step later. Residuals are no criterion: near a singular configuration they are squares of the
- * remaining distance. */
+ * one step later. Residuals are no criterion: near a singular configuration they are squares of
+ * the remaining distance. */
 static int project_states(cotree_run *run, cotree_real t, cotree_real *x)
 {
     static const cotree_newton_limits limits = {
@@ -122,9 +122,9 @@ void cotree_run_rejected(void *context)
     if (++run->n_failed > MAX_FAILURES) run->n_strict = STRICT_POINTS;
 }
 
-/* Return whether rates are evaluated at the projected point. Away from the constraints rates
- * grow without bound towards a singular configuration, and steps fail. Where the projection
- * fails, the point itself is used. Elsewhere it costs more than it gains. */
+/* Return whether rates are evaluated at the projected point. Off the constraints rates grow
+ * without bound towards a singular configuration, and steps fail. If the projection fails, the
+ * point itself is used. In other cases the projection costs more than it gains. */
 int cotree_are_rates_projected(const cotree_run *run)
 {
     if (!cotree_run_is_constrained(run) || run->model->gradient == NULL) return 0;

@@ -77,13 +77,13 @@ typedef struct cotree_run {
     const cotree_helper *helper; /* NULL: none */
 #endif
 #if COTREE_HAS_CONSTRAINTS
-    int is_held;   /* 1, the default: constraints are satisfied by projection */
-    int is_strict; /* 1: rates are always evaluated on the constraints, as redundant ones require;
-                      0: after failed steps */
+    int is_held;            /* 1, the default: constraints are satisfied by projection */
+    int is_strict;          /* 1: rates are always evaluated on the constraints, as dependent ones
+                             * require; 0: only after failed steps */
     cotree_real correction; /* the largest change of a state by a projection, as a share of the
                                state or of 1 */
 #endif
-    cotree_real rtol;      /* algebraic unknowns are solved to a share of it; 0: to rounding */
+    cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: to rounding */
     cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
     cotree_real low, high; /* bounds of evaluations: the segment without its jumps */
     cotree_real *full;     /* the last complete point */
@@ -102,7 +102,7 @@ typedef struct cotree_run {
     int is_extended; /* 1: w contains algebraic unknowns */
     int is_solving;  /* 1: these are solved for at each point, even if w contains them */
     int n_far;       /* points with integrated unknowns far from their solution, minus others */
-    cotree_real pivot_growth; /* growth of their errors by the planned pivots */
+    cotree_real pivot_growth; /* growth of rounding errors by the planned pivots */
     cotree_real bend; /* last correction / distance over which the equations are nearly linear */
     cotree_real *newton, *found, *times;
     cotree_lu matrix; /* of the algebraic equations */
@@ -138,7 +138,7 @@ typedef struct cotree_corner_sensitivity {
  * moves apart. */
 #define COTREE_RUN_TURNED 60
 
-/* Allocate bytes in an arena. Return spare while they are only counted. */
+/* Allocate bytes in an arena. While bytes are only counted, return spare. */
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare);
 cotree_real *cotree_arena_reals(cotree_arena *arena, int n);
 int *cotree_arena_ints(cotree_arena *arena, int n);

@@ -46,8 +46,8 @@
 #define FAR_SHARES 0.3
 #define NEAR_SHARES 0.2
 
-/* Evaluate the Jacobian. If it is not finite at a trial point, an older one serves, at a slower
- * convergence. */
+/* Evaluate the Jacobian. If it is not finite at a trial point, keep the previous one, which
+ * slows convergence. */
 COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const double *z)
 {
     cotree_bdf *const c = bdf_of(job);
