@@ -2,9 +2,9 @@
 Cauer's low-pass filter
 =======================
 
-A passive fifth-order filter. Two of its capacitors bridge inductors and form loops with the
-others, so that their voltages cannot all be chosen freely; the normal tree of the graph decides
-which of them are states.
+This circuit is a passive filter of fifth order. Two of its capacitors are parallel to inductors
+and form loops with the other capacitors. The voltages in such a loop are dependent. The normal
+tree of the graph determines which voltages are states.
 """
 
 import matplotlib.pyplot as plt
@@ -39,9 +39,9 @@ plt.ylabel("voltage at the load [V]")
 plt.show()
 
 # %%
-# The Modelica Association publishes results of this circuit, ``CauerLowPassAnalog`` of the
-# Modelica Standard Library 4.1, made by Dymola at a tolerance of 1e-6: the load has 0.476793379 V
-# at 18.216 s.
+# The circuit is ``CauerLowPassAnalog`` of the Modelica Standard Library 4.1. The Modelica
+# Association publishes its results, computed by Dymola with a tolerance of 1e-6: the voltage of
+# the load is 0.476793379 V at 18.216 s.
 found = result["y"][np.searchsorted(t, 18.216)]
 print(f"{found:.9f} V, published 0.476793379 V")
 assert abs(found - 0.476793379) < 1e-5  # ten times the tolerance of the published run

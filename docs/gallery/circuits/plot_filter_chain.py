@@ -2,9 +2,9 @@
 A filter made of filters
 ========================
 
-A low pass of fourth order consists of two of second order in series, with a follower between them
-so that the second does not load the first. Both stages are the part ``rlc-filter`` that comes with
-cotree, with the qualities of a Butterworth filter.
+A low-pass filter of fourth order consists of two stages of second order in series. A voltage
+follower between them prevents the second stage from loading the first. Both stages are the shipped
+part ``rlc-filter``, with the quality factors of a Butterworth filter.
 """
 
 import matplotlib.pyplot as plt

@@ -2,9 +2,9 @@
 Delay of a wire as an RC ladder
 ===============================
 
-A wire on a chip behaves like a ladder of many resistors and capacitors, which a loop in Python
-draws. Elmore's delay, the first moment of the impulse response, has a closed form for any number
-of stages.
+A wire on a chip behaves like a ladder of many resistors and capacitors. A loop in Python builds
+this ladder. Elmore's delay is the first moment of the impulse response. It has a closed form for
+any number of stages.
 """
 
 import matplotlib.pyplot as plt
@@ -19,7 +19,7 @@ scene.edge("V", "voltage_source", "n0", "ground", voltage=1.0)
 for k in range(1, N + 1):
     scene.edge(f"R{k}", "resistor", f"n{k - 1}", f"n{k}", resistance=R)
     scene.edge(f"C{k}", "capacitor", f"n{k}", "ground", capacitance=C)
-# What the end still lacks, integrated over time: a charge on a capacitor of its own.
+# A separate capacitor integrates the difference between the final and the present voltage.
 scene.edge("lack", "current_source", "ground", "sum", current=f"1e9*(1 - n{N}.v)")
 scene.edge("area", "capacitor", "sum", "ground", capacitance=1.0)
 
@@ -38,9 +38,10 @@ plt.legend()
 plt.show()
 
 # %%
-# W. C. Elmore (*Journal of Applied Physics* 19, 1948): the delay is the sum of each capacitance
-# times the resistance before it, :math:`R C N (N + 1) / 2`. At the end of the run the slowest mode
-# has decayed to :math:`\exp(-24)`, 4e-11; the tolerance of the run is 1e-9.
+# The delay is the sum of the products of each capacitance and the resistance in front of it,
+# :math:`R C N (N + 1) / 2` (W. C. Elmore, *Journal of Applied Physics* 19, 1948). At the end of
+# the run the slowest mode has decayed to :math:`\exp(-24)`, 4e-11. The tolerance of the run is
+# 1e-9.
 exact = R * C * N * (N + 1) / 2
 print(f"delay {1e9 * delay:.8f} ns, closed form {1e9 * exact:.8f} ns")
 assert abs(delay / exact - 1) < 1e-7

@@ -2,8 +2,8 @@
 Speed control of a direct current motor
 =======================================
 
-A DC motor, its load and a PI controller in one scene. The integral part of the controller is a
-capacitor that is charged by a current proportional to the control error.
+This scene contains a DC motor, its load and a PI controller. The integral part of the controller is
+a capacitor. Its charging current is proportional to the control error.
 """
 
 import matplotlib.pyplot as plt

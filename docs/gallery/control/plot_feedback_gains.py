@@ -2,8 +2,9 @@
 Feedback as an input, with sensitivities to its gains
 =====================================================
 
-A regulator for a shipped scene, which is left as it is: the law is given as the input of a run, its
-gains as parameters, and the derivatives by a gain follow from the compiled closed loop.
+This example adds a regulator to a shipped scene without a change of the scene. The control law is
+the input of a run, and its gains are parameters. The compiled closed loop gives the sensitivities
+to a gain.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +18,7 @@ model = scene.compile()
 print(model.states)
 
 # %%
-# The pendulum stands upright at zero. About this point the motion is linear; a linear quadratic
+# The pendulum is upright at zero. The model is linearised about this point. A linear quadratic
 # regulator gives the gains of a state feedback.
 linear = model.linearize(y=np.zeros(4))
 Q, R = np.diag([1.0, 10.0, 0.1, 0.1]), np.array([[0.1]])
@@ -28,8 +29,8 @@ gains = dict(zip(names, K.tolist(), strict=True))
 print({name: round(value, 3) for name, value in gains.items()})
 
 # %%
-# The law names states, and gains that the scene does not know: their values are given as parameters
-# of the run. The expression is compiled into the model at its first use.
+# The law contains states and gains. The gains are not parameters of the scene, so that their values
+# are given as parameters of the run. The expression is compiled into the model at its first use.
 law = " ".join(f"- {k}*{x}" for k, x in zip(names, model.states, strict=True))
 print("push =", law)
 t = np.linspace(0, 5, 251)
@@ -38,17 +39,17 @@ run = model.simulate((0, 5), t, inputs={"push": law}, parameters=gains, initial=
 assert abs(run["hinge.theta"][-1]) < 1e-3  # ten time constants of 0.5 s
 
 # %%
-# For sensitivities to a gain the closed loop is compiled as a scene of its own. It has no input any
-# more, and its poles are those of :math:`A - B K`.
+# For sensitivities to a gain, the closed loop is compiled as a separate scene. It has no input. Its
+# poles are the eigenvalues of :math:`A - B K`.
 closed = scene.with_inputs({"push": law}, gains).compile(["k_angle"])
 A_closed = linear.A - linear.B @ K[None, :]
 assert np.max(np.abs(closed.linearize(y=np.zeros(4)).A - A_closed)) < 1e-12  # rounding
 nonlinear = closed.simulate((0, 5), t, initial=tilted)
 
 # %%
-# Close to the upright position there is a closed form: with :math:`x' = (A - B K) x` the derivative
-# :math:`s` by the second gain satisfies :math:`s' = (A - B K) s - B x_2`, and both follow from one
-# matrix exponential.
+# Near the upright position there is a closed form. The states satisfy :math:`x' = (A - B K) x`. The
+# sensitivity :math:`s` to the second gain satisfies :math:`s' = (A - B K) s - B x_2`. One matrix
+# exponential gives both.
 n, second = 4, np.eye(4)[[1]]
 both = np.block([[A_closed, np.zeros((n, n))], [-linear.B @ second, A_closed]])
 start = np.concatenate([second[0] * 1e-4, np.zeros(n)])

@@ -2,8 +2,9 @@
 Inverted pendulum with a linear quadratic regulator
 ===================================================
 
-The task of a control engineer: linearise a pendulum on a cart about its upright position, design
-a state feedback with SciPy, and simulate the nonlinear closed loop far from that position.
+This is a typical task of control engineering: linearise a pendulum on a cart about its upright
+position, design a state feedback with SciPy and simulate the nonlinear closed loop far from that
+position.
 """
 
 import matplotlib.pyplot as plt
@@ -28,8 +29,8 @@ def cart_pole(force: str) -> cotree.Scene:
 
 
 # %%
-# The open loop. Its unstable pole follows from the matrices in K. J. Åström and R. M. Murray,
-# *Feedback Systems*, on balance systems (here without friction, and with a point of mass).
+# The unstable pole of the open loop follows from the matrices of balance systems in K. J. Åström
+# and R. M. Murray, *Feedback Systems* (here without friction and with a point mass).
 linear = cart_pole("push").compile().linearize(reduced=True)
 print(linear.states, linear.summary(), sep="\n")
 unstable = np.max(np.linalg.eigvals(linear.A).real)
@@ -38,8 +39,8 @@ print(f"unstable pole {unstable:.9f} 1/s, closed form {exact:.9f} 1/s")
 assert abs(unstable - exact) < 1e-12  # rounding of an eigenvalue of four by four numbers
 
 # %%
-# In the cost of the regulator, 1 m of the cart counts as much as 0.3 rad of the rod or 3 N of the
-# drive.
+# In the cost function of the regulator, 1 m of the cart has the same weight as 0.3 rad of the rod
+# or 3 N of the drive.
 Q, R = np.diag([1.0, 10.0, 0.1, 0.1]), np.array([[0.1]])
 P = solve_continuous_are(linear.A, linear.B, Q, R)
 K = np.linalg.solve(R, linear.B.T @ P)[0]

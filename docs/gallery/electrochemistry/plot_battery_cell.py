@@ -2,9 +2,9 @@
 Discharge of a battery cell
 ===========================
 
-A cell with two RC pairs delivers a constant current for ten minutes and then rests, during which
-its voltage recovers in two stages. Sensitivities show which parameters a voltage measurement can
-identify.
+A cell with two RC pairs delivers a constant current for ten minutes. After the current is switched
+off, the voltage recovers with two time constants. Sensitivities show which parameters a voltage
+measurement can identify.
 """
 
 import matplotlib.pyplot as plt
@@ -45,9 +45,9 @@ bottom.legend()
 plt.show()
 
 # %%
-# Each pair charges and discharges exponentially (the cell model of M. Chen and G. Rincón-Mora,
-# *IEEE Transactions on Energy Conversion* 21, 2006, with a linear open-circuit voltage). The run
-# has a tolerance of 1e-9.
+# The voltage of each RC pair is exponential. The cell model is that of M. Chen and G. Rincón-Mora,
+# *IEEE Transactions on Energy Conversion* 21, 2006, with a linear open-circuit voltage. The
+# tolerance of the run is 1e-9.
 exact = 3 + 1.1 * (0.9 - current * stop / capacity)
 for R, C in ((values["R1"], values["C1"]), (values["R2"], values["C2"])):
     exact -= current * R * (1 - np.exp(-stop / (R * C))) * np.exp(-(1800 - stop) / (R * C))

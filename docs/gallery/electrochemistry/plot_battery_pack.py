@@ -2,8 +2,8 @@
 A battery pack with one weak cell
 =================================
 
-Twelve lithium-ion cells in series carry the same current and warm one another. They are parts of
-the part ``battery-pack``, which comes with cotree; one has twice the resistance of its neighbours.
+Twelve lithium-ion cells in series carry the same current and heat each other. They belong to the
+shipped part ``battery-pack``. One cell has twice the resistance of the others.
 """
 
 import matplotlib.pyplot as plt
@@ -40,7 +40,7 @@ right.legend()
 plt.show()
 
 # %%
-# The heat of all cells is in the cells or has gone to the air: energy is balanced.
+# Energy balance: the heat of all cells is stored in the cells or has been released to the air.
 heat = np.array([result[f"pack.cell{i}.temperature"][-1] - 298.15 for i in cells])
 stored = 45.0 * heat.sum()
 lost = np.trapezoid(sum(temperatures[i - 1] + 273.15 - 298.15 for i in cells) / 8.0, t)
@@ -48,5 +48,5 @@ current = 10.0
 pairs = current**2 * 0.015 * (1 - np.exp(-t / 30.0)) ** 2  # an RC pair from rest
 made = np.trapezoid(12 * pairs, t) + current**2 * (11 * 0.02 + 0.04) * t[-1]
 print(f"heat made {made:.0f} J, stored {stored:.0f} J, lost {lost:.0f} J")
-# Trapezia over ten seconds are good to about a part in ten thousand here.
+# The trapezoidal rule with intervals of ten seconds has an error of about 1e-4 here.
 assert abs(made - stored - lost) < 3e-4 * made

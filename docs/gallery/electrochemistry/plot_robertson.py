@@ -2,9 +2,9 @@
 Robertson's reaction over eleven decades of time
 ================================================
 
-Three reactions whose rates differ by nine orders of magnitude are the classic test of stiff
-solvers. Species and reactions are components like any other, so sensitivities to the rate
-constants are available as well.
+Robertson's problem is a classic test of stiff solvers. The rates of its three reactions differ by
+nine orders of magnitude. Species and reactions are components. Sensitivities to the rate constants
+are therefore available.
 """
 
 import matplotlib.pyplot as plt

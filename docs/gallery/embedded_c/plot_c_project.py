@@ -2,9 +2,9 @@
 A C project without Python
 ==========================
 
-The task of an embedded programmer: export a model as C, build it with a C99 compiler and nothing
-else, run it, and compare its numbers with those of Python. The kernels of the model allocate no
-memory and keep no state.
+This is a task of embedded programming: export a model as C, build it with a C99 compiler, run it
+and compare its results with those of Python. The kernels of the model allocate no memory and keep
+no state.
 """
 
 import shlex
@@ -50,8 +50,7 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# The two programs check each other: up to the end they take the same steps, and the C program
-# prints twelve digits.
+# Both programs take the same steps. The C program prints twelve digits, which are compared here.
 error = max(abs(last.columns()[name][-1] - ends[-1][name]) for name in ("j1.s", "d(j1.s)/d(L)"))
 print(f"largest difference at the end {error:.1e}")
 assert error < 1e-11

@@ -2,9 +2,9 @@
 Fixed steps for a microcontroller
 =================================
 
-Real-time systems need a computation time that is known in advance, and therefore steps of
-constant length. ``write`` can export the classical Runge-Kutta method; this example compiles it
-for four step sizes and measures the error.
+Real-time systems need a known computation time and therefore fixed steps. ``write`` can export the
+classical Runge-Kutta method with fixed steps. This example compiles it for four step sizes and
+measures the error.
 """
 
 import shlex
@@ -45,8 +45,8 @@ plt.legend()
 plt.show()
 
 # %%
-# The exact motion is a cosine; the method has the order four (W. Kutta, 1901): halving the step
-# divides the error by 16, up to terms of higher order.
+# The exact motion is a cosine. The method has order four (W. Kutta, 1901). If the step is halved,
+# the error decreases by a factor of 16, up to terms of higher order.
 order = np.log2(errors[-2] / errors[-1])
 print(f"order {order:.3f}, theory 4")
 assert abs(order - 4) < 0.1

@@ -2,8 +2,8 @@
 Bouncing ball with sensitivities
 ================================
 
-A ball loses a fifth of its speed at each bounce. The heights and times of later bounces depend on
-the coefficient of restitution, and both sensitivities are exact although the velocity jumps.
+A ball loses 20 % of its speed at each bounce. The heights and times of later bounces depend on the
+coefficient of restitution. The sensitivities of both are exact although the velocity jumps.
 """
 
 import matplotlib.pyplot as plt
@@ -29,9 +29,8 @@ bottom.set(xlabel="time [s]", ylabel="∂ height / ∂ e [m]")
 plt.show()
 
 # %%
-# Free fall gives each bounce in closed form: the n-th happens at :math:`\sqrt{2h/g}\,(1 + 2e +
-# 2e^2 + \dots + 2e^{n-1})`. Between bounces the motion is a parabola, which the method integrates
-# to rounding.
+# The time of bounce n has a closed form: :math:`\sqrt{2h/g}\,(1 + 2e + 2e^2 + \dots +
+# 2e^{n-1})`. Between bounces the motion is a parabola, which the method integrates to rounding.
 powers = np.arange(len(result.events["hit"].t))
 fall = np.sqrt(2 * h / g)
 times = fall * (2 * np.cumsum(e**powers) - 1)

@@ -2,8 +2,8 @@
 Two pendulums collide
 =====================
 
-A pendulum falls against another one that hangs at rest. An ``impact`` is an event whose impulse
-follows from the masses and constraints; only the coefficient of restitution is given.
+A pendulum falls and hits a second pendulum at rest. ``impact`` is an event whose impulse follows
+from the masses and constraints. Only the coefficient of restitution is given.
 """
 
 import math
@@ -20,7 +20,7 @@ for k, mass, angle in ((1, m1, start), (2, m2, 0.0)):
     scene.edge(f"h{k}", "revolute", "ground", f"A{k}", axis=[0, 0, 1], initial={"theta": angle})
     scene.edge(f"r{k}", "arm", f"A{k}", f"B{k}", vector=[0, -length, 0])
     scene.edge(f"b{k}", "rigid_body", "ground", f"B{k}", mass=mass)
-# The gap is the angle between both: the balls are small, and hang side by side.
+# The gap is the angle between both pendulums, since the balls are small and hang side by side.
 scene.event("hit", "h2.theta - h1.theta", direction=-1, impact={"restitution": e})
 t = np.linspace(0, 4, 2001)
 model = scene.compile()
@@ -36,9 +36,9 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
 
 # %%
-# The balance of angular momentum and Newton's law of restitution give the speed of the pendulum
-# that was at rest; the conservation of energy gives the speed of the other before the impact. The
-# run has a tolerance of 1e-10.
+# The balance of angular momentum and Newton's law of restitution give the speed of the second
+# pendulum. The conservation of energy gives the speed of the first pendulum before the impact. The
+# tolerance of the run is 1e-10.
 before = math.sqrt(2 * g / length * (1 - math.cos(start)))
 exact = m1 * (1 + e) / (m1 + m2) * before
 after = result.events["hit"].y_after[model.states.index("h2.theta_dot"), 0]

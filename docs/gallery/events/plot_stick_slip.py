@@ -2,10 +2,10 @@
 A block on a belt sticks and slips
 ==================================
 
-A belt drags a block against a spring. The block sticks until the spring pulls as hard as friction
-holds, slides back, and sticks again: the limit cycle behind squealing brakes and bowed strings.
-Sticking and sliding are modes of one edge, and sensitivities pass through every change between
-them.
+A belt moves a block against a spring. The block sticks until the spring force reaches the maximum
+static friction. It then slides back and sticks again. Such limit cycles cause the sound of brakes
+and bowed strings. Sticking and sliding are modes of one edge. Sensitivities are exact across each
+change of the mode.
 """
 
 import matplotlib.pyplot as plt
@@ -43,13 +43,14 @@ for axis in axes:
 plt.show()
 
 # %%
-# While it slides (shaded), the block swings about F/k, from a distance of (Fs − F)/k at the speed
-# of the belt until it is as fast again; while it sticks, the spring is stretched by v each second.
+# While the block slides (shaded), it oscillates about F/k. It starts at a distance of (Fs − F)/k
+# with the speed of the belt and slides until it has this speed again. While it sticks, the length
+# of the spring changes at the rate v.
 w, lead = np.sqrt(k / m), (Fs - F) / k
 period = 2 * (np.pi - np.arctan(lead * w / v)) / w + 2 * lead / v
 print(f"period {np.diff(starts)[0]:.9f} s, closed form {period:.9f} s")
 assert np.max(np.abs(np.diff(starts) - period)) < 1e-9
-# The first slip is at Fs/(k v), so that it comes earlier by itself over v for a faster belt.
+# The first slip is at Fs/(k v). Its derivative with respect to v is minus this time divided by v.
 slope = result.event_sensitivity("rub slips backwards", "v")[0]
 print(f"first slip by v: {slope:.9f} s²/m, closed form {-Fs / (k * v**2):.9f} s²/m")
 assert abs(slope + Fs / (k * v**2)) < 1e-9

@@ -2,8 +2,8 @@
 Thermostat with hysteresis
 ==========================
 
-A heater is switched on below 19 °C and off above 21 °C. Its switching state is a *mode*: a number
-that only events change.
+A heater switches on below 19 °C and off above 21 °C. Its switching state is a *mode*, which is a
+number that only events change.
 """
 
 import math
@@ -38,9 +38,9 @@ bottom.set(xlabel="time [h]", ylabel="heating", yticks=[0, 1])
 plt.show()
 
 # %%
-# Heating and cooling are exponential; the period is the sum of both durations. Events are located
-# to the rounding of the temperature, 6e-14 K, with rates of 1e-3 K/s; the run has a tolerance of
-# 1e-10.
+# The temperature is exponential during heating and cooling. The period is the sum of both
+# durations. Events are located to the rounding error of the temperature, 6e-14 K, at rates of
+# 1e-3 K/s. The tolerance of the run is 1e-10.
 warm = outside + R * power
 period = R * C * math.log((warm - low) / (warm - high))
 period += R * C * math.log((high - outside) / (low - outside))

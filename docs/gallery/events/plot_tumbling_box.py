@@ -2,8 +2,8 @@
 Box that tumbles on a floor
 ===========================
 
-A box is thrown on a floor. Its corners push by the law of Hunt and Crossley while they are below
-the floor's surface, and rub. It comes to rest on one of its sides.
+A box is thrown onto a floor. While a corner is below the surface of the floor, a contact force
+after Hunt and Crossley and a friction force act on it. The box comes to rest on one of its sides.
 """
 
 import matplotlib.pyplot as plt
@@ -41,8 +41,7 @@ axes[2].axis("off")
 plt.show()
 
 # %%
-# At rest, the floor bears the weight, and two corners are below its surface by
-# (m g / 2 k)^(2/3).
+# At rest the floor supports the weight. Two corners are below its surface by (m g / 2 k)^(2/3).
 depth = (g / (2 * 2e5)) ** (2 / 3)
 side = 0.1 if abs(np.sin(result["box.theta"][-1])) < 0.5 else 0.15
 print(f"force {result['force'][-1]:.4f} N; depth {1e3 * (side - result['box.y'][-1]):.4f} mm")
@@ -50,10 +49,10 @@ assert abs(result["force"][-1] - g) < 1e-2 * g
 assert abs(side - depth - result["box.y"][-1]) < 1e-5
 
 # %%
-# How far it gets depends on friction. The sensitivity is exact across all impacts.
+# The final position depends on friction. Its sensitivity is exact across all impacts.
 slope = result.sensitivity("box.x", "mu")[-1]
 print(f"it stops at {result['box.x'][-1]:.4f} m; d(x)/d(mu) = {slope:.3f} m")
 
 # %%
-# Its motion:
+# The motion:
 result.animate(speed=0.5)

@@ -2,11 +2,11 @@
 A woodpecker comes down its pole
 ================================
 
-The toy: a bird on a spring, on a sleeve that is a little wider than the pole. The sleeve jams, and
-friction holds it, until the swinging bird turns it free; the beak hits the pole and throws the
-bird back. Impacts, sticking and sliding of three rigid contacts end in a limit cycle (R. Leine,
-Ch. Glocker, D. van Campen, Nonlinear dynamics of the woodpecker toy, ASME DETC2001/VIB-21608, with
-their dimensions).
+In this toy a spring connects a bird to a sleeve, which is slightly wider than the pole. The sleeve
+jams, and friction holds it until the oscillating bird tilts it. The beak hits the pole and bounces
+back. Three rigid contacts with impacts, sticking and sliding lead to a limit cycle. The dimensions
+are those of R. Leine, Ch. Glocker, D. van Campen, Nonlinear dynamics of the woodpecker toy, ASME
+DETC2001/VIB-21608.
 """
 
 import matplotlib.pyplot as plt
@@ -54,9 +54,9 @@ fig.tight_layout()
 plt.show()
 
 # %%
-# While the sleeve is jammed (shaded), it sticks or slides; the bird's limit cycle (right) has a
-# jump where the beak pecks. Time-stepping after Moreau, with steps of 10 µs, gives the same cycle:
-# 0.1308 s and 14.5 mm.
+# While the sleeve is jammed (shaded), it sticks or slides. The limit cycle of the bird (right) has
+# a jump at the impact of the beak. Moreau's time-stepping method with steps of 10 µs gives the same
+# cycle: 0.1308 s and 14.5 mm.
 row = result.events["peck.normal hits"]
 period = np.diff(row.t)[-1]
 drop = np.diff(row.y_before[result.states.index("y.s")])[-1]

@@ -3,8 +3,8 @@ Tank that drains
 ================
 
 Water leaves a tank through a hole in its bottom (Torricelli's law). An event locates the time at
-which a given level is reached, and the sensitivity of that time tells how much a larger hole
-would shorten it.
+which the water reaches a given level. The sensitivity of this time shows the effect of a larger
+hole.
 """
 
 import math
@@ -35,8 +35,8 @@ plt.legend()
 plt.show()
 
 # %%
-# The level falls with the square of the remaining time, so the time has a closed form, and so has
-# its derivative with respect to the area (any textbook of hydraulics). The orifice follows
+# The level is proportional to the square of the remaining time. The time and its derivative with
+# respect to the area therefore have closed forms (any textbook of hydraulics). The orifice follows
 # Torricelli's law exactly above 1 Pa.
 result = model.simulate((0, 150), rtol=1e-10, atol=1e-6)
 exact = A / a * math.sqrt(2 / g) * (math.sqrt(h0) - math.sqrt(h1))

@@ -2,8 +2,8 @@
 Surge tank of a power station
 =============================
 
-When the turbines of a power station shut down, the water in the supply tunnel keeps flowing into
-the surge tank and oscillates. The highest level determines how tall the tank must be.
+After the shutdown of the turbines of a power station, the water in the supply tunnel flows into the
+surge tank and oscillates. The maximum level determines the required height of the tank.
 """
 
 import matplotlib.pyplot as plt
@@ -46,8 +46,8 @@ bottom.set(xlabel="time [s]", ylabel="∂ level / ∂ area [m/m²]")
 plt.show()
 
 # %%
-# The matrix exponential solves the two linear equations in closed form; the level is highest when
-# the flow is zero. The run has a tolerance of 1e-10.
+# The matrix exponential solves the two linear equations in closed form. The level has its maximum
+# when the flow is zero. The tolerance of the run is 1e-10.
 system = np.array([[-g * A / length * rf, -g * A / length], [1 / As, 0.0]])
 start = np.array([Q0, -rf * Q0])  # flow, and level above the lake's
 peak = brentq(lambda t: (expm(system * t) @ start)[0], 50, 120, xtol=1e-12)

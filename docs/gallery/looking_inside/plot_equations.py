@@ -2,8 +2,8 @@
 Equations in LaTeX
 ==================
 
-The equations that cotree forms can be read as text, as LaTeX or as SymPy expressions. Those of
-the slider-pendulum are Eq. (8) of Banerjee and McPhee, and those of its sensitivity graph are Eq.
+cotree returns its equations as text, as LaTeX or as SymPy expressions. The equations of the
+slider-pendulum are Eq. (8) of Banerjee and McPhee. The equations of its sensitivity graph are Eq.
 (9).
 """
 
@@ -16,7 +16,7 @@ equations = cotree.load("slider-pendulum").equations(sensitivities=["L"])
 print(equations)
 
 # %%
-# The LaTeX text is an ``align`` environment, of which two lines are drawn here.
+# The LaTeX text is an ``align`` environment. The figure shows two of its lines.
 body = equations.latex().split(r"\begin{align}")[1].split(r"\end{align}")[0]
 rows = [row.replace("&", "").strip(" ,\n") for row in body.split(r"\\")]
 figure = plt.figure(figsize=(7.5, 1.7))
@@ -26,8 +26,8 @@ for number, row in enumerate(rows[:2]):
 plt.show()
 
 # %%
-# The difference to Eq. (8), typed from the paper, is exactly zero, since SymPy compares
-# expressions.
+# Eq. (8) is copied from the paper. SymPy compares the expressions, so that the difference is
+# exactly zero.
 symbol = equations.symbols
 s, theta, theta_dot = (symbol[name] for name in ("j1.s", "h2.theta", "h2.theta_dot"))
 s_ddot, theta_ddot = symbol["j1.s_ddot"], symbol["h2.theta_ddot"]

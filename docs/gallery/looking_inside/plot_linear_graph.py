@@ -2,8 +2,9 @@
 Linear graph of a scene
 =======================
 
-Nodes are frames or points, edges are components, and the tree (bold) determines the unknowns. The
-cutsets and circuits of the tree are the balance and compatibility equations of the system.
+Nodes are frames or points, and edges are components. The tree (bold) determines the unknowns. The
+f-cutsets of the tree give the balance equations, and its f-circuits give the compatibility
+equations.
 """
 
 import numpy as np
@@ -14,8 +15,8 @@ report = cotree.load("slider-pendulum").graph()
 figure = report.draw()
 
 # %%
-# Each branch of the tree has a cutset: the edges that connect the two parts into which it divides
-# the tree. Each chord has a circuit.
+# Without a branch, the tree has two parts. The f-cutset of the branch consists of all edges between
+# these parts. Each chord defines an f-circuit.
 print(report.f_cutset["translation"].summary())
 print(report.f_circuit["translation"].summary())
 

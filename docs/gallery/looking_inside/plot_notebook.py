@@ -2,8 +2,8 @@
 What a notebook shows
 =====================
 
-Scenes, models, results and linearisations show themselves as tables where they are the last line of
-a cell. This page has the same tables, of a DC motor at a constant voltage.
+A notebook displays a scene, a model, a result or a linearisation as a table if it is the last line
+of a cell. This page shows these tables for a DC motor at a constant voltage.
 """
 
 import numpy as np
@@ -23,22 +23,22 @@ scene.output("speed", "M.w")
 scene
 
 # %%
-# A model lists what it has and what can be done with it.
+# A model lists its contents and its methods.
 model = scene.compile(["R"])
 model
 
 # %%
-# A result shows where every quantity begins, ends and has been.
+# A result lists the initial value, the final value and the range of each quantity.
 result = model.simulate((0, 0.6), rtol=1e-6)
 result
 
 # %%
-# Curves are smooth, although the method took only so many steps.
+# Curves are smooth, although the method took only a few steps.
 print(len(result.t), "points")
 figure = result.plot(["speed"])
 
 # %%
-# A linearisation shows its matrices with the names of states and inputs.
+# A linearisation displays its matrices with the names of states and inputs.
 linear = model.linearize()
 linear
 

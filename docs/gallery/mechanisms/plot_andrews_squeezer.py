@@ -2,9 +2,9 @@
 Andrews' squeezing mechanism
 ============================
 
-Seven bodies, ten pins and three closed loops with one degree of freedom: a motor turns the crank
-more than twice within 30 ms. The mechanism is a standard benchmark of multibody and
-differential-algebraic solvers.
+The mechanism has seven bodies, ten pins, three closed loops and one degree of freedom. A motor
+drives the crank through more than two turns within 30 ms. The mechanism is a standard benchmark of
+multibody and differential-algebraic solvers.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ import numpy as np
 import cotree
 
 ground = {"O": (0, 0), "A": (-0.06934, -0.00227), "B": (-0.03635, 0.03273), "C": (0.014, 0.072)}
-# Of each body: mass, inertia, its angle at the start, and where its points are.
+# For each body: mass, inertia, initial angle and positions of its points.
 bodies = {
     "K1": (0.04325, 2.194e-6, -0.06171389001427645, {"m": (0.00092, 0), "f": (0.007, 0)}),
     "K2": (0.00365, 4.41e-7, -0.06171389001427645, {"m": (-0.0115, 0), "e": (-0.028, 0)}),

@@ -2,8 +2,9 @@
 A drive line that shuffles
 ==========================
 
-When the torque of an engine rises suddenly, the half shafts wind up, and the car oscillates against
-the engine: it shuffles. The part ``drive-line`` models everything from the flywheel to the road.
+A sudden increase of the engine torque twists the half shafts. The car then oscillates against the
+engine, which is called shuffle. The part ``drive-line`` contains all components from the flywheel
+to the road.
 """
 
 import matplotlib.pyplot as plt
@@ -38,7 +39,8 @@ right.legend()
 plt.show()
 
 # %%
-# In the end all turn together: the torque at the wheel moves the mass of all inertias.
+# After the oscillation all inertias rotate together. The torque at the wheel then accelerates their
+# total mass.
 ratio, radius, T = 12.5, 0.31, 120.0
 mass = 1350.0 + (2.4 + ratio**2 * (0.18 + 0.012)) / radius**2
 late = model.simulate((0, 10.0), [9.0, 10.0], rtol=1e-9)["speed"]

@@ -2,9 +2,8 @@
 Four-bar linkage and its coupler curve
 ======================================
 
-Three bars and the ground form a closed loop: the fourth pin is not in the tree, and its two
-constraints are enforced by multipliers and projection. A point of the coupler traces the curve
-that such linkages are built for.
+Three bars and the ground form a closed loop. The fourth pin is not in the tree. Multipliers and
+projection enforce its two constraints. The figure shows the path of a point of the coupler.
 """
 
 import math

@@ -2,10 +2,10 @@
 Nutation of a heavy top
 =======================
 
-The axis of a fast top is released in a horizontal position; it falls, rises again and turns
-about the vertical. Mass and inertia are those of the heavy-top benchmark of Géradin and Cardona
-(*Flexible Multibody Dynamics*, 2001) as given by Terze, Müller and Zlatar (*Multibody System
-Dynamics* 38, 2016); the initial precession is slower.
+A spinning top is released with a horizontal axis. The axis falls, rises again and rotates about
+the vertical. The mass and inertia are those of the heavy-top benchmark of Géradin and Cardona
+(*Flexible Multibody Dynamics*, 2001), as given by Terze, Müller and Zlatar (*Multibody System
+Dynamics* 38, 2016). The initial precession is slower.
 """
 
 import matplotlib.pyplot as plt
@@ -27,9 +27,9 @@ t = np.linspace(0, 3, 1501)
 result = scene.compile().simulate((0, 3), t, method="dop853", rtol=1e-11, atol=1e-12)
 
 # %%
-# Energy and two angular momenta are constant, so that Euler's cubic, whose roots limit the cosine
-# :math:`u` between axis and vertical, gives the lowest point in closed form (H. Goldstein,
-# *Classical Mechanics*, section 5.7):
+# The energy and two angular momenta are constant. The roots of Euler's cubic therefore limit the
+# cosine :math:`u` of the angle between the axis and the vertical. They give the lowest point in
+# closed form (H. Goldstein, *Classical Mechanics*, section 5.7):
 #
 # .. math:: \dot u^2 = (\alpha - \beta u)(1 - u^2) - (b - a u)^2
 A = J1 + m * length**2
@@ -49,7 +49,7 @@ right.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
 
 # %%
-# Between two points of the grid, 2 ms apart, the height falls below the lower one by at most
-# :math:`\ddot z\,\Delta t^2 / 8`, 1.2e-5 m.
+# The minimum between two points of the grid is below the lower point by at most
+# :math:`\ddot z\,\Delta t^2 / 8`. With intervals of 2 ms this is 1.2e-5 m.
 print(f"lowest point {result['z'].min():.6f} m, closed form {lowest:.6f} m")
 assert 0 <= result["z"].min() - lowest < 1.2e-5

@@ -2,10 +2,11 @@
 A linkage through three points
 ==============================
 
-Which four-bar linkage leads a point of its coupler through three given points, at given times of a
-crank that turns evenly, and is as light as can be? ``cotree.optimise`` chooses seven lengths and
-angles: six conditions are met exactly, and what is left makes the bars short. Gradients come from
-the sensitivities of the closed loop; lengths that cannot be assembled are stepped back from.
+A point on the coupler of a four-bar linkage must pass through three given points at given times.
+The crank turns at a constant speed, and the linkage should be as light as possible.
+``cotree.optimise`` chooses seven lengths and angles. They satisfy six conditions exactly, and the
+remaining freedom minimises the lengths of the bars. The sensitivities of the closed loop give the
+gradients. If lengths cannot be assembled, the search takes a shorter step.
 """
 
 import matplotlib.pyplot as plt
@@ -67,7 +68,7 @@ ax.legend()
 plt.show()
 
 # %%
-# A run that stops at the three times shows how near the point comes.
+# A run with output at the three times shows the distances from the given points.
 check = found.model.simulate((0, 2.5), sorted(points), parameters=found.parameters)
 missed = max(
     abs(check[name] - [points[t][i] for t in sorted(points)]).max() for i, name in enumerate("xy")

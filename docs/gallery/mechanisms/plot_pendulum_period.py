@@ -2,8 +2,8 @@
 Period of a pendulum at large amplitude
 =======================================
 
-The period of a pendulum grows with its amplitude. Events mark the turning points, so the period
-is as accurate as the integration, whatever the spacing of the stored points.
+The period of a pendulum increases with its amplitude. Events locate the turning points. The period
+is therefore as accurate as the integration and does not depend on the spacing of stored points.
 """
 
 import math

@@ -2,8 +2,9 @@
 Rattleback that turns back
 ==========================
 
-A rattleback is an ellipsoid whose principal axes of inertia are turned a little against those of
-its surface. Spun in one direction, it begins to rock, stops, and spins in the other.
+A rattleback is an ellipsoid. Its principal axes of inertia are slightly rotated relative to the
+axes of its surface. If it spins in one direction, it starts to rock, stops and then spins in the
+other direction.
 """
 
 import math
@@ -37,8 +38,8 @@ def rattleback(type, **contact):
 
 
 # %%
-# It rolls, held by constraints, or touches the table by an elastic contact with friction, where it
-# slips a little at times and loses energy.
+# The example compares two models. In the first, constraints enforce rolling. In the second, the
+# body has an elastic contact with friction, so that it slips at times and loses energy.
 t = np.linspace(0, 8, 801)
 rolling = rattleback("rolling_ellipsoid").simulate((0, 8), t, rtol=1e-10)
 elastic = {"stiffness": 1e7, "dissipation": 0.3, "friction": 1.0, "transition": 1e-5}
@@ -55,12 +56,12 @@ right.axis("off")
 plt.show()
 
 # %%
-# Rolling takes no energy.
+# Rolling conserves the energy.
 change = np.ptp(rolling["energy"]) / rolling["energy"][0]
 left_over = touching["energy"][-1]
 print(f"energy changes by {change:.1e} of itself; on the contact {left_over:.3f} J are left")
 assert change < 1e-7
 
 # %%
-# The body; dragging turns the view.
+# The animation shows the body. Drag to rotate the view.
 rolling.animate(speed=1.0)

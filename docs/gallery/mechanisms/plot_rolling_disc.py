@@ -2,9 +2,9 @@
 Disc that rolls in a circle
 ===========================
 
-A disc leans inwards and rolls in a circle without slipping. One constraint holds its height, and
-two nonholonomic ones its velocity; multipliers enforce all three. The animation is drawn from the
-graph.
+A disc leans inwards and rolls in a circle without slip. One holonomic constraint determines its
+height, and two nonholonomic constraints determine its velocity. Multipliers enforce all three. The
+animation is drawn from the graph.
 """
 
 import math
@@ -19,8 +19,8 @@ A, C = m * R**2 / 4, m * R**2 / 2  # across the disc and about its axis
 lean, turn = math.radians(25), 2.0  # from the vertical [rad], about the vertical [rad/s]
 
 # %%
-# For steady rolling, the balance of moments about the centre determines the spin for a given lean
-# and rate of turn (for example Neimark and Fufaev, *Dynamics of Nonholonomic Systems*):
+# In steady rolling the balance of moments about the centre gives the spin as a function of the lean
+# angle and the rate of turn (for example Neimark and Fufaev, *Dynamics of Nonholonomic Systems*):
 #
 # .. math:: (C + m R^2)\,\omega\,\Omega\cos\varphi = (m g R - A\,\Omega^2\cos\varphi)\sin\varphi
 spin = (m * g * R - A * turn**2 * math.cos(lean)) * math.tan(lean) / ((C + m * R**2) * turn)
@@ -45,12 +45,12 @@ right.axis("off")
 plt.show()
 
 # %%
-# The centre keeps its distance from the axis of the circle. The run takes about a hundred steps
-# with errors of 1e-11.
+# The distance between the centre and the axis of the circle is constant. The run takes about a
+# hundred steps with errors of 1e-11.
 radius = np.hypot(result["x"], result["y"] - R * spin / turn)
 print(f"radius {R * spin / turn:.9f} m, simulated {radius.min():.9f} to {radius.max():.9f} m")
 assert np.max(np.abs(radius - R * spin / turn)) < 1e-8
 
 # %%
-# The disc itself; dragging turns the view.
+# The animation shows the disc. Drag to rotate the view.
 result.animate(speed=1.0)

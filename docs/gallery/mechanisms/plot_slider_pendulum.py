@@ -2,9 +2,9 @@
 Slider-pendulum with sensitivities
 ==================================
 
-A block on a guide is held by a spring and carries a hinged rod. This is the example of Banerjee
-and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*: cotree forms
-the governing equations, Eq. (8), and the sensitivity equations, Eq. (9), from the linear graph.
+A spring holds a block on a guide. A rod is hinged to the block. This is the example of Banerjee and
+McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*. cotree forms the
+governing equations, Eq. (8), and the sensitivity equations, Eq. (9), from the linear graph.
 """
 
 import numpy as np
@@ -29,12 +29,12 @@ model = scene.compile(sensitivities=["L"])
 result = model.simulate((0, 10), np.linspace(0, 10, 501), rtol=1e-10, atol=1e-12)
 
 # %%
-# The curves on the left are those of the paper's Fig. 5, the sensitivity of s that of Fig. 6.
+# The curves on the left are those of Fig. 5 of the paper. The sensitivity of s is that of Fig. 6.
 figure = result.plot(["j1.s", "h2.theta", "d(j1.s)/d(L)", "d(h2.theta)/d(L)"])
 
 # %%
-# Eq. (8) of the paper, typed by hand and integrated by SciPy, gives the same block position after
-# 10 s. With errors of 1e-10 per step in both runs, nine digits must agree.
+# SciPy integrates Eq. (8) of the paper, which was entered by hand. It gives the same position of
+# the block after 10 s. The error per step is 1e-10 in both runs, so that nine digits must agree.
 m1, m2, L, r, zeta, k, s0, g = values.values()
 
 

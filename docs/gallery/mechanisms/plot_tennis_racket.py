@@ -35,9 +35,9 @@ right.axis("off")
 plt.show()
 
 # %%
-# Landau and Lifshitz (*Mechanics*, section 37) express the period by energy and angular momentum.
-# A period takes some tens of steps with errors of 1e-11, which the unstable axis amplifies a
-# hundredfold.
+# Landau and Lifshitz (*Mechanics*, section 37) give the period as a function of the energy and the
+# angular momentum. A period takes a few tens of steps with errors of 1e-11. The motion near the
+# unstable axis amplifies these errors by a factor of 100.
 energy2 = I1 * w[0] ** 2 + I2 * w[1] ** 2 + I3 * w[2] ** 2  # twice the energy
 momentum2 = (I1 * w[0]) ** 2 + (I2 * w[1]) ** 2 + (I3 * w[2]) ** 2
 first, second = (I1, I3) if momentum2 > energy2 * I2 else (I3, I1)

@@ -2,9 +2,9 @@
 A quadruped of four legs
 ========================
 
-The leg is described once and used four times. The part ``quadruped-leg``, which comes with cotree,
-has two links, springs at hip and knee, and a foot that the ground supports. The trunk drops from a
-small height, and then sways as the hips are driven.
+The leg is defined once and used four times. The shipped part ``quadruped-leg`` has two links,
+springs at the hip and the knee, and a foot on the ground. The trunk falls from a small height. The
+hips are then driven, and the trunk oscillates.
 """
 
 import matplotlib.pyplot as plt
@@ -37,7 +37,7 @@ right.axis("off")
 plt.show()
 
 # %%
-# At rest the feet carry the weight of the trunk and of four legs.
+# At rest the feet support the weight of the trunk and the four legs.
 weight = 9.81 * (10.0 + 4 * (1.2 + 0.4))
 still = model.simulate((0, 12), [0, 12], inputs={"beat": 0.0})
 load = sum(still[f"{leg}.load"][-1] for leg in corners)

@@ -2,8 +2,8 @@
 Robot arm from a URDF file
 ==========================
 
-A URDF file becomes a scene: links are nodes, joints are edges with a drive, and all masses and
-moments of inertia are parameters. The arm falls from its horizontal position and swings.
+cotree translates a URDF file to a scene. Links are nodes, and joints are edges with a drive. All
+masses and moments of inertia are parameters. The arm falls from a horizontal position and swings.
 """
 
 from pathlib import Path
@@ -40,9 +40,9 @@ with TemporaryDirectory() as folder:
 print(scene.summary())
 
 # %%
-# The initial acceleration of the shoulder has a closed form: two equations with the mass matrix of
-# a two-link arm (J. Craig, *Introduction to Robotics*, section 6.7), here at rest and stretched
-# out. The two-by-two system is well conditioned.
+# The initial acceleration of the shoulder has a closed form. It is the solution of two equations
+# with the mass matrix of a two-link arm (J. Craig, *Introduction to Robotics*, section 6.7). The
+# arm is at rest and stretched. The two-by-two system is well conditioned.
 model = scene.compile()
 rates = model.rhs(0.0, model.initial_state)
 m1, m2, l1, c1, c2, i1, i2, g = 2.0, 1.0, 0.5, 0.25, 0.2, 0.05, 0.02, 9.81
@@ -68,5 +68,5 @@ right.axis("off")
 plt.show()
 
 # %%
-# The shapes are those of the file.
+# The shapes come from the URDF file.
 result.animate(speed=1.0)

@@ -2,8 +2,8 @@
 Restitution of a ball from noisy heights
 ========================================
 
-A camera sees a ball bounce. The height from which it fell and how much of its speed each bounce
-leaves are estimated across the bounces, at which the exact sensitivities jump.
+A camera records a bouncing ball. This example estimates the initial height and the coefficient of
+restitution from the record. The sensitivities are exact and jump at the bounces.
 """
 
 import matplotlib.pyplot as plt
@@ -30,9 +30,9 @@ for n, begin in enumerate(begins, start=1):
 record = {"t": t, "height": height + 0.02 * np.random.default_rng(2).standard_normal(t.size)}
 
 # %%
-# Bounces at other times than in the record make a likelihood with many hills, in which a single
-# start may end. With a restitution below 0.7 the ball would come to rest within the record, after
-# bounces without end, and such runs fail.
+# If the bounces are at other times than in the record, the likelihood has many local maxima. A fit
+# with one start may end at one of these. With a restitution below 0.7 the ball would come to rest
+# within the record after infinitely many bounces. Such runs fail.
 run = cotree.Experiment(record, observables={"height": "j.s"}, noise=0.02)
 result = cotree.fit(scene, run, {"e": (0.7, 0.95), "j.s": (1.5, 2.2)}, starts=30)
 print(result)
@@ -41,11 +41,11 @@ result.plot()
 plt.show()
 
 # %%
-# The waterfall shows how many starts found the best optimum, and the others.
+# The waterfall plot shows the number of starts that found the best optimum and the other optima.
 result.plot_waterfall()
 plt.show()
 
 # %%
-# The true values lie within four standard errors.
+# The true values are within four standard errors of the estimates.
 for name, value in {"e": e, "j.s": h}.items():
     assert abs(result.parameters[name] - value) < 4 * result.standard_errors[name]

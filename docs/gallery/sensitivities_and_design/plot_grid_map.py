@@ -2,8 +2,8 @@
 Map of a grid
 =============
 
-How far does the rod of the slider-pendulum swing, and when does the motion die away? A grid of
-damping and stiffness answers with one run for each cell.
+This example computes the amplitude and the decay of the slider-pendulum's motion for a grid of
+damping and stiffness values. Each cell of the grid is one run.
 """
 
 import time
@@ -29,16 +29,15 @@ fig.suptitle(f"{len(grid)} members in {taken:.2f} s")
 plt.show()
 
 # %%
-# The answer is a Dataset of xarray with the axes of the grid as dimensions, so that questions are
-# one line each: the swing of the rod that is left in the last three seconds, as a share of the
-# largest one.
+# The result is a Dataset of xarray. Its dimensions are the axes of the grid. This line computes the
+# amplitude of the rod in the last three seconds, relative to the largest amplitude.
 later = runs["h2.theta"].where(runs["time"] > 7)
 runs["swing left"] = (later.max("time") / runs["h2.theta"].max("time")).drop_attrs(deep=False)
 fig = cotree.heat_map(runs, "swing left")
 plt.show()
 
 # %%
-# Each cell is what a single run gives, to rounding.
+# Each cell agrees with a single run to rounding.
 cell = runs.sel(zeta=2.0).isel(k=24)
 alone = model.simulate(
     (0, 10),

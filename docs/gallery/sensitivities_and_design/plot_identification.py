@@ -2,8 +2,9 @@
 Parameters from a measurement
 =============================
 
-Stiffness and damping of a mount are fitted to a noisy record. SciPy's ``least_squares`` receives
-the exact Jacobian of the residuals from the model, so the fit converges in a few iterations.
+This example fits the stiffness and damping of a mount to a noisy record. The model gives SciPy's
+``least_squares`` the exact Jacobian of the residuals. The fit therefore converges in a few
+iterations.
 """
 
 import matplotlib.pyplot as plt
@@ -22,7 +23,7 @@ scene.edge("body", "rigid_body", "ground", "A", mass=m)
 model = scene.compile(["k", "c"])
 
 # %%
-# The record comes from the closed form of a damped oscillation, with noise of 1 mm.
+# The record is the closed form of a damped oscillation with noise of 1 mm.
 t = np.linspace(0, 1.5, 151)
 decay = true["c"] / (2 * m)
 w = np.sqrt(true["k"] / m - decay**2)
@@ -59,6 +60,6 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# The fit must lie within three standard deviations of the values that the record was made with;
-# the standard deviations follow from the Jacobian and the noise, as in linear regression.
+# The estimates must be within three standard deviations of the true values. The standard deviations
+# follow from the Jacobian and the noise, as in linear regression.
 assert np.all(np.abs(fit.x - [true["k"], true["c"]]) < 3 * spread)

@@ -2,9 +2,10 @@
 A damper for least overshoot
 ============================
 
-A car drives onto a step. With a weak damper its body swings on the suspension, and with a strong
-one on the tyre, which hardly damps; between them the overshoot is least. ``maximum(...)`` is the
-peak over time, whose derivative is the sensitivity at the time of the peak.
+A car drives onto a step. With a weak damper the body oscillates on the suspension. With a strong
+damper it oscillates on the tyre, which has little damping. A damper between these extremes gives
+the smallest overshoot. ``maximum(...)`` is the peak over time. Its derivative is the sensitivity at
+the time of the peak.
 """
 
 import matplotlib.pyplot as plt
@@ -42,7 +43,8 @@ plt.show()
 
 
 # %%
-# A fine scan of the same linear equations, solved by eigenvectors, has its least peak there.
+# A fine scan of the damping, with the linear equations solved by eigenvectors, has its minimum at
+# the same value.
 def peak(c, mb=300.0, mw=40.0, kt=1.5e5, ks=2e4):
     """Give the highest position of the body on a step at t = 0."""
     k = np.array([[ks / mb, -ks / mb], [-ks / mw, (ks + kt) / mw]])

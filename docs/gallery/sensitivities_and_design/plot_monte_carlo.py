@@ -2,9 +2,9 @@
 Monte Carlo study with bands
 ============================
 
-All eight parameters of the paper's slider-pendulum are uncertain by 10 %. A thousand members of an
-ensemble, drawn evenly over the space of the parameters, show where the block may be, and which
-share of that a linear estimate from sensitivities explains.
+All eight parameters of the paper's slider-pendulum have an uncertainty of 10 %. An ensemble of a
+thousand members, which are spread evenly over the parameter space, shows the distribution of the
+block's position. This distribution is compared with a linear estimate from sensitivities.
 """
 
 import time
@@ -29,10 +29,10 @@ fig.suptitle(f"{n} members with all 8 sensitivities, {1e3 * taken / n:.2f} ms ea
 plt.show()
 
 # %%
-# One run at the nominal values gives an estimate, too: to first order, its sensitivities
-# :math:`s_j` and the deviations :math:`\sigma_j` of the parameters add up to
-# :math:`\sigma^2 = \sum_j (s_j \sigma_j)^2`. A uniform distribution within 10 % deviates by
-# :math:`0.1\, p_j / \sqrt 3`.
+# One run at the nominal values also gives an estimate. To first order, the variance is
+# :math:`\sigma^2 = \sum_j (s_j \sigma_j)^2` with the sensitivities :math:`s_j` and the standard
+# deviations :math:`\sigma_j` of the parameters. For a uniform distribution within 10 % the standard
+# deviation is :math:`0.1\, p_j / \sqrt 3`.
 nominal = model.simulate((0, 10), runs["time"].values, rtol=1e-6, atol=1e-8)
 deviations = share * np.abs(model.default_parameters) / np.sqrt(3)
 slopes = [nominal.sensitivity("j1.s", name) for name in model.parameters]
@@ -48,9 +48,8 @@ plt.legend()
 plt.show()
 
 # %%
-# Both agree at first. Later the members are out of step with each other: at each moment some are
-# high and others low, and the deviation swings less than an estimate tells that is linear in the
-# differences of phase.
+# Both agree at first. Later the members have different phases. The standard deviation of the
+# ensemble then oscillates less than the estimate, which is linear in the phase differences.
 early = runs["time"].values < 1.0
 apart = np.max(np.abs(sampled.values[early] - linear[early])) / np.max(linear[early])
 print(f"{n} members took {taken:.2f} s, {1e3 * taken / n:.2f} ms each")

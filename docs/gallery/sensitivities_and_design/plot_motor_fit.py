@@ -2,8 +2,9 @@
 A motor drive fitted to two records
 ===================================
 
-A DC motor turns a flywheel. Its constant, the inertia and the friction are estimated from two noisy
-records of speed and current, a step of the voltage and a wave, of which nobody knows the noise.
+A DC motor drives a flywheel. The motor constant, the inertia and the friction are estimated from
+two noisy records of speed and current. The voltage is a step in the first record and a wave in the
+second. The standard deviation of the noise is unknown.
 """
 
 import matplotlib.pyplot as plt
@@ -23,7 +24,8 @@ scene.edge("rotor", "rotational_inertia", "ground", "shaft", inertia="J")
 scene.edge("bearing", "rotational_damper", "ground", "shaft", damping="d")
 
 # %%
-# Records stand for measurements: runs with other parameters, with noise of 20 rpm and 0.3 A.
+# The records replace measurements. They are runs with other parameters and noise of 20 rpm and 0.3
+# A.
 true = {"K": 0.06, "J": 3e-4, "d": 2e-4}
 model, t, rng = scene.compile(), np.linspace(0, 0.5, 51), np.random.default_rng(4)
 
@@ -39,7 +41,7 @@ def record(voltage):
 
 
 # %%
-# The fit: what the columns measure, one experiment for each record, and bounds.
+# The fit needs the quantities that the columns measure, one experiment per record, and bounds.
 voltages = [12.0, "6 + 4*sin(20*t)"]
 experiments = [
     cotree.Experiment(
@@ -57,18 +59,18 @@ result = cotree.fit(
 print(result)
 
 # %%
-# Data with computed curves, and residuals.
+# The figure shows the data with the computed curves, and the residuals.
 result.plot()
 plt.show()
 
 # %%
-# All starts lead to the same optimum.
+# All starts find the same optimum.
 result.plot_waterfall()
 plt.show()
 
 # %%
-# Each true value lies within four standard errors of its estimate, as it does in all but one of
-# 16,000 such intervals; the exact Jacobian has brought every start there.
+# Each true value is within four standard errors of its estimate. All but one of 16,000 such
+# intervals contain the true value.
 for name, value in true.items():
     error = result.standard_errors[name]
     print(f"{name} = {result.parameters[name]:.5g} ± {error:.2g}, true {value:g}")

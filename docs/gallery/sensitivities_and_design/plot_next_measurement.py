@@ -2,9 +2,9 @@
 The next measurement
 ====================
 
-An enzyme turns a substrate over at a rate that saturates. Samples from the beginning tell hardly
-anything about the constant of Michaelis and Menten. Exact sensitivities say when to take the next
-ones, and what they will gain.
+An enzyme converts a substrate at a rate that saturates. Early samples contain little information
+about the Michaelis-Menten constant. Exact sensitivities give the best times of the next samples and
+the expected gain in accuracy.
 """
 
 import matplotlib.pyplot as plt
@@ -21,8 +21,8 @@ scene.edge("P", "species", "P", "ground", volume=1.0)
 scene.edge("E", "reaction", reactants=["S"], products=["P"], rate="V/(K + S.c)")
 
 # %%
-# Samples come from the closed form of S. Schnell and C. Mendoza (*Journal of Theoretical Biology*
-# 187, 1997), with noise of 0.1 mol/m³: 16 of them within the first six seconds.
+# The data are 16 samples within the first six seconds. They come from the closed form of S. Schnell
+# and C. Mendoza (*Journal of Theoretical Biology* 187, 1997), with noise of 0.1 mol/m³.
 true, noise, rng = {"V": 1.2, "K": 1.5}, 0.1, np.random.default_rng(0)
 
 
@@ -41,21 +41,22 @@ before = fit(t, samples)
 print(before)
 
 # %%
-# Three more samples are to be taken at any of 80 times, so that the interval of K shrinks most. The
-# best times are late, where little of the substrate is left.
+# Three more samples are possible at 80 candidate times. They should minimise the confidence
+# interval of K. The best times are late, when little substrate is left.
 plan = before.next_measurements({"S.c": np.linspace(0.25, 20, 80)}, 3, criterion="K", repeat=False)
 print(plan)
 
 # %%
-# They are taken, and all samples are fitted together.
+# The three samples are added, and all samples are fitted together.
 later = np.sort([row.t for row in plan])
 new = exact(later) + noise * rng.standard_normal(later.size)
 after = fit(np.append(t, later), np.append(samples, new))
 print(after)
 
 # %%
-# Profile likelihoods of K, with intervals where they cross the limit, and predictions with bands of
-# 95 %, by draws, since the first ones are too wide for straight lines.
+# The figure shows profile likelihoods of K. The confidence intervals end at the intersections with
+# the limit. It also shows predictions with 95 % bands. These are computed from random draws, since
+# the first bands are too wide for a linear approximation.
 fine = np.linspace(0, 20, 161)
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 profiles = {}
@@ -79,7 +80,7 @@ right.legend()
 plt.show()
 
 # %%
-# The true value lies in both intervals, and the relative standard error of K has become small.
+# Both intervals contain the true value. The relative standard error of K is now small.
 for profile in profiles.values():
     assert profile.interval[0] < true["K"] < profile.interval[1]
 errors = {

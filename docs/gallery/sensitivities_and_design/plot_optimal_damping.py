@@ -2,8 +2,8 @@
 Best damping by gradients
 =========================
 
-The best damper minimises the integral of the squared displacement of a mass. A capacitor
-accumulates the integral, its sensitivity is the gradient, and SciPy's ``minimize`` obtains both
+The best damper minimises the integral of the squared displacement of a mass. A capacitor computes
+the integral. The sensitivity of its voltage is the gradient. SciPy's ``minimize`` receives both
 from one run.
 """
 
@@ -53,9 +53,9 @@ plt.legend()
 plt.show()
 
 # %%
-# The integral is :math:`(\zeta + 1/(4\zeta))/\omega`, least at :math:`\zeta = 1/2`, that is at
-# :math:`c = \sqrt{k m}` (K. Ogata, *Modern Control Engineering*, on the integral of squared
-# error). The optimiser stops at a gradient of 1e-9; with a curvature of 2e-3, the damping is then
+# The integral is :math:`(\zeta + 1/(4\zeta))/\omega`. Its minimum is at :math:`\zeta = 1/2`, which
+# means :math:`c = \sqrt{k m}` (K. Ogata, *Modern Control Engineering*, on the integral of squared
+# error). The optimiser stops at a gradient of 1e-9. With a curvature of 2e-3 the damping is then
 # accurate to 1e-6.
 exact = math.sqrt(k * m)
 print(f"c = {found.x[0]:.7f} N s/m after {found.nfev} runs, closed form {exact:.7f} N s/m")

@@ -2,9 +2,9 @@
 Tolerances of parts
 ===================
 
-Resistors with a tolerance of 5 % and capacitors with one of 10 % spread the step response of a
-filter. The sensitivities to all parts give that spread from a single run; a Monte Carlo study with
-a thousand runs confirms it.
+The resistors of a filter have a tolerance of 5 %, and its capacitors have a tolerance of 10 %. The
+sensitivities to all parts give the resulting spread of the step response in a single run. A Monte
+Carlo study with a thousand runs confirms the spread.
 """
 
 import matplotlib.pyplot as plt
@@ -29,7 +29,7 @@ each = [v * tolerance / 3 * result.sensitivity("C2.v", n) for n, (v, tolerance) 
 sigma = np.sqrt(np.sum(np.square(each), axis=0))  # tolerances are three standard deviations
 
 # %%
-# The same by a Monte Carlo study, without sensitivities:
+# The Monte Carlo study does not use sensitivities:
 plain = scene.compile()
 nominal = np.array([value for value, _ in parts.values()])
 deviation = np.array([value * tolerance / 3 for value, tolerance in parts.values()])
@@ -50,8 +50,9 @@ plt.legend(loc="lower right")
 plt.show()
 
 # %%
-# The standard deviation of 1000 samples is itself uncertain by :math:`1/\sqrt{2 \cdot 1000}`, 2.2
-# %. Four times that is allowed, and 1 % for terms of second order.
+# The standard deviation of 1000 samples has a relative uncertainty of
+# :math:`1/\sqrt{2 \cdot 1000}`, 2.2 %. The test allows four times this value, and 1 % for terms of
+# second order.
 at = np.argmax(sigma)
 chance = np.std(runs[:, at])
 print(f"at {1e3 * t[at]:.1f} ms: {sigma[at]:.5f} V by sensitivities, {chance:.5f} V by 1000 runs")

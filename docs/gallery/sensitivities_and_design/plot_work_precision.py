@@ -19,10 +19,10 @@ print(report.summary())
 figure = report.plot()
 
 # %%
-# The error of a method of order :math:`p` is proportional to the tolerance to a power between
-# :math:`p/(p + 1)` and one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential
-# Equations I*, section II.4): a tolerance that is a hundred times smaller divides the error by 10
-# to 1000.
+# The error of a method of order :math:`p` is proportional to a power of the tolerance. The exponent
+# is between :math:`p/(p + 1)` and one (E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary
+# Differential Equations I*, section II.4). If the tolerance is divided by 100, the error decreases
+# by a factor of 10 to 1000.
 errors = [row.error for row in report.rows if row.method == "dopri5"]
 ratios = np.divide(errors[:-1], errors[1:])
 print("errors of dopri5", *(f"{error:.1e}" for error in errors))
