@@ -91,7 +91,7 @@ typedef struct cotree_model {
     const int *sensitivity_rows;
     /* The kernels and their results; NULL if the model does not need one. */
 
-    /* k: what depends on parameters only, n_prepared values */
+    /* k: values that depend on parameters only, n_prepared of them */
     cotree_prepare_kernel prepare;
     /* x: initial states */
     cotree_parameter_kernel initial;
@@ -101,11 +101,11 @@ typedef struct cotree_model {
     cotree_input_kernel inputs_of_time;
     /* dx: rates of the states */
     cotree_state_kernel rhs;
-    /* values: derivatives of rhs by the states: its n_nonzeros, by columns */
+    /* values: derivatives of rhs by the states: n_nonzeros values, by columns */
     cotree_state_kernel jacobian;
-    /* dz: rates of the states, then of the sensitivities that do not vanish, which alone s holds */
+    /* dz: rates of the states, then of the nonvanishing sensitivities, the only ones in s */
     cotree_sensitivity_kernel augmented_rhs;
-    /* ds: rates of the sensitivities that do not vanish, which alone s holds */
+    /* ds: rates of the nonvanishing sensitivities, the only ones in s */
     cotree_sensitivity_kernel sensitivity_rhs;
     /* y: outputs */
     cotree_state_kernel outputs_of_state;
@@ -117,7 +117,7 @@ typedef struct cotree_model {
     cotree_sensitivity_kernel constraint_sensitivity;
     /* g: derivatives of the constraints' rates by the speeds, row by row */
     cotree_state_kernel gradient;
-    /* c: conditions on the initial state: residuals, then what others follow as and are */
+    /* c: initial conditions: residuals; redundant values as they follow, then as given */
     cotree_state_kernel start;
     /* g: derivatives of these by the speeds, row by row */
     cotree_state_kernel start_gradient;
@@ -129,26 +129,26 @@ typedef struct cotree_model {
     cotree_sensitivity_kernel sensitivity_projection;
     /* g: event functions, then switching functions; the numbers of branches of tables; quantities */
     cotree_state_kernel events;
-    /* r: the values to which each event sets its targets, in turn */
+    /* r: new values of the targets of each event, in order */
     cotree_state_kernel jumps;
-    /* dg: sensitivities of events, zeros of kinks, then of jumps, parameter by parameter */
+    /* dg: sensitivities of events, zeros for kinks, then of new values, by parameters */
     cotree_sensitivity_kernel event_sensitivity;
-    /* dg: time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns,
-     * where s holds those of the states */
+    /* dg: time derivatives of events, kinks, new values and residuals of algebraic unknowns; s
+     * contains those of the states */
     cotree_sensitivity_kernel event_rates;
-    /* r: four ends for each event or corner that is not linear: of its range, and of the range of
-     * its rate; s holds the least values of all quantities, the largest, and those of rates */
+    /* r: for each nonlinear event or kink the bounds of its value and of its rate; s contains the
+     * lower and upper bounds of all quantities, then of their rates */
     cotree_sensitivity_kernel event_ranges;
-    /* d: from a guess of the algebraic unknowns: rates of the others after a step, this step and
-     * its last part, n_algebraic each, how far it reaches, of the order of 1 where series
-     * fail, and how much pivots lost */
+    /* d: a step from a guess of the algebraic unknowns: rates of the states after it; the step
+     * and its last term, n_algebraic each; its size relative to the radius of convergence,
+     * about 1 if the series fails; the error growth of pivots */
     cotree_state_kernel algebraic_step;
     /* dx: rates of states and algebraic unknowns */
     cotree_state_kernel extended_rhs;
-    /* dz: rates of states and algebraic unknowns, then of the states' sensitivities, which alone s
-     * holds */
+    /* dz: rates of states and algebraic unknowns, then of the states' sensitivities, the only ones
+     * in s */
     cotree_sensitivity_kernel extended_augmented_rhs;
-    /* ds: sensitivities of the algebraic unknowns, where s holds those of states alone */
+    /* ds: sensitivities of the algebraic unknowns; s contains those of the states only */
     cotree_sensitivity_kernel algebraic_sensitivity;
     const cotree_hybrid *hybrid; /* NULL without events and kinks */
 } cotree_model;

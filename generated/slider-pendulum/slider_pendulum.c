@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
-/* What depends on parameters only, n_prepared values.
+/* Values that depend on parameters only, n_prepared of them.
  * Values: 7. Operations: 20. Temporaries: 7. */
 int slider_pendulum_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)
 {
@@ -91,7 +91,7 @@ int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x, const double 
     return 0;
 }
 
-/* Derivatives of rhs by the states: its n_nonzeros, by columns.
+/* Derivatives of rhs by the states: n_nonzeros values, by columns.
  * Values: 8. Operations: 45. Temporaries: 11. */
 int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                              const double *COTREE_RESTRICT u, const double *COTREE_RESTRICT p,
@@ -127,7 +127,7 @@ int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
+/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
  * Values: 8. Operations: 52. Temporaries: 15. */
 int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                   const double *COTREE_RESTRICT s, const double *COTREE_RESTRICT u,
@@ -170,7 +170,7 @@ int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the sensitivities that do not vanish, which alone s holds.
+/* Rates of the nonvanishing sensitivities, the only ones in s.
  * Values: 4. Operations: 52. Temporaries: 1. */
 int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                     const double *COTREE_RESTRICT s,

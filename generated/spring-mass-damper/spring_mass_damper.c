@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
-/* What depends on parameters only, n_prepared values.
+/* Values that depend on parameters only, n_prepared of them.
  * Values: 3. Operations: 5. Temporaries: 1. */
 int spring_mass_damper_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)
 {
@@ -57,7 +57,7 @@ int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Derivatives of rhs by the states: its n_nonzeros, by columns.
+/* Derivatives of rhs by the states: n_nonzeros values, by columns.
  * Values: 3. Operations: 0. Temporaries: 0. */
 int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                 const double *COTREE_RESTRICT u, const double *COTREE_RESTRICT p,
@@ -73,7 +73,7 @@ int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the sensitivities that do not vanish, which alone s holds.
+/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
  * Values: 4. Operations: 15. Temporaries: 0. */
 int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                      const double *COTREE_RESTRICT s,
@@ -89,7 +89,7 @@ int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the sensitivities that do not vanish, which alone s holds.
+/* Rates of the nonvanishing sensitivities, the only ones in s.
  * Values: 2. Operations: 15. Temporaries: 1. */
 int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                        const double *COTREE_RESTRICT s,

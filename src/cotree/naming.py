@@ -57,10 +57,7 @@ def check_name(kind: str, name: object) -> str:
             "letters, digits or underscores"
         )
     if keyword.iskeyword(name) and kind not in _DOTTED:
-        raise SceneError(
-            f"{kind} name '{name}' is a word of the language of expressions, where it would stand "
-            f"alone: try '{name}_'"
-        )
+        raise SceneError(f"{kind} name '{name}' is a reserved word of expressions: try '{name}_'")
     if kind in ("parameter", "input", "output", "mode") and name in RESERVED:
         raise SceneError(f"{kind} name '{name}' already means something in expressions: rename it")
     if kind in ("field", "port") and name in _OF_EDGES:

@@ -190,8 +190,8 @@ def test_constraints_that_cannot_be_satisfied_are_reported(compiler: str, tmp_pa
     done = execute([build(project, compiler), "--set", "a=50"], tmp_path)
     assert done.returncode != 0
     assert done.stdout == ""
-    expected = "the initial values violate the constraints, and what is given leaves no way to mend"
-    assert done.stderr == f"four-bar: there is no start: {expected} that: close.y.\n"
+    expected = "the initial values violate the constraints, and given ones cannot be adjusted"
+    assert done.stderr == f"four-bar: there is no start: {expected}: close.y.\n"
 
 
 def test_projection_as_the_document_shows(compiler: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Methods with steps of one length, in C projects: orders, stiff systems, constraints, refusals."""
+"""Methods with fixed steps in C projects: orders, stiff systems, constraints, refusals."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_constraints_are_held(tmp_path):
 @pytest.mark.parametrize(
     ("scene", "integrator", "step", "text"),
     [
-        ("slider-pendulum", "rk4", None, "rk4 takes steps of one length: give it"),
+        ("slider-pendulum", "rk4", None, "rk4 has fixed steps: give step"),
         ("slider-pendulum", "euler", 0.0, "a positive number of seconds"),
         ("slider-pendulum", "euler", math.nan, "a positive number of seconds"),
         ("slider-pendulum", "dopri5", 1e-3, "dopri5 controls its steps: give a step to rk4 or"),

@@ -105,6 +105,6 @@ def test_what_cannot_be_assembled_is_named(tmp_path: Path):
     done = execute(["./slider_crank", "--set", "l=0.1"], tmp_path)
     assert done.returncode == 1
     assert done.stderr == (
-        "slider-crank: there is no start: the initial values violate the constraints, and what is "
-        "given leaves no way to mend that: rod.length.\n"
+        "slider-crank: there is no start: the initial values violate the constraints, and given "
+        "ones cannot be adjusted: rod.length.\n"
     )

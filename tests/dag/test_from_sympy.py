@@ -68,7 +68,7 @@ def test_branches_meet_where_sympy_puts_them():
     [
         (sympy.Symbol("w") * X, "uses 'w', which is not one of its arguments"),
         (sympy.besselj(0, X), "the function 'besselj'"),
-        (sympy.Piecewise((X, X < 1)), "what a Piecewise is elsewhere: let its last branch"),
+        (sympy.Piecewise((X, X < 1)), "has a Piecewise that is undefined elsewhere: end it with"),
         (
             sympy.Piecewise((X, sympy.Eq(Y, 1)), (Z, True)),
             "branches on something other than <, <=, > or >=",

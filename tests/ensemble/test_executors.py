@@ -274,7 +274,7 @@ def test_a_worker_without_a_compiler_or_cotree_is_told(plan, monkeypatch):
     with monkeypatch.context() as there:
         there.setenv("COTREE_COMPILER", "none")
         with (
-            pytest.warns(RuntimeWarning, match="nothing is evaluated"),
+            pytest.warns(RuntimeWarning, match="models cannot be evaluated"),
             pytest.raises(BuildError, match="has no C compiler: install one on all machines"),
         ):
             parcel.run_parcel(parcel.Parcel("0" * 64, sent.data), ROWS[:1], 1, 0)

@@ -311,7 +311,7 @@ def test_a_limit_of_file_sizes_ends_with_a_sentence(model, tmp_path):
     ],
 )
 def test_another_ensemble_is_refused(model, changed, said, begun):
-    with pytest.raises(StoreError, match=f"holds another ensemble: {said}"):
+    with pytest.raises(StoreError, match=f"contains another ensemble: {said}"):
         into(model, begun, **changed)
 
 
@@ -346,7 +346,7 @@ def test_what_is_no_store_is_refused(model, tmp_path):
         (tmp_path / "runs.nc", r"to_netcdf\('runs.nc'\)"),
         ("s3://bucket/runs.zarr", "is not on this machine"),
         (tmp_path / "notes.txt", "is a file"),
-        (tmp_path, "is no store of an ensemble"),
+        (tmp_path, "is not a store of an ensemble"),
         (7, "give a folder"),
     ):
         with pytest.raises(StoreError, match=said):

@@ -88,7 +88,7 @@ def test_a_sweep_goes_on_from_its_store(tmp_path, capsys):
     assert main(arguments) == 0
     assert capsys.readouterr().out.splitlines()[3:] == first[3:]
     assert main([*SWEEP, "--grid", "k=40,50", "--store", str(tmp_path / "runs.zarr")]) == 2
-    assert "holds another ensemble" in capsys.readouterr().err
+    assert "contains another ensemble" in capsys.readouterr().err
 
 
 def test_gains_of_inputs_are_swept(capsys):
@@ -134,9 +134,9 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
         (["--grid", "LL=1,2"], "the column 'LL'"),
         (["--grid", "L=1,2", "--set", "L=3"], "'L' is a column of members and in parameters="),
         (["--grid", "L=1,2", "--members", "8"], "leave out --members 8"),
-        (["--grid", "L=1,2", "--seed", "8"], "--seed says how members are drawn"),
+        (["--grid", "L=1,2", "--seed", "8"], "--seed sets how members are drawn"),
         (["--grid", "L=1,2", "--sample", "k=relative:0.1"], "exclude each other"),
-        (["--members", "8"], "--members 8 is how many are drawn"),
+        (["--members", "8"], "--members 8 is the number of samples"),
         (["--members", "no.csv"], "'no.csv' is not a file"),
         (["--members", "-3"], "'-3' is not a file"),
         (["--sample", "k=relative:0.1"], "give --members 200"),
@@ -147,7 +147,7 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
         (["--sample", "k=relative:0.1", "--members", "8", "--sampling", "x"], "drawing is 'x'"),
         (["--grid", "L=1", "-o", "out.txt"], "unknown suffix '.txt'"),
         (["--grid", "L=1", "-o", "no/out.nc"], "there is no folder 'no'"),
-        (["--grid", "L=1", "-o", "folder.nc"], "folder of other things"),
+        (["--grid", "L=1", "-o", "folder.nc"], "folder of other files"),
         (["--grid", "L=1", "--plot", "out.gif"], "unknown suffix '.gif'"),
         (["--grid", "L=1", "--show", "L"], "give --plot FILE, too"),
         (["--grid", "L=1", "--plot", "p.png", "--show", "j1.z"], "cannot plot 'j1.z'"),

@@ -285,7 +285,7 @@ def test_stiff_methods_refuse_dependent_constraints(tmp_path: Path) -> None:
 def test_kits_that_are_refused(program: Program, tmp_path: Path) -> None:
     numbers = {"t_end": 1.0, "rtol": 1e-6, "atol": 1e-8}
     for kit, match in (
-        (Kit("dopri5,rk4"), "rk4 takes steps of one length"),
+        (Kit("dopri5,rk4"), "rk4 has fixed steps"),
         (Kit("dopri5,dopri5"), "'dopri5' is named twice"),
         (Kit(real="half"), "no type 'half' of numbers: give double or float"),
         (Kit(prefix="int"), "'int' cannot be the prefix"),

@@ -68,7 +68,7 @@ def test_where_it_sticks_nothing_accelerates_it_and_the_force_holds_what_there_i
         ([0.0, 0.0, 0.47], "'R' sticks .* beyond its limit by 16.8"),
         ([0.0, 0.5, 0.03], "'R' sticks .* its speed is 0.5"),
         ([-1.0, 0.5, 0.03], "'R' slides backwards .* its speed is 0.5"),
-        ([0.5, 0.5, 0.03], "'R.mode' is 0.5 .* 0 where the edge sticks"),
+        ([0.5, 0.5, 0.03], "'R.mode' is 0.5 .* 0 means sticking"),
     ],
 )
 def test_a_point_that_contradicts_its_mode_is_refused(point, why):

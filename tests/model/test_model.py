@@ -142,7 +142,7 @@ def test_a_singular_matrix_is_found_when_the_scene_is_compiled(monkeypatch, comp
 
 def test_without_a_compiler_nothing_is_evaluated(monkeypatch, tmp_path):
     monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="nothing is evaluated") as caught:
+    with pytest.warns(RuntimeWarning, match="models cannot be evaluated") as caught:
         model = cotree.load("slider-pendulum").compile(["L"])
     assert len(caught) == 1
     y, s = np.zeros(4), np.zeros((4, 1))
@@ -165,7 +165,7 @@ def test_without_a_compiler_nothing_is_evaluated(monkeypatch, tmp_path):
 
 def test_without_a_compiler_nothing_is_simulated(monkeypatch):
     monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="nothing is evaluated or simulated"):
+    with pytest.warns(RuntimeWarning, match="models cannot be evaluated or simulated"):
         model = cotree.load("bouncing-ball").compile()
     for method in ("auto", "dopri5", "cvode", "DOP853"):
         with pytest.raises(SolveError, match="pip install ziglang"):

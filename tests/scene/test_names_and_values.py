@@ -48,7 +48,7 @@ def test_every_word_is_a_node_and_no_word_a_parameter(word):
     scene.resistor("r", word, "ground", resistance=1.0)
     scene.output("y", f"2*{word}.v")
     assert scene.outputs["y"].names == {f"{word}.v"}
-    with pytest.raises(SceneError, match=f"parameter name '{word}' is a word of the language"):
+    with pytest.raises(SceneError, match=f"parameter name '{word}' is a reserved word"):
         scene.parameter(word, 1.0)
     with pytest.raises(ExpressionError, match=r"is not an expression|holds"):
         scene.output("z", f"{word} + 1")

@@ -141,18 +141,20 @@ def check_options(
     if len(chosen) > 1:
         raise ParameterError(f"{' and '.join(chosen)} exclude each other: give one of them")
     if not chosen and is_number:
-        raise ParameterError(f"--members {members} is how many are drawn: give {_SAMPLE}, too")
+        raise ParameterError(f"--members {members} is the number of samples: give {_SAMPLE}, too")
     if not chosen:
         raise ParameterError(
             f"a sweep needs members: give {_GRID}; {_SAMPLE} --members 200; or --members table.csv"
         )
     if grids and is_number:
-        raise ParameterError(f"a grid has as many members as it has: leave out --members {members}")
+        raise ParameterError(
+            f"the axes of a grid determine its number of members: leave out --members {members}"
+        )
     if samples and members is None:
         raise ParameterError("--sample needs the number of members: give --members 200")
     for name, value in of_samples.items():
         if value is not None and not samples:
-            raise ParameterError(f"--{name} says how members are drawn: give --sample, too")
+            raise ParameterError(f"--{name} sets how members are drawn: give --sample, too")
 
 
 def read_members_of(

@@ -230,10 +230,10 @@ def optimise_scene(
     ] = [],  # noqa: B006 - typer copies it
     guess: Annotated[
         list[str],
-        typer.Option(metavar="NAME=NUMBER", help="Where the search begins; may be repeated."),
+        typer.Option(metavar="NAME=NUMBER", help="Starting point of the search; may be repeated."),
     ] = [],  # noqa: B006
     starts: Annotated[int, typer.Option(min=1, help="Number of searches.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the places where they begin.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of their random starting points.")] = 0,
     optimiser: Annotated[str, typer.Option(help="slsqp or trust-constr.")] = "slsqp",
     t_end: EndTime = None,
     settings: Any = None,

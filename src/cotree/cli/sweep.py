@@ -54,7 +54,7 @@ def sweep_scene(
         str | None,
         typer.Option(
             metavar="N|FILE",
-            help="How many are drawn by --sample; or a table in CSV with a column for each name.",
+            help="Number of samples of --sample; or a table in CSV with a column for each name.",
         ),
     ] = None,
     seed: Annotated[

@@ -146,7 +146,7 @@ _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the own files of a method of ``INTEGRATORS`` or ``FIXED``, without the runtime."""
-    # C projects take methods with steps of one length, too, which no engine does.
+    # C projects support methods with fixed steps, too, which engines do not.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     kind = "fixed" if isinstance(method, FixedStep) else "variable"
     texts = {

@@ -484,7 +484,7 @@ class FixedStep:
 
 _RK4 = FixedStep(
     name="rk4",
-    title="the classical Runge-Kutta method of order 4, with steps of one length",
+    title="the classical Runge-Kutta method of order 4, with fixed steps",
     source="E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second "
     "edition, section II.1",
     order=4,
@@ -494,7 +494,7 @@ _RK4 = FixedStep(
 
 _EULER = FixedStep(
     name="euler",
-    title="the linearly implicit Euler method, with steps of one length",
+    title="the linearly implicit Euler method, with fixed steps",
     source="E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, second edition, "
     "sections IV.7 and VI.4",
     order=1,
@@ -502,5 +502,5 @@ _EULER = FixedStep(
     is_implicit=True,
 )
 
-#: Every method with steps of one length, by name.
+#: Every method with fixed steps, by name.
 FIXED: dict[str, FixedStep] = {row.name: row for row in (_RK4, _EULER)}

@@ -116,8 +116,8 @@ def _piecewise(expression: Any) -> _Maker:
     value, condition = pairs[-1]
     if condition is not sympy.true:
         raise ValueError(
-            "the law leaves open what a Piecewise is elsewhere: "
-            "let its last branch be (value, True)"
+            "the law has a Piecewise that is undefined elsewhere: "
+            "end it with a branch (value, True)"
         )
     # Branches are tried in order, so selections nest from the last to the first.
     last = _maker(value)

@@ -417,7 +417,7 @@ class Worker:
         other = stiff_method(problem)
         note = (
             f"{other} ran it, since it is stiff: from t = {float(job.stiff_since):.6g} on steps of "
-            f"{method} were as short as stability asks."
+            f"{method} were limited by stability."
         )
         members.rerun_single(member, other, note)
         if members.results.status[member] == STATUS_FAILED:

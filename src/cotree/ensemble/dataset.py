@@ -253,7 +253,7 @@ def check_dataset_file(path: Path) -> None:
     suffix = check_suffix(path, SUFFIXES, "write")
     check_parent(path)
     if path.is_dir() and not (suffix == ".zarr" and _is_zarr(path)):
-        raise SceneError(f"cannot write '{path}': it is a folder of other things; name another")
+        raise SceneError(f"cannot write '{path}': it is a folder of other files; name another")
 
 
 def write_dataset(dataset: Any, path: Path) -> None:

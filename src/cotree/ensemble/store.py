@@ -146,8 +146,8 @@ def store_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise StoreError(
-            f"the store '{path}' cannot be used ({error.strerror or error}): what it holds is "
-            "kept. Make room there, or correct its permissions, and run the same call again: it "
+            f"the store '{path}' cannot be used ({error.strerror or error}): its contents are "
+            "kept. Free some space, or correct its permissions, and run the same call again: it "
             "computes what is missing"
         ) from error
 
@@ -203,7 +203,7 @@ def read_whole(path: Path) -> Any:
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read the manifest of a store."""
-    remedy = "give another folder, or delete this one, whose results nothing tells from others"
+    remedy = "give another folder, or delete this one, whose results cannot be identified"
     try:
         document = json.loads((path / MANIFEST).read_bytes())
         found: dict[str, Any] = document["store"]
@@ -211,11 +211,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
             raise ValueError(path)
     except FileNotFoundError as error:
         raise StoreError(
-            f"'{path}' exists, and is no store of an ensemble ({MANIFEST} is missing): {remedy}"
+            f"'{path}' exists, but is not a store of an ensemble ({MANIFEST} is missing): {remedy}"
         ) from error
     except (KeyError, ValueError, TypeError, RecursionError) as error:
         raise StoreError(
-            f"'{path / MANIFEST}' is damaged, or is of no store of an ensemble: {remedy}"
+            f"'{path / MANIFEST}' is damaged, or is not of a store of ensembles: {remedy}"
         ) from error
     return found
 
@@ -303,8 +303,8 @@ class Store:
                 difference = self._other_coordinate(there["coordinates"], digests, coordinates)
             if difference:
                 raise StoreError(
-                    f"the store '{self.path}' holds another ensemble: {difference}. Give what it "
-                    "was begun with, or another folder"
+                    f"the store '{self.path}' contains another ensemble: {difference}. Give the "
+                    "same arguments as before, or another folder"
                 )
             if read_whole(self.path / COORDINATES) is None:
                 write_arrays(self.path / COORDINATES, coordinates)

@@ -134,8 +134,7 @@ def check_methods(methods: Sequence[str]) -> None:
     fixed = [name for name in methods if name in FIXED]
     if fixed and len(methods) > 1:
         raise CodegenError(
-            f"{fixed[0]} takes steps of one length, and is written without other methods: give it "
-            "alone"
+            f"{fixed[0]} has fixed steps, and cannot be combined with other methods: give it alone"
         )
     for name in methods:
         if methods.count(name) > 1:
@@ -178,9 +177,7 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
             )
         return
     if step is None or not (math.isfinite(step) and step > 0.0):
-        raise CodegenError(
-            f"{integrator} takes steps of one length: give it, a positive number of seconds"
-        )
+        raise CodegenError(f"{integrator} has fixed steps: give step, a positive number of seconds")
     if program.layout.events:
         raise CodegenError(
             f"{integrator} does not locate events, and scene '{program.layout.name}' has "

@@ -150,7 +150,7 @@ class Algebraic:
             raise SingularSystemError(
                 f"the algebraic equations do not determine {names}: their derivatives by these "
                 "are singular, so the system has an index higher than 1 or leaves them free; look "
-                "for values that are given twice, or by nothing"
+                "for values that are prescribed twice or not at all"
             )
 
     def _listed(self) -> str:

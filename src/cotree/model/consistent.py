@@ -175,10 +175,10 @@ class Report:
         own = self._left * self._units
         shown = ", ".join(f"{self._names[i]} = {own[i]:.3g}" for i in order)
         moved = self._moved()
-        nearest = f". The nearest that do not would move {', '.join(moved)}" if moved else ""
+        nearest = f". The nearest valid ones would change {', '.join(moved)}" if moved else ""
         raise ParameterError(
-            f"the initial {_LEVELS[self._c.level]} violate the constraints and what was given "
-            f"leaves no way to mend that; residuals: {shown}{nearest}. Change initial values or "
+            f"the initial {_LEVELS[self._c.level]} violate the constraints, and the given values "
+            f"cannot be adjusted; residuals: {shown}{nearest}. Change initial values or "
             "lengths of these joints, or give fewer initial values"
         )
 
@@ -188,8 +188,8 @@ class Report:
         named = ", ".join(f"'{self._names[i]}'" for i in order)
         raise ParameterError(
             f"the start has no derivative by '{self._model.sensitivities[self._c.column]}': it "
-            f"changes the {_LEVELS[self._c.level]} that the constraints ask for, and no motion "
-            f"follows to first order: {named} would be violated. Constraints depend on each other "
-            "there: begin elsewhere, let all that has to change with it depend on that parameter, "
+            f"changes the {_LEVELS[self._c.level]} that the constraints require, and no change of "
+            f"the states follows to first order: {named} would be violated. The constraints are "
+            "dependent there: start elsewhere, let all affected values depend on that parameter, "
             "or compile without this sensitivity"
         )

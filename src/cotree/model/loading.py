@@ -67,7 +67,7 @@ def load_model(
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: nothing is evaluated or simulated",
+            f"{reason}: models cannot be evaluated or simulated",
             RuntimeWarning,
             stacklevel=level_of_user(),
         )

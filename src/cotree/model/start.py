@@ -169,7 +169,7 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     if found.is_chosen and model.sensitivities and slopes:
         raise ParameterError(
             f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
-            "constraints, and what moves them changes their sensitivities: give consistent "
+            "constraints, and correcting them changes their sensitivities: give consistent "
             "values of all states"
         )
     check_followers(model, initial, found.y)

@@ -130,7 +130,7 @@ def contradicting_jumps(at: EvaluationPoint) -> SolveError:
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
     return SolveError(
         f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
-        "turns back its own condition"
+        "reverses its own condition"
     )
 
 
@@ -242,8 +242,8 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
         if mode not in _MODES:
             raise SolveError(
-                f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and "
-                "-1 where it slides, 2 where nothing presses it together"
+                f"'{edge}.mode' is {mode:.6g} at this point: 0 means sticking, 1 and -1 sliding, "
+                "2 no normal force"
             )
         grip = _values(at, y, ModePart.ENGAGED).get(place, 1.0)
         if (grip > 0.0) == (mode == _FREE):

@@ -22,7 +22,7 @@ _AT = KernelSpec(
     "curvature",
     KERNELS["augmented_rhs"].arguments,
     "c",
-    "what curvature_along reads at a point: values that depend on no direction",
+    "values at a point for curvature_along, independent of the direction",
 )
 _ALONG = KernelSpec(
     "curvature_along",

@@ -62,7 +62,7 @@ _ROWS = (
         "prepare",
         ("p",),
         "k",
-        "what depends on parameters only, n_prepared values",
+        "values that depend on parameters only, n_prepared of them",
         is_required=True,
     ),
     KernelSpec("initial", ("p", "k"), "x", "initial states", is_required=True),
@@ -73,21 +73,21 @@ _ROWS = (
         "jacobian",
         _STATE,
         "values",
-        "derivatives of rhs by the states: its n_nonzeros, by columns",
+        "derivatives of rhs by the states: n_nonzeros values, by columns",
         is_required=True,
     ),
     KernelSpec(
         "augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of the states, then of the sensitivities that do not vanish, which alone s holds",
+        "rates of the states, then of the nonvanishing sensitivities, the only ones in s",
         is_packed=True,
     ),
     KernelSpec(
         "sensitivity_rhs",
         _SENSITIVITY,
         "ds",
-        "rates of the sensitivities that do not vanish, which alone s holds",
+        "rates of the nonvanishing sensitivities, the only ones in s",
         # The called kernel comes before this one, on which codegen relies.
         tail_of="augmented_rhs",
         is_packed=True,
@@ -116,7 +116,7 @@ _ROWS = (
         "start",
         _STATE,
         "c",
-        "conditions on the initial state: residuals, then what others follow as and are",
+        "initial conditions: residuals; redundant values as they follow, then as given",
     ),
     KernelSpec(
         "start_gradient",
@@ -143,49 +143,49 @@ _ROWS = (
         "g",
         "event functions, then switching functions; the numbers of branches of tables; quantities",
     ),
-    KernelSpec("jumps", _STATE, "r", "the values to which each event sets its targets, in turn"),
+    KernelSpec("jumps", _STATE, "r", "new values of the targets of each event, in order"),
     KernelSpec(
         "event_sensitivity",
         _SENSITIVITY,
         "dg",
-        "sensitivities of events, zeros of kinks, then of jumps, parameter by parameter",
+        "sensitivities of events, zeros for kinks, then of new values, by parameters",
     ),
     KernelSpec(
         "event_rates",
         _SENSITIVITY,
         "dg",
-        "time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns, "
-        "where s holds those of the states",
+        "time derivatives of events, kinks, new values and residuals of algebraic unknowns; s "
+        "contains those of the states",
     ),
     KernelSpec(
         "event_ranges",
         _SENSITIVITY,
         "r",
-        "four ends for each event or corner that is not linear: of its range, and of the range of "
-        "its rate; s holds the least values of all quantities, the largest, and those of rates",
+        "for each nonlinear event or kink the bounds of its value and of its rate; s contains the "
+        "lower and upper bounds of all quantities, then of their rates",
     ),
     KernelSpec(
         "algebraic_step",
         _STATE,
         "d",
-        "from a guess of the algebraic unknowns: rates of the others after a step, this step and "
-        "its last part, n_algebraic each, how far it reaches, of the order of 1 where series fail, "
-        "and how much pivots lost",
+        "a step from a guess of the algebraic unknowns: rates of the states after it; the step and "
+        "its last term, n_algebraic each; its size relative to the radius of convergence, about 1 "
+        "if the series fails; the error growth of pivots",
     ),
     KernelSpec("extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns"),
     KernelSpec(
         "extended_augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of states and algebraic unknowns, then of the states' sensitivities, which alone s "
-        "holds",
+        "rates of states and algebraic unknowns, then of the states' sensitivities, the only ones "
+        "in s",
         is_packed=True,
     ),
     KernelSpec(
         "algebraic_sensitivity",
         _SENSITIVITY,
         "ds",
-        "sensitivities of the algebraic unknowns, where s holds those of states alone",
+        "sensitivities of the algebraic unknowns; s contains those of the states only",
         is_packed=True,
     ),
 )

@@ -91,7 +91,7 @@ class Measured(Mapping[str, float]):
         if name in self._model.outputs:
             return float(self._outputs()[self._model.outputs.index(name)])
         raise ParameterError(
-            f"a sampled input reads '{name}', which is no state and no output: known are "
+            f"a sampled input reads '{name}', which is not a state or an output: known are "
             f"{', '.join(self)}"
         )
 

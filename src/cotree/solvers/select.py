@@ -157,8 +157,8 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
         other = "cvode" if has_sundials() else "dopri5"
     elif what:
         raise SolveError(
-            f"The method '{method}' cannot run: {why}. '{other}', which stands in for it, cannot "
-            f"take {what}: use 'dop853' or 'rodas5', which run in C."
+            f"The method '{method}' cannot run: {why}. Its substitute '{other}' does not "
+            f"support {what}: use 'dop853' or 'rodas5', which run in C."
         )
     trajectory = _solve(problem, other)
     message = f"{trajectory.message} {other} stood in for {method}: {why}."

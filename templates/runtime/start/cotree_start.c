@@ -411,12 +411,9 @@ const char *cotree_start_message(int status)
 {
     switch (status) {
     case COTREE_START_VIOLATED:
-        return "the initial values violate the constraints, and what is given leaves no way to "
-               "mend "
-               "that";
+        return "the initial values violate the constraints, and given ones cannot be adjusted";
     case COTREE_START_STUCK:
-        return "no motion follows a parameter of sensitivity to first order, where given values "
-               "stay";
+        return "no change of the states follows a parameter of sensitivity to first order";
     case COTREE_START_CONTRADICTED:
         return "initial values contradict each other";
     case COTREE_START_UNSOLVED:
@@ -424,11 +421,11 @@ const char *cotree_start_message(int status)
     case COTREE_START_UNDETERMINED:
         return "the algebraic equations do not determine all unknowns";
     case COTREE_START_TURNED_BACK:
-        return "a jump turns back what it looks at";
+        return "a jump reverses its own condition";
     case COTREE_START_NO_MEMORY:
-        return "there is no memory";
+        return "there is not enough memory";
     case COTREE_START_ON_JUMP:
-        return "the start lies on a jump that a parameter moves: there are no sensitivities";
+        return "the start is at a jump that depends on a parameter: there are no sensitivities";
     case COTREE_START_UNDEFINED:
         return "an initial value is not finite";
     default:

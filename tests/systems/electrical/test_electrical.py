@@ -464,7 +464,7 @@ def test_a_users_law_with_an_error_function():
         (
             lambda across: sympy.Piecewise((across, across < 1)),
             {},
-            "component 'own' leaves open what a Piecewise is elsewhere: let its last branch be",
+            "component 'own' has a Piecewise that is undefined elsewhere: end it with a branch",
         ),
         (
             lambda across: sympy.Piecewise((across, sympy.Eq(across, 1)), (0, True)),

@@ -122,7 +122,11 @@ def test_sampled_sources_of_networks():
         (lambda: cotree.sampled(3.0, 0.1), (0, 1), "takes a function"),
         (lambda: cotree.sampled(_law, 1e-9), (0, 1), "too short for this run"),
         (lambda: cotree.sampled(_law, 0.1), (1, 0), "go forwards only"),
-        (lambda: cotree.sampled(lambda t, x: x["pole"], 0.1), (0, 1), "'pole', which is no state"),
+        (
+            lambda: cotree.sampled(lambda t, x: x["pole"], 0.1),
+            (0, 1),
+            "'pole', which is not a state",
+        ),
         (
             lambda: cotree.sampled(lambda t: math.nan, 0.1),
             (0, 1),
