@@ -54,6 +54,7 @@ static cotree_impulse impact_of(cotree_events *e)
                 sticks ? PLACE(i, FORWARD_LIMIT) : -1;
 #endif
     }
+    s.is_residual = 0;
     s.n_modes = e->n_modes;
     s.stride = N_PLACES;
     s.places = e->places;
@@ -380,6 +381,7 @@ int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
     for (k = 0; k < e->n_frictions; ++k) is_needed = is_needed || ends_slip(e, k, w);
     if (!is_needed) return 0;
     s = impact_of(e);
+    s.is_residual = 1;
     for (k = 0; k < s.n_edges; ++k) e->impact_events[k] = -1;
     for (k = 0; k < e->n_modes; ++k) {
         const int is_own = ends_slip(e, k, w);
@@ -423,13 +425,40 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
+/* Remove by an impulse the rates of gaps that were held until t, and slips of contacts that stuck:
+ * integration errors, since nothing but forces has acted. Otherwise a gap that opens at zero
+ * acceleration closes again at the speed of the error. */
+static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
+{
+    cotree_impulse s;
+    int k, is_needed = 0;
+    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
+        const int own = k - cotree_first_stop(e);
+        e->restitution_event[own] = PLACE(k, REBOUND);
+        is_needed = is_needed || (e->was_holding[own] && e->opening_speed[own] != COTREE_F(0.0));
+    }
+    if (!is_needed) return 0;
+    for (k = 0; k < e->n_modes; ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
+    s = impact_of(e);
+    s.is_residual = 1;
+    return cotree_jumps_apply_impulse(&e->jumps, &s, t, w) == 0
+               ? 0
+               : cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
+}
+
 /* Apply impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
+    /* Events of other kinds may set speeds. */
+    const int is_of_forces = fired >= 0 && e->rows[fired].kind != 0;
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
         cotree_impulse s;
         int status = find_closed_gaps(e, t, w, fired);
+        if (status == 0 && round == 0 && is_of_forces) {
+            status = remove_residues(e, t, w);
+            if (status == 0) status = find_closed_gaps(e, t, w, fired);
+        }
         if (status != 0) return status;
         if (find_impact_roles(e, fired) == 0) return 0;
         status = select_restitution_events(e, t, w);

@@ -9,6 +9,12 @@
 /* The rounding of one force is that of the largest force, as a share of LIMIT_RTOL. */
 #define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
+/* Share of the states by which the terms of gaps are sampled; and the share by which it differs
+ * from state to state. */
+#define TERM_SHARE COTREE_SELECT(1e-7, 1e-3f)
+
+#define GOLDEN_SHARE COTREE_F(0.6180339887498949)
+
 int cotree_first_stop(const cotree_events *e) { return e->n_modes - e->n_stops; }
 
 /* Count the friction constraints whose normal force is that of a stop. */
@@ -150,6 +156,32 @@ int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
     const cotree_real near = ZERO_ROUNDINGS * (cotree_rounding_band(e, i) +
                                                cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
     return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
+}
+
+/* Set the scales of gaps by the sizes of their terms, at the start: a gap of zero is a difference
+ * of lengths, and as accurate as these. States change by a small share, each by its own, so that
+ * changes of equal terms do not cancel; the smallest scale is the length at which the absolute
+ * tolerance replaces the relative one. */
+int cotree_set_gap_scales(cotree_events *e, cotree_real t, const cotree_real *w)
+{
+    const cotree_real smallest = e->rtol > COTREE_F(0.0) ? e->atol / e->rtol : COTREE_F(0.0);
+    int i;
+    if (e->n_stops == 0) return 0;
+    cotree_copy(e->n, w, e->trial);
+    for (i = 0; i < e->run->n_rates; ++i) {
+        const cotree_real own = COTREE_FMOD(GOLDEN_SHARE * (cotree_real)(i + 1), COTREE_F(1.0));
+        e->trial[i] += TERM_SHARE * (COTREE_F(0.5) + own) * w[i];
+    }
+    if (cotree_compute_values(e, t, e->trial) != 0) {
+        e->failure = 0;
+        return 0;
+    }
+    for (i = 0; i < e->n_events; ++i) {
+        const cotree_real change = COTREE_FABS(e->jumps.values[i] - e->g[i]) / TERM_SHARE;
+        if (cotree_is_gap(e, i) && change <= COTREE_MAX)
+            e->value_scale[i] = COTREE_FMAX(e->value_scale[i], COTREE_FMAX(change, smallest));
+    }
+    return cotree_compute_values(e, t, w);
 }
 
 /* Reject a start with a negative gap. */

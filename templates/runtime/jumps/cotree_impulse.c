@@ -86,8 +86,10 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
         for (i = 0; i < s->n_forces; ++i) forces[n * s->n_forces + i] -= idle[n * s->n_forces + i];
         for (i = 0; i < s->n_edges; ++i) {
             const int has_impulse = i < s->n_stops && s->speed_events[i] >= 0;
+            const int at = s->impulse_states[i];
             /* Unlike the forces here, impulses do not have the sign of the side. */
-            own[s->impulse_states[i]] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
+            own[at] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
+            if (s->is_residual) own[at] = j->before[n * N_STATES + at];
         }
     }
     for (i = 0; i < s->n_modes; ++i) {

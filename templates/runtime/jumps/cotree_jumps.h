@@ -44,6 +44,7 @@ typedef struct cotree_jumps {
 
 /* An impulse at several constraints. */
 typedef struct cotree_impulse {
+    int is_residual; /* removes errors of speeds: impulse_states keep their values */
     int n_modes, stride;
     const int *places;        /* of the modes, at each stride-th place */
     const cotree_real *modes; /* in the impact */

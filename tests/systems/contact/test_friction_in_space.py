@@ -127,6 +127,45 @@ def test_a_puck_breaks_away_in_the_direction_of_the_force_and_follows_a_curve(me
     np.testing.assert_allclose(found, slope, atol=1e-7)
 
 
+def on_table(mu, rate, end, radius=0.5):
+    """Return the place of a puck on a table that turns ever faster: it sticks, then slides."""
+    start = np.sqrt(np.sqrt((mu * G / (radius * rate)) ** 2 - 1) / rate)
+    turn, speed = rate * start**2 / 2, rate * start
+    c, s = np.cos(turn), np.sin(turn)
+    pull = radius * np.array([-rate * s - speed**2 * c, rate * c - speed**2 * s])
+
+    def rates(t, z):
+        slip = z[2:] - rate * t * np.array([-z[1], z[0]])
+        return [*z[2:], *(-mu * G * slip / np.linalg.norm(slip))]
+
+    # The first slip, far below the tolerance, is against the friction.
+    v = speed * radius * np.array([-s, c]) - 1e-11 * pull / np.linalg.norm(pull)
+    run = solve_ivp(rates, (start, end), [radius * c, radius * s, *v], "Radau", None,
+                    rtol=1e-11, atol=1e-13)  # fmt: skip
+    return run.y[:2, -1]
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+def test_a_puck_sticks_to_a_turning_table_and_slides_off(method):
+    mu, rate, end = 0.3, 2.0, 2.0
+    scene = cotree.Scene("turntable", gravity=[0, 0, -G])
+    scene.parameter("mu", mu)
+    scene.parameter("a", rate)
+    scene.edge("h", "revolute", "ground", "T", axis=[0, 0, 1], motion="a*t**2/2")
+    scene.edge("b", "rigid_body", "ground", "P", mass=0.7, inertia=[0.01, 0.01, 0.01],
+               initial={"x": 0.5})  # fmt: skip
+    scene.edge("c", "rigid_contact", "T", "P", normal=[0, 0, 1], friction="mu")
+    result = scene.compile(["mu", "a"]).simulate((0, end), method=method, rtol=1e-9, atol=1e-12)
+    names = ["b.x", "b.y"]
+    found = [result[name][-1] for name in names]
+    # Global errors of a run at 1e-9, over some hundred steps.
+    np.testing.assert_allclose(found, on_table(mu, rate, end), atol=3e-8)
+    for name, h in {"mu": np.array([1e-5, 0]), "a": np.array([0, 1e-5])}.items():
+        sides = [on_table(*(np.array([mu, rate]) + way * h), end) for way in (1, -1)]
+        slopes = [result.sensitivity(place, name)[-1] for place in names]
+        np.testing.assert_allclose(slopes, (sides[0] - sides[1]) / 2e-5, atol=3e-7)
+
+
 def plate(spin, velocity=(1.0, 0.5), mu=0.3):
     """Lay a plate on a plane, which it touches with its four corners."""
     scene = cotree.Scene("plate", gravity=[0, 0, -G])
