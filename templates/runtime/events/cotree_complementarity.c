@@ -426,6 +426,9 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;
+#if COTREE_HAS_DISCS
+    cotree_copy(2 * e->n_discs, e->directions, e->saved_directions);
+#endif
     for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
         const cotree_real mode = e->modes[k];
         if (!e->is_active[k]) continue;
@@ -442,6 +445,9 @@ static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
             if (part > least) return cotree_fail(e, PLACE(k, REBOUND), t, COTREE_EVENTS_NOT_UNIQUE);
         }
         cotree_copy(e->n_modes, e->saved_modes, e->modes);
+#if COTREE_HAS_DISCS
+        cotree_copy(2 * e->n_discs, e->saved_directions, e->directions);
+#endif
     }
     return cotree_evaluate_motion(e, t, w);
 }

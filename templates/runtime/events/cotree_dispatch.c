@@ -43,6 +43,12 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
+/* Return whether an event ends or begins a slip at a contact. */
+static int is_contact_slip(const cotree_events *e, int i)
+{
+    return e->rows[i].kind == COTREE_FRICTION_SLIP && e->rows[i].n_targets > 2;
+}
+
 /* Count an event, and reject accumulation and chatter. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
@@ -50,8 +56,9 @@ static int count_event(cotree_events *e, int i, cotree_real t)
     if (e->n_event_times[i] >= 2 * COTREE_EVENT_CROWD) e->n_event_times[i] -= COTREE_EVENT_CROWD;
     e->event_times[i * COTREE_EVENT_CROWD + e->n_event_times[i] % COTREE_EVENT_CROWD] = t;
     ++e->n_event_times[i];
-    /* Impacts at a stop end at rest, by the threshold of the stop. */
-    if (!cotree_is_gap(e, i) &&
+    /* Impacts at a stop end at rest, by the threshold of the stop, and slips at a contact with
+     * them. */
+    if (!cotree_is_gap(e, i) && !is_contact_slip(e, i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
     if (e->n_event_times[i] < COTREE_EVENT_CROWD) return 0;

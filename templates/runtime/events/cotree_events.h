@@ -181,6 +181,7 @@ typedef struct cotree_events {
     int *disc;               /* of each friction: its number; -1: none */
     int *direction_states;   /* 2 n_discs: the states of the directions of sliding */
     cotree_real *directions; /* 2 n_discs: as tried */
+    cotree_real *saved_directions;
     cotree_real *last_turns; /* 5 n_discs: direction, slip and gain of the last iteration */
 #endif
     cotree_real *saved_modes;

@@ -109,6 +109,7 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->disc = cotree_arena_ints(arena, n_frictions);
     e->direction_states = cotree_arena_ints(arena, 2 * n_discs);
     e->directions = cotree_arena_reals(arena, 2 * n_discs);
+    e->saved_directions = cotree_arena_reals(arena, 2 * n_discs);
     e->last_turns = cotree_arena_reals(arena, 5 * n_discs);
 #endif
     e->slip_sign = cotree_arena_reals(arena, n_frictions);

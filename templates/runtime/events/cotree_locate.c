@@ -294,10 +294,11 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 }
 
 /* Return by how much an event function must cross zero: for a force at its limit, by more than
- * it changes there. */
+ * it changes there; for a slip that has not left zero beyond its error, by this error. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
-    return e->n_frictions > 0 && e->stays_at_zero[i] ? e->zero_level[i] : COTREE_F(0.0);
+    if (e->n_frictions == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
+    return e->rows[i].kind == COTREE_FRICTION_SLIP ? cotree_rounding_band(e, i) : e->zero_level[i];
 }
 
 static cotree_real value_at(cotree_events *e, int i, cotree_real t)
