@@ -250,49 +250,56 @@ _PERIODS = np.linspace(0.0, 2.0 * np.pi * 1e5, 101)
 
 CASES: dict[str, Case] = {
     "slider_pendulum": _of_file(
-        "slider_pendulum", _multibody, "a long rod on a slider", drift=CONSTRAINTS
+        "slider_pendulum", _multibody, "a slider with a long rod", drift=CONSTRAINTS
     ),
     "iftomm_a01_pendulum": _of_file(
-        "iftomm_a01_pendulum", _multibody, "a distance that is held", drift=ENERGY
+        "iftomm_a01_pendulum", _multibody, "a distance constraint", drift=ENERGY
     ),
     "iftomm_a02_fourbar_N2": _of_file(
         "iftomm_a02_fourbar_N2",
         _multibody,
-        "all links fall in one line twice a turn, where the constraints lose rank",
+        "all links are collinear twice per turn, where the constraints lose rank",
         drift=ENERGY,
         settings={"max_steps": 10_000},
     ),
     "ivp_andrews": _of_file(
-        "ivp_andrews", _multibody, "three loops that amplify errors by 1e5", drift=CONSTRAINTS
+        "ivp_andrews",
+        _multibody,
+        "three loops, which amplify errors by a factor of 1e5",
+        drift=CONSTRAINTS,
     ),
     "ivp_car_axis": _of_file(
-        "ivp_car_axis", _multibody, "stiff springs, a moving constraint", drift=CONSTRAINTS
+        "ivp_car_axis", _multibody, "stiff springs and a moving constraint", drift=CONSTRAINTS
     ),
     "heavy_top": _of_file("heavy_top", _multibody, "a spin of 150 rad/s", drift=ENERGY),
     "torque_free_top": _of_file(
-        "torque_free_top", _multibody, "turns about its unstable axis", drift=ENERGY
+        "torque_free_top", _multibody, "rotation about the unstable axis", drift=ENERGY
     ),
     "nonholonomic_skate": _of_file(
-        "nonholonomic_skate", _multibody, "a constraint of velocities", drift=ENERGY
+        "nonholonomic_skate", _multibody, "a nonholonomic constraint", drift=ENERGY
     ),
     "spring_mass_damper": _of_file("spring_mass_damper", scene_of_domain, "linear, driven"),
-    "rlc_series": _of_file("rlc_series", circuit, "linear, microseconds"),
-    "spice_rlc_ladder50": _of_file("spice_rlc_ladder50", circuit, "100 states, nanoseconds"),
-    "spice_rectifier": _of_file("spice_rectifier", circuit, "stiff; exponentials of diodes"),
-    "ivp_transistor_amplifier": _of_file(
-        "ivp_transistor_amplifier", circuit, "stiff; algebraic unknowns with exponentials"
+    "rlc_series": _of_file("rlc_series", circuit, "linear; time scale of microseconds"),
+    "spice_rlc_ladder50": _of_file(
+        "spice_rlc_ladder50", circuit, "100 states; time scale of nanoseconds"
     ),
-    "battery_2rc": _of_file("battery_2rc", lambda _: battery(), "a current that is switched off"),
+    "spice_rectifier": _of_file("spice_rectifier", circuit, "stiff; exponential diode laws"),
+    "ivp_transistor_amplifier": _of_file(
+        "ivp_transistor_amplifier", circuit, "stiff; algebraic unknowns in exponential laws"
+    ),
+    "battery_2rc": _of_file("battery_2rc", lambda _: battery(), "a current that switches off"),
     "dc_motor_rigid_gear": _of_file(
-        "dc_motor_rigid_gear", scene_of_domain, "inertias tied by a gear"
+        "dc_motor_rigid_gear", scene_of_domain, "inertias coupled by a rigid gear"
     ),
     "surge_tank": _of_file("surge_tank", scene_of_domain, "linear, slow"),
-    "tank_drain": _of_file("tank_drain", scene_of_domain, "a square root, nearly empty at the end"),
+    "tank_drain": _of_file(
+        "tank_drain", scene_of_domain, "a square root law; the tank is nearly empty at the end"
+    ),
     "thermal_3node": _of_file("thermal_3node", scene_of_domain, "linear, slow"),
     "ivp_water_tube": _of_file(
         "ivp_water_tube",
         scene_of_domain,
-        "friction jumps where flow turns turbulent; the file is trusted to 3 digits",
+        "friction jumps at the transition to turbulent flow; the file is accurate to 3 digits",
     ),
     "chem_hires": _of_file("chem_hires", scene_of_domain, "stiff; digits of each", **_CHEMICAL),
     "chem_robertson": _of_file(
@@ -304,14 +311,14 @@ CASES: dict[str, Case] = {
     "double pendulum, 10 s": Case(
         hs.double_pendulum,
         10.0 * _SPAN,
-        "chaotic: errors grow by e every 1.3 s or so",
+        "chaotic: errors grow by a factor e about every 1.3 s",
         "two methods",
         drift=ENERGY,
     ),
     "double pendulum, 1000 s": Case(
         hs.double_pendulum,
         1000.0 * _SPAN,
-        "chaotic: the end is lost after 60 s at any tolerance, the energy need not be",
+        "chaotic: after 60 s the state is not accurate at any tolerance, but the energy can be",
         "energy",
         lambda: {"energy": np.full(len(_SPAN), -3.0 * 9.81 * np.cos(2.0))},
         method="dop853",
@@ -319,7 +326,8 @@ CASES: dict[str, Case] = {
     "double pendulum, mass ratio 1e8": Case(
         lambda: hs.double_pendulum(_HEAVY, 0.5),
         0.25 * _SPAN,
-        "the inner bob could vibrate at 7 kHz and must not; the rods swing as one, to 1e-8 of it",
+        "a mode of the inner bob at 7 kHz must not be excited; both rods move like a single "
+        "rod to 1e-8",
         "closed form of the limit",
         lambda: hs.long_pendulum_exact(0.25 * _SPAN),
         digits=8.0,
@@ -328,29 +336,29 @@ CASES: dict[str, Case] = {
     "two masses, mass ratio 1e8": Case(
         lambda: hs.two_masses(*_MASSES),
         _SPAN,
-        "1600 periods of the light mass in a sixth of one of the heavy mass",
+        "1600 periods of the light mass within a sixth of a period of the heavy mass",
         "closed form",
         lambda: hs.two_masses_exact(*_MASSES, _SPAN),
     ),
     "two masses, spring ratio 1e10": Case(
         lambda: hs.two_masses(*_SPRINGS),
         10.0 * _SPAN,
-        "stiff: 1e-5 s beside 10 s",
+        "stiff: time constants of 1e-5 s and 10 s",
         "closed form",
         lambda: hs.two_masses_exact(*_SPRINGS, 10.0 * _SPAN),
     ),
     "pF and MPa": Case(
         hs.pressure_sensor,
         _SPAN,
-        "stiff: 1e-6 s beside 1 s; states of 1e7 beside 10",
+        "stiff: time constants of 1e-6 s and 1 s; states of 1e7 and 10",
         "closed form",
         lambda: hs.pressure_sensor_exact(_SPAN),
     ),
     "Bennett's linkage": Case(
         hs.bennett_loop,
         3.0 * _SPAN,
-        "a spatial loop, three of whose six conditions are redundant; drift is that of Bennett's "
-        "relation of two angles",
+        "a spatial loop with three redundant constraints of six; the drift is the residual of "
+        "Bennett's relation between two angles",
         "two methods",
         lambda: two_explicit("Bennett's linkage"),
         digits=11.0,
@@ -359,7 +367,7 @@ CASES: dict[str, Case] = {
     "stiff spring between spinning bodies": Case(
         hs.spinning_pair,
         0.1 * _SPAN,
-        "a spring that could vibrate at 2 kHz and must not, on a circle at 100 rad/s",
+        "a mode of the spring at 2 kHz must not be excited; the bodies rotate at 100 rad/s",
         "closed form",
         lambda: hs.spinning_pair_exact(0.1 * _SPAN),
         drift=ENERGY,
@@ -368,7 +376,9 @@ CASES: dict[str, Case] = {
         f"diode, parasitic capacitance {farad:.0e} F" if farad else "diode, none": Case(
             functools.partial(hs.parasitic_rectifier, farad),
             0.04 * _SPAN,
-            "stiff: a rate of 1/(R C) beside 50 Hz" if farad else "an algebraic unknown",
+            "stiff: a decay rate of 1/(R C) and a source of 50 Hz"
+            if farad
+            else "an algebraic unknown in place of a capacitance",
             "two methods",
         )
         for farad in (1e-9, 1e-12, 1e-15, 0.0)
@@ -376,7 +386,7 @@ CASES: dict[str, Case] = {
     "van der Pol, mu = 1e6": Case(
         hs.van_der_pol,
         _VDP,
-        "jumps of 1e-6 s after 8e5 s of creeping",
+        "fast transitions of 1e-6 s after slow phases of 8e5 s",
         "asymptotic series",
         lambda: hs.van_der_pol_exact(_VDP),
         digits=10.0,
@@ -384,14 +394,14 @@ CASES: dict[str, Case] = {
     "dry friction that jumps, swinging": Case(
         hs.dry_swing,
         _DRY,
-        "nineteen jumps of the force, which steps are cut at by error control alone",
+        "nineteen jumps of the force, which only the error control resolves",
         "closed form",
         lambda: hs.dry_swing_exact(_DRY),
     ),
     "dry friction that jumps, to rest": Case(
         hs.sliding_to_rest,
         2.0 * _SPAN,
-        "at rest the force jumps at every step; the run stops and says so",
+        "at rest the force jumps at every step; the run stops with a message",
         "closed form",
         lambda: hs.sliding_to_rest_exact(2.0 * _SPAN),
         settings={"max_steps": 1000},
@@ -399,7 +409,7 @@ CASES: dict[str, Case] = {
     "smooth dry friction, to rest": Case(
         lambda: hs.sliding_to_rest(1e-6),
         2.0 * _SPAN,
-        "stiff at rest: a force of 1 N sets in over 1e-6 m/s",
+        "stiff at rest: the force increases to 1 N within 1e-6 m/s",
         "closed form",
         lambda: hs.sliding_to_rest_exact(2.0 * _SPAN, 1e-6),
         method="cvode",
@@ -407,8 +417,8 @@ CASES: dict[str, Case] = {
     "1e5 periods": Case(
         hs.light_oscillator,
         _PERIODS,
-        "errors of a phase add up over a million steps; a method that damps or drives by 1e-6 of "
-        "a step would show",
+        "phase errors accumulate over a million steps; artificial damping of 1e-6 per step "
+        "would be visible",
         "closed form",
         lambda: hs.light_oscillator_exact(_PERIODS),
         method="dop853",

@@ -284,6 +284,8 @@ def _tangents_at(
     nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
 ) -> dict[int, Node]:
     """Differentiate the nodes at some places; zero derivatives are left out."""
+    if not seed:
+        return {}
     chosen = sorted(set(places))
     along = tangents([nodes[i] for i in chosen], seed)
     return {i: d for i, d in zip(chosen, along, strict=True) if not d.is_zero}
