@@ -7,7 +7,7 @@ import pytest
 from c_programs import SANITIZE, STRICT, execute, need, run
 
 from cotree.codegen.c_files import method_files
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import with_runtime
 
 
 @pytest.fixture(scope="module", params=["gcc", pytest.param("clang", marks=pytest.mark.slow)])

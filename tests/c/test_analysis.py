@@ -12,7 +12,7 @@ import pytest
 from c_programs import need
 
 import cotree
-from cotree.codegen.runtime import ALL, header_text
+from cotree.codegen.render import ALL, header_text
 from cotree.export.c_project import Kit, write_c_project
 from cotree.files import template_folder
 from cotree.pipeline import formulate, generate

@@ -12,7 +12,7 @@ from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
 from cotree import Scene, load
 from cotree.codegen.c_files import method_files
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import with_runtime
 from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription

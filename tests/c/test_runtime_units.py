@@ -9,7 +9,7 @@ import pytest
 from c_programs import SANITIZE, STRICT, need, run
 
 from cotree.codegen.c_files import method_files, stepper_files
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import with_runtime
 
 pytestmark = pytest.mark.compiler
 

@@ -14,7 +14,7 @@ import pytest
 import cotree
 import cotree.model.loading
 from cotree.cli import main
-from cotree.cli.arguments import read_tree
+from cotree.cli.options import read_tree
 
 if TYPE_CHECKING:
     from pathlib import Path

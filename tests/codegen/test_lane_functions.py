@@ -10,8 +10,7 @@ import pytest
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.build.compile import cpu_features
 from cotree.codegen.lanes import Lanes
-from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import render, with_runtime
 from cotree.dag.operations import OPERATIONS
 
 pytestmark = pytest.mark.compiler

@@ -9,7 +9,7 @@ import subprocess
 import pytest
 
 from cotree.codegen.c_files import STEPPERS, SUNDIALS, engine_files, method_files
-from cotree.codegen.runtime import ALL, header_text, resolve, with_runtime
+from cotree.codegen.render import ALL, header_text, resolve, with_runtime
 from cotree.codegen.statuses import EVENT_FAILURES, SENTENCES, TURNED
 from cotree.codegen.targets import DOUBLE, SINGLE
 from cotree.errors import CodegenError

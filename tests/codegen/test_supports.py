@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from cotree.codegen import maps
 from cotree.codegen.maps import map_context
 from cotree.codegen.node_statements import own_rows
-from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import render, with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag

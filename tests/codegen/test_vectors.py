@@ -13,7 +13,7 @@ from rod_chain import rod_chain
 from cotree import load
 from cotree.build import find_toolchain
 from cotree.codegen import maps
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.render import with_runtime
 from cotree.program import columns
 
 pytestmark = [

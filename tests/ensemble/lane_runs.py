@@ -3,8 +3,7 @@
 import numpy as np
 
 from cotree.ensemble.batch import run_block
-from cotree.ensemble.lanes import LoadedLanes, find_lanes
-from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.pattern import LoadedLanes, find_lanes, find_pattern
 from cotree.ensemble.plan import Plan
 from cotree.scene.settings import Settings
 

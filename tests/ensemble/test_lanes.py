@@ -18,8 +18,7 @@ import cotree
 from cotree.build import find_toolchain
 from cotree.codegen.lanes import Lanes, lanes_refusal
 from cotree.ensemble.batch import BlockInC, run_block
-from cotree.ensemble.lanes import find_lanes, lanes_of
-from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.pattern import find_lanes, find_pattern, lanes_of
 from cotree.errors import SolveError
 
 pytestmark = [

@@ -17,8 +17,7 @@ import cotree
 from cotree.build import find_toolchain
 from cotree.codegen.tableaus import ROSENBROCK
 from cotree.ensemble.batch import LEFT, BlockInC, run_block
-from cotree.ensemble.lanes import find_lanes
-from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.pattern import find_lanes, find_pattern
 
 pytestmark = [
     pytest.mark.compiler,

@@ -8,7 +8,7 @@ import pytest
 from cotree import load
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, symbols_in
-from cotree.program.implicit import form_curvature
+from cotree.program.columns import form_curvature
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, reachable, symbols_in
 from cotree.pipeline import formulate, generate, trees_to_try
 from cotree.program import columns
-from cotree.program.implicit import form_curvature, form_time_slope
+from cotree.program.columns import form_curvature, form_time_slope
 from cotree.program.lower import lower
 from cotree.program.passes import RECIPE, run_passes
 from cotree.sensitivity.graphs import form_equations

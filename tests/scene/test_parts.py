@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import cotree
 from cotree.cli.app import app
 from cotree.errors import ModelError, SceneError
-from cotree.scene.origin import Origin, Visual
+from cotree.scene.description import Origin, Visual
 from cotree.scene.part import origins_of
 
 

@@ -195,7 +195,7 @@ def test_bands_against_another_factorisation():
     import cffi
 
     from cotree.build import BuildOptions, build_library, find_toolchain
-    from cotree.codegen.runtime import with_runtime
+    from cotree.codegen.render import with_runtime
 
     export = "__declspec(dllexport)" if sys.platform == "win32" else ""
     built = build_library(

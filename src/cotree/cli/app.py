@@ -16,11 +16,6 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from cotree.cli.arguments import (
-    check_animated,
-    check_folder,
-    check_picture,
-)
 from cotree.cli.options import (
     INTERRUPTED,
     Csv,
@@ -28,6 +23,9 @@ from cotree.cli.options import (
     Plot,
     SceneName,
     Sensitivity,
+    check_animated,
+    check_folder,
+    check_picture,
     print_error,
     read_robots_with,
     read_scene,

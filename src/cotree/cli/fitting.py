@@ -7,19 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cotree.cli.arguments import (
-    check_folder,
-    check_picture,
-    read_numbers,
-    read_pairs,
-)
 from cotree.cli.options import (
     INTERRUPTED,
     Csv,
     EndTime,
     Plot,
     SceneName,
+    check_folder,
+    check_picture,
     print_error,
+    read_numbers,
+    read_pairs,
     read_scene,
     with_options,
     write_file,

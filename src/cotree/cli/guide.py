@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cotree.cli.arguments import check_folder
+from cotree.cli.options import check_folder
 from cotree.errors import SceneError, nearest
 from cotree.report import Report, Table
 

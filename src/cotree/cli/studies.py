@@ -11,18 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cotree.build.cache import cached
-from cotree.cli.arguments import (
-    check_folder,
-    check_picture,
-    given,
-    read_tolerances,
-)
 from cotree.cli.options import (
     EndTime,
     Plot,
     SceneName,
     Sensitivity,
+    check_folder,
+    check_picture,
+    given,
     read_scene,
+    read_tolerances,
     with_options,
     write_file,
 )

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from cotree.cli.arguments import check_options, check_picture, read_members_of
 from cotree.cli.options import (
     INTERRUPTED,
     EndTime,
     SceneName,
     Sensitivity,
+    check_options,
+    check_picture,
     print_error,
+    read_members_of,
     read_scene,
     with_options,
     write_file,

@@ -11,8 +11,15 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.c_text import exported
-from cotree.codegen.render import render
-from cotree.codegen.runtime import ALL, Features, header_text, resolve, source_texts, with_runtime
+from cotree.codegen.render import (
+    ALL,
+    Features,
+    header_text,
+    render,
+    resolve,
+    source_texts,
+    with_runtime,
+)
 from cotree.codegen.tableaus import (
     FIXED,
     ROSENBROCK,

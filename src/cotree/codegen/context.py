@@ -32,7 +32,7 @@ from cotree.codegen.node_statements import (
     starts_of_maps,
 )
 from cotree.codegen.printing import Body, Constants, constants, function_head, print_body
-from cotree.codegen.runtime import Features
+from cotree.codegen.render import Features
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function
 from cotree.dag.nodes import ARGUMENT_OF, reachable

@@ -15,8 +15,7 @@ from cotree.codegen.context import KernelFile, file_fields, kernel_context, name
 from cotree.codegen.newton import linear_system
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import int_table
-from cotree.codegen.render import render
-from cotree.codegen.runtime import header_text, resolve, with_runtime
+from cotree.codegen.render import header_text, render, resolve, with_runtime
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.nodes import substitute
 from cotree.dag.operations import OPERATIONS

@@ -16,12 +16,11 @@ from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.ir import Argument, Assign, apply, element, named, number, temporary
 from cotree.codegen.printing import Body, int_table, print_body
-from cotree.codegen.render import render
-from cotree.codegen.runtime import ALL, Features, with_runtime
+from cotree.codegen.render import ALL, Features, render, with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.nodes import INPUT, TIME, kinds_in
 from cotree.naming import c_identifier
-from cotree.program.implicit import form_curvature, form_time_slope
+from cotree.program.columns import form_curvature, form_time_slope
 from cotree.quiet import without_collection
 
 if TYPE_CHECKING:

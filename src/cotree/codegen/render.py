@@ -1,20 +1,32 @@
-"""Contexts into templates: the C files of a model."""
+"""Contexts into templates, and the runtime: ordinary C below ``templates/runtime``.
+
+The runtime is the same for every model. In: the names of headers, or C text that includes them.
+Out: their text and that of their sources. A folder of the runtime holds modules. A module is a
+public header, an internal one where its sources share declarations, and the sources whose first
+include is either of them.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from functools import cache
 from typing import TYPE_CHECKING
 
+from cotree.codegen.c_text import includes, squeezed, unframed, without_unused
 from cotree.codegen.printing import wrapped
-from cotree.codegen.targets import DOUBLE
+from cotree.codegen.targets import DOUBLE, Target
 from cotree.errors import CodegenError
 from cotree.files import template_folder
 from cotree.naming import c_comment, c_string
+from cotree.program.kernels import KERNELS
+from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
     import jinja2
 
-    from cotree.codegen.targets import Target
 
 #: Bytes of C text beyond which no compiler is bothered.
 LARGEST_FILE = 200_000_000
@@ -89,3 +101,221 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
             f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
         )
     return text
+
+
+@dataclass(frozen=True)
+class Features:
+    """The parts of the runtime that are compiled; by default all of them."""
+
+    sensitivities: bool = True  # whether states have sensitivities
+    inputs: bool = True  # whether there are inputs
+    algebraic: bool = True  # whether some states satisfy algebraic equations
+    constraints: bool = True  # whether states are projected on constraints
+    events: bool = True  # whether there are events, or kinks of rates whose times depend on states
+    modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
+    discs: bool = True  # whether modes are those of friction on planes in space
+    #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
+    moving_corners: bool = True
+    implicit: bool = True  # whether a method takes a Jacobian
+    helper: bool = True  # whether another program finds states if iterations fail
+    mending: bool = True  # whether given values that contradict constraints move, with a report
+    sundials: bool = True  # whether a method of SUNDIALS may take the steps
+    #: Of an FMU: whether its start satisfies constraints or conditions, or has modes that follow;
+    #: whether there are time events or upper bounds of steps.
+    start: bool = True
+    breakpoints: bool = True
+    #: Whether an FMU offers Model Exchange, and Co-Simulation.
+    exchange: bool = True
+    steps: bool = True
+
+    def macros(self) -> dict[str, bool]:
+        """Return the value of each macro by name."""
+        return {
+            f"COTREE_HAS_{row.name.upper()}": bool(getattr(self, row.name)) for row in fields(self)
+        }
+
+
+#: What Python's engine is compiled with.
+ALL = Features()
+
+
+_INTERNAL = "_internal.h"
+#: A source, or several, in one file: functions that only the module calls are its own.
+_PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
+
+
+def with_runtime(
+    files: Mapping[str, str],
+    target: Target = DOUBLE,
+    *,
+    features: Features = ALL,
+    has_sources: bool = True,
+) -> dict[str, str]:
+    """Add the modules that texts include, and those that these include.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        C text by file name.
+    target : Target
+        The type of numbers.
+    features : Features
+        What is compiled, in the files given, too.
+    has_sources : bool
+        Whether sources are added, too, or headers alone.
+
+    Returns
+    -------
+    dict of str to str
+        Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
+    """
+    found = {name: resolve(text, features.macros()) for name, text in files.items()}
+    waiting = [name for text in found.values() for name in includes(text)]
+    while waiting:
+        header = waiting.pop(0)
+        if header in found or (header != "cotree_abi.h" and header not in _paths()):
+            continue  # present already, or a file of the model
+        added = {header: header_text(header, target, features)}
+        if has_sources:
+            added |= source_texts(header, target, features)
+        found |= added
+        waiting += [name for text in added.values() for name in includes(text)]
+    return found
+
+
+def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
+    """Add the modules that texts include, without unused parts; see ``with_runtime``.
+
+    Sources that are given stay whole.
+    """
+    shared = _paths().keys() - {name for name in files if name.endswith(".c")}
+    return without_unused(with_runtime(files, target, features=features), shared)
+
+
+def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
+    """Return the text of a public header, ``cotree_abi.h`` among them."""
+    text = _abi(target) if name == "cotree_abi.h" else _read(name)
+    return _resolved(text, target, features)
+
+
+def _abi(target: Target) -> str:
+    kernels = tuple(KERNELS.values())
+    return render(
+        "c/cotree_abi.h.jinja", target, abi_version=ABI_VERSION, generator=VERSION, kernels=kernels
+    )
+
+
+def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:
+    """Return the sources of a module by name.
+
+    Those that share an internal header become one file, whose private functions are static.
+    """
+    names = _sources(header)
+    internal = header.replace(".h", _INTERNAL)
+    if internal not in _paths():
+        return {name: _resolved(_read(name), target, features) for name in names}
+    shared = f'#include "{internal}"\n'
+    head, _, first = _resolved(_read(names[0]), target, features).partition(shared)
+    others = (_resolved(_read(name), target, features).replace(shared, "") for name in names[1:])
+    _, own = unframed(_resolved(_read(internal), target, features))
+    parts = [own, first, *filter(_has_code, others)]
+    text = _without_repeated_headers("\n".join(part.lstrip() for part in parts))
+    return {names[0]: f"{head}{_PRIVATE}{text}"}
+
+
+def _has_code(text: str) -> bool:
+    """Return whether a text has more than comments and directives."""
+    return any(line[:1].isalpha() for line in text.splitlines())
+
+
+def _without_repeated_headers(text: str) -> str:
+    """Remove repeated inclusions of headers of C."""
+    seen: set[str] = set()
+    lines = []
+    for line in text.splitlines(keepends=True):
+        if line not in seen:
+            lines.append(line)
+        if line.startswith("#include <"):
+            seen.add(line)
+    return squeezed("".join(lines))
+
+
+@cache
+def _paths() -> dict[str, Path]:
+    """Return all files of the runtime by name."""
+    return {path.name: path for path in sorted(template_folder().glob("runtime/*/*.[ch]"))}
+
+
+@cache
+def _read(name: str) -> str:
+    try:
+        return _paths()[name].read_text("ascii")
+    except KeyError:
+        raise CodegenError(f"the runtime has no file {name}: install cotree again") from None
+
+
+@cache
+def _sources(header: str) -> list[str]:
+    """List the sources of a header; the one with its own name first."""
+    own = header.removesuffix(".h")
+    found = []
+    for name in _paths():
+        if name.endswith(".c") and includes(_read(name))[0] in (header, own + _INTERNAL):
+            found.append(name)
+    return sorted(found, key=lambda name: (name != f"{own}.c", name))
+
+
+def _resolved(text: str, target: Target, features: Features) -> str:
+    """Remove the parts that a type of numbers, or a model, does not use."""
+    return resolve(text, {"COTREE_SINGLE": target.digits != DOUBLE.digits, **features.macros()})
+
+
+def resolve(text: str, known: Mapping[str, bool]) -> str:
+    """Evaluate conditions of the preprocessor on known macros, and drop text that is not compiled.
+
+    Parameters
+    ----------
+    text : str
+        C text. Conditions are written ``#if NAME`` or ``#if !NAME``, several joined by ``&&`` or by
+        ``||``; a default between ``#ifndef NAME`` and ``#endif`` is dropped.
+    known : mapping of str to bool
+        Values of macros; other conditions stay.
+    """
+    if not any(name in text for name in known):
+        return text
+    lines: list[str] = []
+    # Of each open condition: whether it is decided here, and whether its lines are kept.
+    open_: list[tuple[bool, bool]] = []
+    for line in text.splitlines():
+        if (value := _value(line, known)) is not None:
+            open_.append((True, value))
+        elif line.startswith("#ifndef ") and line.removeprefix("#ifndef ") in known:
+            open_.append((True, False))
+        elif line.startswith("#if"):
+            open_.append((False, True))
+            _keep(lines, line, open_)
+        elif line == "#else" and open_[-1][0]:
+            open_[-1] = (True, not open_[-1][1])
+        elif line.startswith("#endif"):
+            if not open_[-1][0]:
+                _keep(lines, line, open_)
+            open_.pop()
+        else:
+            _keep(lines, line, open_)
+    return squeezed("\n".join(lines) + "\n")
+
+
+def _value(line: str, known: Mapping[str, bool]) -> bool | None:
+    """Return the value of a condition on known macros; None for other lines."""
+    if not line.startswith("#if "):
+        return None
+    operator, join = (" || ", any) if "||" in line else (" && ", all)
+    terms = line.removeprefix("#if ").split(operator)
+    if not all(term.removeprefix("!") in known for term in terms):
+        return None
+    return join(known[term.removeprefix("!")] != term.startswith("!") for term in terms)
+
+
+def _keep(lines: list[str], line: str, open_: Iterable[tuple[bool, bool]]) -> None:
+    if all(is_kept for _, is_kept in open_):
+        lines.append(line)

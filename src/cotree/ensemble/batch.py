@@ -23,10 +23,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.pattern import (
+    LoadedLanes,
     NotBatchable,
     Pattern,
+    find_lanes,
     find_pattern,
     own_values,
     problem_of,

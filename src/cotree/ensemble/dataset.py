@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.batch import pattern_of
-from cotree.ensemble.lanes import refusal_of
 from cotree.ensemble.members import MEMBER, Members
-from cotree.ensemble.pattern import NotBatchable
+from cotree.ensemble.pattern import NotBatchable, refusal_of
 from cotree.ensemble.plan import FEW, Block, Plan
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError

@@ -24,8 +24,7 @@ from cotree.codegen.c_files import INTEGRATORS, method_files, render_model, step
 from cotree.codegen.context import ModelContext, model_context
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import wrapped
-from cotree.codegen.render import render
-from cotree.codegen.runtime import project_files, resolve
+from cotree.codegen.render import project_files, render, resolve
 from cotree.codegen.single_file import prefixed, single_file
 from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.tableaus import FIXED, FixedStep, RosenbrockTableau, Tableau

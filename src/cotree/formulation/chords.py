@@ -12,7 +12,6 @@ from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
 from cotree.formulation.contact import Slip, Touching, surface_of
-from cotree.formulation.endpoints import Ends, carried_by, chord_ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
     Angle,
@@ -22,7 +21,10 @@ from cotree.formulation.measures import (
     CoordinateMeasure,
     Cosine,
     Distance,
+    Ends,
     Spin,
+    carried_by,
+    chord_ends,
 )
 from cotree.naming import split_name
 

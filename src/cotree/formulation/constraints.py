@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion, View
     from cotree.formulation.chords import Row
-    from cotree.formulation.endpoints import Pull
     from cotree.formulation.frames import Geometry
-    from cotree.formulation.measures import Measure
+    from cotree.formulation.measures import Measure, Pull
 
 
 @dataclass(frozen=True)

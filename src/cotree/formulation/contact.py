@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
 from cotree.dag.dual import function
-from cotree.formulation.endpoints import Carried, Ends, Pull, carried_by, chord_ends, pull_in_place
 from cotree.formulation.fields import BoundEdge, plane_axes
+from cotree.formulation.measures import Carried, Ends, Pull, carried_by, chord_ends, pull_in_place
 
 if TYPE_CHECKING:
     from cotree.components.terminal import Touch

@@ -15,7 +15,6 @@ from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.errors import SceneError, nearest
 from cotree.formulation.chords import Row, chord_measure, named_measure, whole_angle
-from cotree.formulation.endpoints import Pull, carried_by, chord_ends
 from cotree.formulation.measures import (
     Angle,
     AxisLength,
@@ -24,7 +23,10 @@ from cotree.formulation.measures import (
     Cosine,
     Distance,
     Measure,
+    Pull,
     Spin,
+    carried_by,
+    chord_ends,
 )
 from cotree.naming import split_name
 

@@ -34,7 +34,7 @@ from cotree.equations import Guard
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.formulation.clusters import Branch, Clusters, Inertia, combined, shifted
 from cotree.formulation.constraints import along_speeds
-from cotree.formulation.endpoints import Pull
+from cotree.formulation.measures import Pull
 from cotree.formulation.through import carried_inertia, resolved, unit_wrench
 from cotree.scene.checks import ROUNDING
 

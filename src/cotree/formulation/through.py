@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
     from cotree.formulation.across import Accelerations, Motion
     from cotree.formulation.elements import Action
-    from cotree.formulation.endpoints import Pull
     from cotree.formulation.frames import Frames, Geometry
+    from cotree.formulation.measures import Pull
 
 
 @dataclass(frozen=True)

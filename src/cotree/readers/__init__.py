@@ -1,12 +1,72 @@
-"""Readers of files of other tools, which become scenes."""
+"""Readers of files of other tools, and loading of scenes by name: shipped, TOML, or by suffix."""
 
 from __future__ import annotations
 
-from cotree.readers.source import is_sbml, is_spice, is_urdf, load_source
+import re
+from typing import TYPE_CHECKING, TypeVar
 
-__all__ = [
-    "is_sbml",
-    "is_spice",
-    "is_urdf",
-    "load_source",
-]
+from cotree.scene.description import SceneDescription
+from cotree.scene.toml_file import load_scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_START = 4096  # bytes that must contain the outermost element of an XML file
+_COMMENT, _OUTERMOST = re.compile(rb"(?s)<!--.*?-->"), re.compile(rb"<([A-Za-z_][\w:.-]*)")
+
+
+def is_urdf(source: str | Path) -> bool:
+    """Return whether a file is a robot description, by its ending or its outermost element."""
+    return _has_ending(source, ".urdf") or _begins_with(source, "robot")
+
+
+def is_sbml(source: str | Path) -> bool:
+    """Return whether a file is an SBML model, by its ending or its outermost element."""
+    # The reader refuses other XML files.
+    return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
+
+
+def is_spice(source: str | Path) -> bool:
+    """Return whether a file is a netlist, by its ending."""
+    return _has_ending(source, ".cir", ".sp", ".net")
+
+
+def _has_ending(source: str | Path, *endings: str) -> bool:
+    return str(source).lower().endswith(endings)
+
+
+def _begins_with(source: str | Path, tag: str) -> bool:
+    """Return whether the outermost element of an XML file has a tag; False if it is unreadable."""
+    if not _has_ending(source, ".xml"):
+        return False
+    try:
+        with open(source, "rb") as file:
+            start = file.read(_START)
+    except (OSError, ValueError):
+        return False  # the reader reports the error
+    # Comments, declarations and processing instructions may precede it.
+    found = _OUTERMOST.search(_COMMENT.sub(b"", start))
+    return found is not None and found[1] == tag.encode()
+
+
+def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a shipped scene by its name, a TOML file, or a file of another tool.
+
+    ``.urdf`` is a robot description, ``.cir``, ``.sp`` and ``.net`` are netlists, ``.sbml`` is an
+    SBML model, ``.xml`` a model or a robot. Raises ModelError if the scene is unknown or invalid.
+    """
+    if is_urdf(source):
+        from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene
+
+        return read_urdf_scene(source, scene_type, UrdfOptions())
+    if is_spice(source):
+        from cotree.readers.spice.scene import read_spice_scene
+
+        return read_spice_scene(source, scene_type)
+    if is_sbml(source):
+        from cotree.readers.sbml.scene import read_sbml_scene
+
+        return read_sbml_scene(source, scene_type)
+    return load_scene(source, scene_type)

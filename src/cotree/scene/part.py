@@ -34,9 +34,8 @@ from cotree.scene.tables import LookupTable, parse_signal
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from cotree.scene.description import SceneDescription
+    from cotree.scene.description import Origin, SceneDescription
     from cotree.scene.events import Event
-    from cotree.scene.origin import Origin
 
 
 #: Entries of tables in fields that are words, not expressions.

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cotree.components import COMPONENTS
 from cotree.errors import ModelError, SceneError, brief, check_known, nearest
 from cotree.files import read_text
-from cotree.scene.description import SceneDescription, check_allowed
+from cotree.scene.description import SceneDescription, check_allowed, read_origin
 from cotree.scene.events import check_event_table
-from cotree.scene.origin import read_origin
 from cotree.scene.part_adding import add_part, check_entries, statement_lines
 from cotree.scene.tables import LARGEST_POINTS, add_table
 

@@ -47,10 +47,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from cotree.formulation.across import Motion, View
-    from cotree.formulation.endpoints import Pull
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.laws import Applied
-    from cotree.formulation.measures import Measure
+    from cotree.formulation.measures import Measure, Pull
 
 
 class Changes(Sums):

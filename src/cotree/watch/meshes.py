@@ -22,7 +22,7 @@ from cotree.watch.shapes import Mesh
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cotree.scene.origin import Origin, Visual
+    from cotree.scene.description import Origin, Visual
     from cotree.watch.stage import Place
 
 

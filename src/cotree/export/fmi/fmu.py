@@ -26,8 +26,7 @@ from cotree.build.toolchain import Toolchain, run_limited
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.errors import BuildError, CodegenError, SolveError, check_known
 from cotree.export.c_checks import Evaluated, check_loops, check_numbers
-from cotree.export.fmi.fmu_variables import list_variables
-from cotree.export.fmi.model_description import Description, xml_text
+from cotree.export.fmi.model_description import Description, list_variables, xml_text
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import atomic_write, write_rows
 from cotree.naming import c_identifier

@@ -1,19 +1,29 @@
-"""The model description and the build description of an FMU, as XML of FMI 2 or 3."""
+"""The model description and the build description of an FMU, as XML of FMI 2 or 3.
+
+A value reference is a place in consecutive blocks, in the order of ``enum fmu_block`` of
+``cotree_fmu.h``.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import chain, count
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from cotree.codegen.targets import DOUBLE
-from cotree.units import stated_unit
+from cotree.equations import Quantity
+from cotree.errors import CodegenError
+from cotree.units import Unit, stated_unit, unit_text
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from cotree.export.fmi.fmu_variables import FmuVariable, FmuVariables
-    from cotree.units import Unit
+    from collections.abc import Iterable, Sequence
+
+    from cotree.export.fmi.sources import FmuKernels
+    from cotree.program.layout import Layout
+
 
 #: Exponents of units of the standard, in the order of cotree's dimensions; cycles are numbers.
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
@@ -224,3 +234,339 @@ def xml_text(root: ElementTree.Element) -> str:
     """Return the text of an XML file."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A variable."""
+
+    reference: int  # its value reference
+    #: Its name, unit in the spelling of cotree, and meaning.
+    name: str
+    unit: str
+    doc: str
+    #: As in the standard.
+    causality: str
+    variability: str
+    initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty if the standard has no value
+    start: float | None = None  # its start value, if it has one
+    derivative_of: int | None = None  # value reference of the state that it is the derivative of
+    is_reset: bool = False  # whether events may set it
+    #: Value references of the knowns on which it depends: later on, and during the initialization.
+    depends: tuple[int, ...] | None = None
+    depends_at_start: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class FmuVariables:
+    """All variables, by block.
+
+    Attributes
+    ----------
+    n_rates : int
+        Number of states that have rates.
+    """
+
+    time: FmuVariable  # the independent variable
+    #: The blocks, in order; algebraic unknowns are the last of the states.
+    states: tuple[FmuVariable, ...]
+    rates: tuple[FmuVariable, ...]
+    parameters: tuple[FmuVariable, ...]
+    inputs: tuple[FmuVariable, ...]
+    signals: tuple[FmuVariable, ...]
+    outputs: tuple[FmuVariable, ...]
+    indicators: tuple[FmuVariable, ...]
+    output_slopes: tuple[FmuVariable, ...] = ()
+    state_slopes: tuple[FmuVariable, ...] = ()
+
+    @property
+    def all(self) -> list[FmuVariable]:
+        """Every variable in the order of value references."""
+        blocks = (getattr(self, row.name) for row in fields(self)[1:])
+        return [self.time, *chain.from_iterable(blocks)]
+
+    @property
+    def reported(self) -> list[FmuVariable]:
+        """The variables whose causality is output."""
+        return [*self.outputs, *self.output_slopes]
+
+
+_PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
+
+
+def list_variables(
+    layout: Layout,
+    kernels: FmuKernels,
+    outside: Sequence[int],
+    input_values: Sequence[float],
+    start: Sequence[float],
+    *,
+    has_sensitivities: bool,
+    is_found: bool,
+) -> FmuVariables:
+    """List the variables of a model.
+
+    Parameters
+    ----------
+    layout : Layout
+        Names and units.
+    kernels : FmuKernels
+        Kernels with the patterns of dependencies.
+    outside : sequence of int
+        Places of the inputs that are set from outside.
+    input_values : sequence of float
+        Their start values.
+    start : sequence of float
+        States at the start.
+    has_sensitivities : bool
+        Whether sensitivities are variables, too.
+    is_found : bool
+        Whether states at the start follow from constraints or other conditions.
+
+    Raises
+    ------
+    CodegenError
+        If the scene is too large for value references.
+    """
+    return _Listing(layout, kernels, outside, has_sensitivities).listed(
+        input_values, start, is_found=is_found
+    )
+
+
+class _Listing:
+    """Builds the blocks; the first reference of each follows from those before it."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        kernels: FmuKernels,
+        outside: Sequence[int],
+        has_sensitivities: bool,
+    ) -> None:
+        self.layout, self.kernels, self.outside = layout, kernels, outside
+        self.signals = [i for i in range(len(layout.inputs)) if i not in outside]
+        n_sensitivities = len(layout.sensitivities) if has_sensitivities else 0
+        self.n, self.n_rates = len(layout.states), len(layout.states) - layout.n_algebraic
+        counts = (
+            1,
+            self.n,
+            self.n_rates,
+            len(layout.parameters),
+            len(outside),
+            len(self.signals),
+            len(layout.outputs),
+            len(layout.events),
+            len(layout.outputs) * n_sensitivities,
+            self.n * n_sensitivities,
+        )
+        self.firsts = [sum(counts[:i]) for i in range(len(counts) + 1)]
+        if self.firsts[-1] > 2**31 - 1:
+            raise CodegenError("the scene has too many variables for an FMU")
+        self.given = {"time"}
+        # Names of the scene come first; derived names get a number if they are taken.
+        named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
+        self.own = [[self._named(row.name) for row in rows] for rows in named]
+        columns = kernels.partials.columns_of()
+        self.needed = self._closed(columns)
+
+    def _named(self, name: str) -> str:
+        """Return a name, with a number appended if it is taken."""
+        numbers = chain([name], (f"{name}_{n}" for n in count(2)))
+        found = next(one for one in numbers if one not in self.given)
+        self.given.add(found)
+        return found
+
+    def _closed(self, columns: list[set[int]]) -> list[set[int]]:
+        """Replace algebraic unknowns among the columns of each row by their arguments."""
+        algebraic = range(self.n_rates, self.n)
+        if not algebraic:
+            return columns
+        # An unknown may depend on all arguments of the residuals that it is connected with.
+        group = {i: {i} for i in algebraic}
+        for i in algebraic:
+            merged = set().union(*(group[j] for j in columns[i] if j in group), group[i])
+            for j in merged:
+                group[j] = merged
+        known = {
+            i: {c for row in group[i] for c in columns[row] if c not in group} for i in algebraic
+        }
+        found = []
+        for row in columns:
+            direct = {c for c in row if c not in group}
+            found.append(direct.union(*(known[c] for c in row if c in group)))
+        self.known = known
+        return found
+
+    def _reference(self, column: int) -> int:
+        """Return the value reference of a column of the partial derivatives."""
+        n_outside, n_p = len(self.outside), len(self.layout.parameters)
+        if column < self.n:
+            return self.firsts[1] + column
+        column -= self.n
+        if column < n_outside:
+            return self.firsts[4] + column
+        column -= n_outside
+        return self.firsts[3] + column if column < n_p else 0
+
+    def _needs(self, row: int) -> tuple[int, ...]:
+        return tuple(sorted({self._reference(c) for c in self.needed[row]}))
+
+    def listed(
+        self, input_values: Sequence[float], start: Sequence[float], *, is_found: bool
+    ) -> FmuVariables:
+        layout, firsts = self.layout, self.firsts
+        self._find_start(is_found)
+        states = [self._state(i, start[i]) for i in range(self.n)]
+        rates = [self._rate(i) for i in range(self.n_rates)]
+        parameters = [
+            FmuVariable(
+                firsts[3] + i, self.own[0][i], row.unit, row.doc, "parameter", "tunable", "exact", v
+            )
+            for i, (row, v) in enumerate(
+                zip(layout.parameters, layout.parameter_values, strict=True)
+            )
+        ]
+        inputs = [
+            FmuVariable(
+                firsts[4] + i, self.own[1][place], layout.inputs[place].unit,
+                layout.inputs[place].doc, "input", "continuous", start=input_values[i],
+            )
+            for i, place in enumerate(self.outside)
+        ]  # fmt: skip
+        events = [f"{_quoted(row.name)}.indicator" for row in layout.events]
+        meanings = [Quantity("", "", f"function of event {row.name}") for row in layout.events]
+        first = self.n
+        outputs = self._calculated(6, first, self.own[2], layout.outputs, "output")
+        first += len(outputs)
+        indicators = self._calculated(7, first, map(self._named, events), meanings)
+        first += len(indicators)
+        names = [self.own[1][i] for i in self.signals]
+        signals = self._calculated(5, first, names, [layout.inputs[i] for i in self.signals])
+        time = FmuVariable(0, "time", "s", "", "independent", "continuous")
+        return FmuVariables(
+            time,
+            tuple(states),
+            tuple(rates),
+            tuple(parameters),
+            tuple(inputs),
+            signals,
+            outputs,
+            indicators,
+            *self._slopes(),
+        )
+
+    def _find_start(self, is_found: bool) -> None:
+        """Set the knowns on which each state depends at the start."""
+        layout, n_p = self.layout, len(self.layout.parameters)
+        own = [set(row) for row in self.kernels.initial.columns_of()] or [set()] * self.n
+        everything = {self.firsts[3] + j for j in range(n_p)}
+        everything |= {self.firsts[4] + j for j in range(len(self.outside))}
+        # A constrained start may depend on all given values.
+        is_tied = bool(layout.constraints or layout.start_rows)
+        self.of_state: list[tuple[int, ...] | None] = []
+        for i in range(self.n_rates):
+            depends = {self.firsts[3] + j for j in own[i]}
+            if is_tied and not layout.given[i]:
+                depends = everything
+            elif is_found and not layout.given[i]:
+                depends = set()  # it has the value that was computed
+            self.of_state.append(tuple(sorted(depends)) if depends else None)
+        exact = {self.firsts[1] + i for i, d in enumerate(self.of_state) if d is None}
+        for i, depends_on in enumerate(self.of_state):
+            if depends_on is not None and is_tied and not layout.given[i]:
+                self.of_state[i] = tuple(sorted({*depends_on, *exact}))
+
+    def _at_start(self, references: Iterable[int]) -> tuple[int, ...]:
+        """Replace states that are not knowns of the initialization by their arguments."""
+        found: set[int] = set()
+        for reference in references:
+            i = reference - self.firsts[1]
+            depends = self.of_state[i] if 0 <= i < self.n_rates else None
+            found |= {reference} if depends is None else set(depends)
+        return tuple(sorted(found))
+
+    def _state(self, i: int, start: float) -> FmuVariable:
+        layout, reference = self.layout, self.firsts[1] + i
+        row = layout.states[i]
+        name, doc = self.own[3][i], row.doc
+        if i >= self.n_rates:
+            needs = tuple(sorted({self._reference(c) for c in self.known[i]}))
+            return FmuVariable(
+                reference, name, row.unit, doc or "an algebraic unknown", "local", "continuous",
+                "calculated", depends=needs, depends_at_start=self._at_start(needs),
+            )  # fmt: skip
+        depends = self.of_state[i]
+        targets = {target for event in layout.events for target in event.targets}
+        return FmuVariable(
+            reference, name, row.unit, doc, "local", "continuous",
+            "exact" if depends is None else "approx",
+            start,
+            is_reset=bool(layout.constraints) or i in targets,
+            depends_at_start=depends,
+        )  # fmt: skip
+
+    def _rate(self, i: int) -> FmuVariable:
+        row, needs = self.layout.states[i], self._needs(i)
+        unit = _over(row.unit, "s")
+        return FmuVariable(
+            self.firsts[2] + i, self._named(f"der({self.own[3][i]})"), unit, "", "local",
+            "continuous", "calculated", derivative_of=self.firsts[1] + i, depends=needs,
+            depends_at_start=self._at_start(needs),
+        )  # fmt: skip
+
+    def _calculated(
+        self,
+        block: int,
+        first: int,
+        names: Iterable[str],
+        rows: Sequence[Quantity],
+        causality: str = "local",
+    ) -> tuple[FmuVariable, ...]:
+        """Return a block of calculated variables, whose derivatives begin at a row."""
+        needs = [self._needs(first + i) for i in range(len(rows))]
+        return tuple(
+            FmuVariable(
+                self.firsts[block] + i, name, row.unit, row.doc, causality, "continuous",
+                "calculated", depends=needs[i], depends_at_start=self._at_start(needs[i]),
+            )
+            for i, (name, row) in enumerate(zip(names, rows, strict=True))
+        )  # fmt: skip
+
+    def _slopes(self) -> tuple[tuple[FmuVariable, ...], tuple[FmuVariable, ...]]:
+        """Return the sensitivities of outputs, then those of states."""
+        layout, found = self.layout, []
+        for first, last, rows, names, causality in (
+            (self.firsts[8], self.firsts[9], layout.outputs, self.own[2], "output"),
+            (self.firsts[9], self.firsts[10], layout.states, self.own[3], "local"),
+        ):
+            wanted = layout.sensitivities if last > first else ()
+            pairs = [(j, i) for j in range(len(wanted)) for i in range(len(rows))]
+            found.append(
+                tuple(
+                    FmuVariable(
+                        first + place,
+                        self._named(f"d({names[i]})/d({wanted[j]})"),
+                        _over(rows[i].unit, layout.units.get(wanted[j], "")),
+                        f"sensitivity of {names[i]} to {wanted[j]}",
+                        causality,
+                        "continuous",
+                        "calculated",
+                    )
+                    for place, (j, i) in enumerate(pairs)
+                )
+            )
+        return found[0], found[1]
+
+
+def _quoted(name: str) -> str:
+    """Quote the last part of an event's name if it is not an identifier, for structured names."""
+    parts, own = _PARTS.match(name).groups()  # type: ignore[union-attr]  # it matches any text
+    return name if own.isidentifier() else f"{parts}'{own}'"
+
+
+def _over(unit: str, other: str) -> str:
+    """Return a quotient of units; empty if one has no dimension."""
+    top, below = stated_unit(unit), stated_unit(other)
+    if top is None or below is None:
+        return ""
+    return unit_text(tuple(a - b for a, b in zip(top.dimension, below.dimension, strict=True)))

@@ -21,8 +21,7 @@ from cotree.codegen.context import (
 )
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
-from cotree.codegen.render import render
-from cotree.codegen.runtime import project_files, source_texts
+from cotree.codegen.render import project_files, render, source_texts
 from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.derivative import tangents_along

@@ -13,16 +13,14 @@ from cotree.components import Kind
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.contact import touching
-from cotree.formulation.endpoints import Ends
 from cotree.formulation.laws import Applied, JointElement, joint_measure
-from cotree.formulation.measures import Distance
+from cotree.formulation.measures import Distance, Ends, Pull
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
     from cotree.formulation.across import Motion, View
-    from cotree.formulation.endpoints import Pull
     from cotree.formulation.measures import Measure
     from cotree.scene.networks import Port
 

@@ -37,8 +37,7 @@ from cotree.readers.sbml.events import (
 )
 from cotree.readers.sbml.formulas import FormulaReader, Term, TermMaker, name, number
 from cotree.readers.sbml.roles import Rates, Role, roles_of
-from cotree.scene.description import SceneDescription
-from cotree.scene.origin import Origin
+from cotree.scene.description import Origin, SceneDescription
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -24,8 +24,7 @@ from cotree.readers.spice.netlist import (
 from cotree.readers.spice.scope import Instance, Sheet
 from cotree.readers.spice.sources import Times
 from cotree.readers.spice.values import ParameterRow, Scope, Value, ordered
-from cotree.scene.description import SceneDescription
-from cotree.scene.origin import Origin
+from cotree.scene.description import Origin, SceneDescription
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

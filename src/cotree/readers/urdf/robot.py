@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.errors import SceneError, brief, nearest
-from cotree.scene.origin import Visual
+from cotree.scene.description import Visual
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -27,9 +27,8 @@ from cotree.readers.urdf.robot import (
     read_robot,
 )
 from cotree.readers.xml_tree import parse_xml
-from cotree.scene.description import SceneDescription
+from cotree.scene.description import Origin, SceneDescription, Visual
 from cotree.scene.expressions import check_number
-from cotree.scene.origin import Origin, Visual
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
