@@ -10,6 +10,7 @@ import functools
 
 import numpy as np
 import pytest
+from differences import check_sensitivities
 
 import cotree
 
@@ -24,7 +25,7 @@ PLACES = [f"{plane}{i}" for plane in ("floor", "wall") for i in range(1, 5)]
 
 
 @functools.cache
-def model():
+def model(by=()):
     """Compile a box above a floor and beside a wall."""
     scene = cotree.Scene("cornered", gravity=[0, -G, 0])
     values = {"W": 0.3, "H": 0.2, "m": 1.0, "I": 0.02, "mu": 0.3, "e": 0.2}
@@ -42,7 +43,7 @@ def model():
             scene.output(f"gap_{plane}{i}", f"{plane}.normal_{i}.s")
     moving = "0.5*m*(b.x_dot**2 + b.y_dot**2) + 0.5*I*b.theta_dot**2"
     scene.output("E", f"{moving} + {G}*m*b.y")
-    return scene.compile(optimize="-O1")
+    return scene.compile(list(by), optimize="-O1")
 
 
 def thrown(seed):
@@ -82,3 +83,14 @@ def test_boxes_thrown_into_corners(seed):
         assert np.min(result[f"gap_{place}"]) >= -1e-6, place
         assert np.min(normal) >= -1e-6, place
         assert np.max(np.abs(along) - values["mu"] * normal) <= 1e-6, place
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "seed", [pytest.param(k, marks=[pytest.mark.campaign] * (k >= 6)) for k in range(100)]
+)
+def test_sensitivities_of_boxes_equal_differences(seed):
+    values = thrown(seed)
+    values["e"] += 0.05  # differences need restitutions on both sides
+    compiled = model(("mu", "e", "x_dot0"))
+    check_sensitivities(compiled, values, 1.2, ["b.x", "b.y", "b.theta", "b.x_dot"])
