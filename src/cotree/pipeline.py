@@ -149,10 +149,9 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
             if of_time and parameters.get(name) not in symbols:
                 continue  # the kink does not move
             raise FormulationError(
-                f"{what} has a corner, and storages are tied to it such that its rate of change "
-                f"is needed: where that jumps, the sensitivity to '{name}' would, too, and when "
-                "is not known; give an expression without corners, or compile without this "
-                "sensitivity"
+                f"{what} has a kink, and dependent storages need its rate of change: where the "
+                f"rate jumps, the sensitivity to '{name}' would jump, too, at an unknown time; "
+                "give an expression without kinks, or compile without this sensitivity"
             )
 
 

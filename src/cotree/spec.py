@@ -139,7 +139,7 @@ def open_spec(data: bytes) -> BuildSpec:
             # Without the types that are registered in this process.
             reason = str(error).split(";")[0].rstrip(".")
     raise ModelError(
-        "this model came from another process as C text, and what is asked for needs its "
-        f"scene, which cannot be had here ({reason}): register its components and import its "
-        "modules here before, or ask where the model was compiled"
+        "this model came from another process as C text, and the request needs its scene, "
+        f"which cannot be read here ({reason}): first register its components and import its "
+        "modules here, or make the request where the model was compiled"
     )

@@ -245,7 +245,7 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
             if not re.fullmatch(r"-?[\d.]+", digits):
                 raise UnitError("which has a power that is no number")
             return _factors(left, names, power * float(digits))
-    raise UnitError("which holds a number where a symbol is due")
+    raise UnitError("which has a number in place of a symbol")
 
 
 def _written(parts: list[tuple[str, float]]) -> str:

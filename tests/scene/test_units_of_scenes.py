@@ -62,7 +62,7 @@ def test_values_in_si(text, value, si, wanted):
     ("text", "told"),
     [
         ("furlongg", "did you mean 'furlong'"),
-        ("m/s2", "a number where a symbol is due"),
+        ("m/s2", "a number in place of a symbol"),
         ("10**10**10", "a power that is no number"),
         ("m**9**9", "a power that is no number"),
         ("m^99", "a power beyond 12"),

@@ -147,7 +147,7 @@ def check_prefix(prefix: str) -> str:
     if not is_name or c_identifier(prefix) != prefix:
         raise CodegenError(
             f"'{brief(prefix)}' cannot be the prefix of names in C: give a letter followed by at "
-            "most 63 letters, digits or underscores, that is no word of C, not 'main', and does "
+            "most 63 letters, digits or underscores, not a keyword of C or 'main', and does "
             "not begin with 'cotree_'"
         )
     return prefix
@@ -209,7 +209,7 @@ def _check_corners(program: Program, integrator: str) -> None:
     for state, rate in zip(layout.states, rates, strict=True):
         if jumps_at_time_events(dag, rate, time):
             raise CodegenError(
-                f"{integrator} passes over corners of sources in its steps, but the rate of "
+                f"{integrator} passes over kinks of sources in its steps, but the rate of "
                 f"'{state.name}' jumps there at times that depend on '{moving[0]}', and "
                 f"sensitivities with it: take dopri5, rkf45 or dop853, or leave out '{moving[0]}'"
             )

@@ -146,7 +146,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
     return SingularSystemError(
         f"the mass matrix is singular in the present configuration{place}: among {names}, whose "
         "joints carry no inertia of their own, some motion moves no inertia; give the bodies that "
-        "these joints carry mass or inertia, or begin away from where axes are parallel"
+        "these joints carry mass or inertia, or start at a position without parallel axes"
     )
 
 

@@ -497,7 +497,7 @@ def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Di
     else:
         known = [*model.parameters, *model.inputs, *model.states]
         raise ParameterError(
-            f"'{brief(name)}' is no tunable parameter, input or state of the model"
+            f"'{brief(name)}' is not a tunable parameter, input or state of the model"
             f"{nearest(name, known)}"
         )
     return Direction(y, u, p)

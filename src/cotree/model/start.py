@@ -127,8 +127,8 @@ def _hint(rows: Iterable[RedundantRow]) -> str:
     if not any(row.is_position for row in rows):
         return ""
     return (
-        "; positions between the same nodes are one, and along a circuit they add up to zero: what "
-        "stretches a spring at the start is its free_length or free_angle"
+        "; edges between the same nodes have one position, and positions along a circuit add up to "
+        "zero: set the initial stretch of a spring by its free_length or free_angle"
     )
 
 

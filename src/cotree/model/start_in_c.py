@@ -298,8 +298,8 @@ class StartCall:
                 "to a solution"
             )
         return SolveError(
-            f"{names} cannot be found at t = {t} from initial values of what follows from it: it "
-            "depends on unknowns of nonlinear equations besides; give its own initial value"
+            f"{names} cannot be found at t = {t} from initial values of dependent variables, since "
+            "these also depend on unknowns of nonlinear equations; give its own initial value"
         )
 
     def search(self) -> UnknownsOfStart:

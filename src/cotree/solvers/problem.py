@@ -300,13 +300,13 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     what = describe_entry(problem, entry)
     if t == problem.settings.t_span[0]:
         return (
-            f"{what} does not exist: a source has a corner at the start, t = {t:.10g}, that moves "
-            "with the parameter; start the run before it, or compile without this sensitivity"
+            f"{what} does not exist: a source has a kink at the start, t = {t:.10g}, whose time "
+            "depends on the parameter; start the run before it, or compile without this sensitivity"
         )
     return (
-        f"{what} does not exist from t = {t:.10g} on: corners of sources meet there that move "
-        "differently with the parameter; choose values that separate them, or compile without "
-        "this sensitivity"
+        f"{what} does not exist from t = {t:.10g} on: kinks of sources coincide there whose times "
+        "depend on the parameter in different ways; choose values that separate them, or compile "
+        "without this sensitivity"
     )
 
 
@@ -504,11 +504,11 @@ def beyond_scipy(problem: Problem) -> str:
     if problem.held is not None:
         return f"constraints, such as '{problem.constraints[0]}'"
     if problem.has_kinks:
-        return "laws with corners, which have to be located"
+        return "laws with kinks, which have to be located"
     if not problem.n_states:
         return "a problem without states"
     if problem.n_sensitivities and problem.shifts.rows_at(restart_times(problem)[:-1])[0].any():
-        return "sensitivities to parameters that move a corner of a source"
+        return "sensitivities to parameters on which times of kinks depend"
     return ""
 
 

@@ -91,8 +91,8 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
     """Warn if constraints are redundant and the tolerance is loose."""
     if trajectory.status == 0 and redundant and problem.settings.rtol > _ROUGH:
         _warn(
-            f"constraints are redundant, which {trajectory.statistics.method} follows with errors "
-            f"of many tolerances where rtol is above {_ROUGH:g}: give a tighter one"
+            f"constraints are redundant, and errors of {trajectory.statistics.method} then exceed "
+            f"the tolerance by far if rtol is above {_ROUGH:g}: give a tighter one"
         )
 
 
@@ -147,9 +147,9 @@ def _left_free(
         if left[i] > worst * asked[i]:
             worst = float(left[i] / asked[i])
             message = (
-                f"the tolerance of '{problem.names[totals[i]]}' leaves '{problem.names[own[i]]}' "
-                f"free by {left[i]:.1g} at t = {t:.6g}, where that changes it little: multiply "
-                f"rtol and atol by {1.0 / worst:.1g} if it matters"
+                f"the tolerance of '{problem.names[totals[i]]}' allows errors of {left[i]:.1g} in "
+                f"'{problem.names[own[i]]}' at t = {t:.6g}, on which it hardly depends there: "
+                f"multiply rtol and atol by {1.0 / worst:.1g} if it matters"
             )
     return message
 
@@ -220,8 +220,8 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
     t = float(trajectory.t[places[worst]])
     reason = (
         f"{trajectory.statistics.method} cannot keep the tolerance: at t = {t:.10g} times are "
-        f"{math.ulp(t):.2g} s apart, and over steps of {step:.2g} s the rates' dependence on time "
-        f"makes {shares[worst]:.2g} times the tolerance of that. Start the run nearer to "
+        f"{math.ulp(t):.2g} s apart, and over steps of {step:.2g} s this rounding changes the "
+        f"solution by {shares[worst]:.2g} times the tolerance. Start the run nearer to "
         "t = 0, or loosen rtol."
     )
     return replace(trajectory, status=FAILED, message=reason)

@@ -92,7 +92,7 @@ def test_looser_tolerances_fail(
 
 @pytest.mark.parametrize("method", ["dopri5", "rkf45"])
 def test_loose_tolerances_are_warned_of(model: cotree.Model, method: str) -> None:
-    with pytest.warns(RuntimeWarning, match=f"constraints are redundant, which {method} follows"):
+    with pytest.warns(RuntimeWarning, match=f"constraints are redundant, and errors of {method}"):
         model.simulate((0, 0.2), [0.2], method, 1e-3, 1e-3)
     assert model.simulate((0, 0.2), [0.2], method, 1e-4, 1e-4).success
 

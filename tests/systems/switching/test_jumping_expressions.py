@@ -467,7 +467,7 @@ def test_corners_whose_rate_is_needed_refuse_sensitivities_that_would_jump(
     scene.edge("R1", "resistor", "b", "ground", resistance="R")
     scene.edge("C2", "capacitor", "b", "ground", capacitance=0.5, initial={"v": -0.5})
     for name in refused:
-        with pytest.raises(FormulationError, match=f"voltage of edge 'V' has a corner.*'{name}'"):
+        with pytest.raises(FormulationError, match=f"voltage of edge 'V' has a kink.*'{name}'"):
             scene.compile([name])
     assert scene.compile(allowed).simulate((0, 1.0)).status == 0
 

@@ -300,7 +300,7 @@ def test_corners_that_meet_and_differ_are_refused_by_name():
 def test_a_corner_at_the_start_is_refused_by_name(loop):
     parameters = {"delay": 0.0}
     for method in ("dop853", "rodas5", "cvode"):
-        with pytest.raises(SolveError, match=r"to 'delay' does not exist: a source has a corner"):
+        with pytest.raises(SolveError, match=r"to 'delay' does not exist: a source has a kink"):
             loop.simulate((0, 1), parameters=parameters, method=method, throw=True)
     # From before it there is one.
     result = loop.simulate((-0.5, 0.3), parameters=parameters, throw=True, **TIGHT)
