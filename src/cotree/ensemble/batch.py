@@ -37,6 +37,7 @@ from cotree.ensemble.plan import Block, Plan
 from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, budget_message
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
+from cotree.model.arrays import CObjects
 from cotree.model.kernels import build_engine, shared_code
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
@@ -53,8 +54,6 @@ from cotree.tolerances import LIMITS
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from threading import Event
-
-    import numpy.typing as npt
 
     from cotree.build import LoadedLibrary
     from cotree.solvers.job import Job
@@ -82,7 +81,7 @@ def load_batch() -> LoadedLibrary:
     return library
 
 
-class BlockInC:
+class BlockInC(CObjects):
     """The members of a block, shared by the workers that run it.
 
     ``ended`` has the outcome of each member in C; ``lanes`` is their library, or the reason why
@@ -91,10 +90,10 @@ class BlockInC:
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
         self.pattern, self.library, self.rows = pattern, load_batch(), rows
+        super().__init__(self.library.ffi)
         self.results = Block(pattern.plan, len(rows))
         self.lanes = find_lanes(pattern)
-        self._kept: list[Any] = []
-        self.batch = self.library.ffi.new("cotree_batch *")
+        self.batch = self.new("cotree_batch *")
         self._set_shared()
         self._set_own()
         self._set_results()
@@ -189,14 +188,6 @@ class BlockInC:
         self.ended[is_left] = WAITS
         self.batch.lanes, self.batch.next = self.library.ffi.NULL, 0
         return True
-
-    def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
-        """Return a pointer to an array, and keep a reference to the array."""
-        # C does not read an empty array.
-        array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
-        pointer = self.library.ffi.from_buffer(f"{kind}[]", array)
-        self._kept.append(pointer)
-        return pointer
 
     def _set_shared(self) -> None:
         """Set the data that all members share."""

@@ -1,4 +1,4 @@
-"""Arrays as users give them: checked, copied, contiguous."""
+"""Arrays as users give them: checked, copied, contiguous; and objects that C reads."""
 
 from __future__ import annotations
 
@@ -81,9 +81,48 @@ def is_many(y: Any) -> bool:
         return False
 
 
-def new_quantities(new: Callable[..., Any], rows: Sequence[Quantity]) -> Any:
-    """Return rows as an array of ``cotree_quantity``, made by a function like ``ffi.new``."""
-    found = new("cotree_quantity[]", max(1, len(rows)))
-    for row, own in zip(rows, found, strict=False):
-        own.name, own.unit = (new("char[]", text.encode()) for text in (row.name, row.unit))
-    return found
+class CObjects:
+    """C objects of cffi that live as long as this object.
+
+    Attributes
+    ----------
+    errors : list of BaseException
+        What functions of Python have raised that C has called.
+    """
+
+    def __init__(self, ffi: Any, *kept: Any) -> None:
+        self._ffi, self._kept = ffi, list(kept)
+        self.errors: list[BaseException] = []
+
+    def new(self, *what: Any) -> Any:
+        """Return a new object of ``ffi.new``."""
+        self._kept.append(self._ffi.new(*what))
+        return self._kept[-1]
+
+    def ints(self, values: Sequence[int]) -> Any:
+        """Return a new array of integers, of one zero at least."""
+        return self.new("int[]", list(values) or [0])
+
+    def quantities(self, rows: Sequence[Quantity]) -> Any:
+        """Return rows as an array of ``cotree_quantity``."""
+        found = self.new("cotree_quantity[]", max(1, len(rows)))
+        for row, own in zip(rows, found, strict=False):
+            own.name, own.unit = (
+                self.new("char[]", text.encode()) for text in (row.name, row.unit)
+            )
+        return found
+
+    def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
+        """Return a pointer to an array, which C does not read if it is empty."""
+        array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
+        self._kept.append(self._ffi.from_buffer(f"{kind}[]", array))
+        return self._kept[-1]
+
+    def callback(self, kind: str, function: Callable[..., int]) -> Any:
+        """Return a C function that calls Python; exceptions are stored, and the result is -1."""
+
+        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
+            self.errors.append(error)
+
+        self._kept.append(self._ffi.callback(kind, function, error=-1, onerror=remember))
+        return self._kept[-1]

@@ -96,13 +96,13 @@ class Report:
             np.zeros(size) for size in (n, n, n + len(rows), len(rows))
         )
         for name in ("before", "after", "changes", "left"):
-            setattr(c, name, call.doubles(getattr(self, f"_{name}")))
+            setattr(c, name, call.pointer(getattr(self, f"_{name}")))
         # A run's own values come first, then the scene's in its order.
         names = [*(at.model.states[i] for i in places), *layout.given_names, *at.model.states]
         order = {name: i for i, name in enumerate(dict.fromkeys(names))}
         c.ranks = call.new("int[]", [order.get(name, 0) for name in self._values])
         self._follows = np.zeros((m, len(self._values)), dtype=np.intc)
-        c.follows = call.pointer("int[]", self._follows)
+        c.follows = call.pointer(self._follows, "int")
 
     @property
     def is_mended(self) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 
 from cotree.codegen.start_tables import start_tables
 from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
-from cotree.model.arrays import Array, new_quantities
+from cotree.model.arrays import Array, CObjects
 from cotree.model.consistent import Report, Start
 from cotree.model.kernels import SINGULAR, build_engine, shared_code
 from cotree.model.unknowns import contradicting_jumps, of_model
@@ -27,9 +27,7 @@ from cotree.sharing import locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    import numpy.typing as npt
+    from collections.abc import Mapping
 
     from cotree.build import LoadedLibrary
     from cotree.model.model import CompiledModel, EvaluationPoint
@@ -82,8 +80,8 @@ class StartInC:
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
         self._ffi, self._lib = library.ffi, library.lib
-        self._kept: list[Any] = [library]
-        self.tables = filled_tables(library.ffi, model.layout, self._kept)
+        self._objects = CObjects(library.ffi, library)
+        self.tables = filled_tables(self._objects, model.layout)
         self.is_sparse = model.layout.n_algebraic > _MOST_UNKNOWNS
         for content, _ in model.layout.followers:
             # At an operating point the contents of storages follow from the voltages.
@@ -138,37 +136,33 @@ class StartInC:
         call, layout = StartCall(self, at, {}, None), at.model.layout
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
         call.z[: len(y)] = y
-        if self._lib.cotree_start_gradients(call.c, call.doubles(rows), call.doubles(weakest)):
+        if self._lib.cotree_start_gradients(call.c, call.pointer(rows), call.pointer(weakest)):
             call.fail(SINGULAR)
         return rows, float(weakest[0])
 
 
-class UnknownsOfStart:
+class UnknownsOfStart(CObjects):
     """Python functions that C calls for the algebraic unknowns of a start.
 
     Attributes
     ----------
     algebraic : Algebraic
         The equations.
-    errors : list of BaseException
-        What the functions have raised.
     helper : cdata
         The ``cotree_helper``, which searches where C's iteration fails.
     """
 
     def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
-        self._ffi, self._n = ffi, len(at.model.states)
-        self.algebraic, self.errors = of_model(at), list[BaseException]()
-        self._kept: list[Any] = []
-        self.helper = ffi.new("cotree_helper *")
-        self.helper.find_unknowns = self._callback("cotree_find_unknowns", self._find)
+        super().__init__(ffi)
+        self.algebraic, self._n = of_model(at), len(at.model.states)
+        self.helper = self.new("cotree_helper *")
+        self.helper.find_unknowns = self.callback("cotree_find_unknowns", self._find)
 
     def factorise(self, call: Any) -> None:
         """Set the functions of a ``cotree_start_call`` that factorise in Python."""
-        rows = call.elimination = self._ffi.new("cotree_elimination *")
-        self._kept.append(rows)
-        rows.linearise = self._callback("int (*)(double, const double *, void *)", self._linearise)
-        rows.solve = self._callback("int (*)(const double *, double *, void *)", self._solve)
+        rows = call.elimination = self.new("cotree_elimination *")
+        rows.linearise = self.callback("int (*)(double, const double *, void *)", self._linearise)
+        rows.solve = self.callback("int (*)(const double *, double *, void *)", self._solve)
 
     def _find(self, t: float, x: Any, context: Any) -> int:
         try:
@@ -193,17 +187,8 @@ class UnknownsOfStart:
     def _array(self, pointer: Any, size: int) -> Array:
         return np.frombuffer(self._ffi.buffer(pointer, 8 * size))
 
-    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Make a C function of a Python function; its exceptions are stored."""
 
-        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
-            self.errors.append(error)
-
-        self._kept.append(self._ffi.callback(kind, function, error=-1, onerror=remember))
-        return self._kept[-1]
-
-
-class StartCall:
+class StartCall(CObjects):
     """One call of ``cotree_start_once`` with all its arguments.
 
     Parameters
@@ -221,28 +206,28 @@ class StartCall:
         initial: Mapping[str, float],
         given: Array | None,
     ) -> None:
+        super().__init__(starts._ffi)
         model, ffi = at.model, starts._ffi
-        self._starts, self._ffi, self._at, self._initial = starts, ffi, at, initial
+        self._starts, self._at, self._initial = starts, at, initial
         n, m = len(model.states), len(model.sensitivities)
         self.z = np.empty(n * (1 + m))
         self._called: CalledModel | None = None
         self._search: UnknownsOfStart | None = None
-        self._kept: list[Any] = []
-        self.c = c = ffi.new("cotree_start_call *")
-        c.tables, c.z = starts.tables, self.doubles(self.z)
+        self.c = c = self.new("cotree_start_call *")
+        c.tables, c.z = starts.tables, self.pointer(self.z)
         native = model.native(at.p)
         if native is None:
             self._call_python()
         else:
             c.model = ffi.cast("cotree_model *", native.address)
-            c.p, c.k = map(self.doubles, (native.p, native.k))
+            c.p, c.k = map(self.pointer, (native.p, native.k))
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places
-        c.set = self.pointer("int[]", places)
-        c.values = self.doubles(np.array([float(value) for value in initial.values()]))
+        c.set = self.pointer(places, "int")
+        c.values = self.pointer(np.array([float(value) for value in initial.values()]))
         if given is not None:
-            c.initial = self.doubles(given)
+            c.initial = self.pointer(given)
         self._set_inputs()
         if starts.is_sparse:
             self.search().factorise(c)
@@ -318,21 +303,7 @@ class StartCall:
         """Call kernels in Python, whose exceptions are stored."""
         self._called = CalledModel(self._ffi, self._at.model)
         self.c.model = self._called.address
-        self.c.p = self.doubles(np.array(self._at.p, dtype=float))
-
-    def new(self, *what: Any) -> Any:
-        """Return a new C object of ``ffi.new`` that lives as long as the call."""
-        self._kept.append(self._ffi.new(*what))
-        return self._kept[-1]
-
-    def doubles(self, array: Array) -> Any:
-        """Return a pointer to an array of doubles."""
-        return self.pointer("double[]", array)
-
-    def pointer(self, kind: str, array: npt.NDArray[Any]) -> Any:
-        """Return a pointer to an array of any kind."""
-        self._kept.append(self._ffi.from_buffer(kind, array))
-        return self._kept[-1]
+        self.c.p = self.pointer(np.array(self._at.p, dtype=float))
 
     def _set_inputs(self) -> None:
         """Return the inputs that replace the scene's as tables of one point."""
@@ -344,39 +315,29 @@ class StartCall:
         self.c.n_replaced, self.c.replaced = len(given), rows
 
 
-def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
+def filled_tables(objects: CObjects, layout: Layout) -> Any:
     """Return a model's ``cotree_start_tables``.
 
     Parameters
     ----------
-    ffi : FFI
-        That of a library which declares the structure.
+    objects : CObjects
+        Objects of a library which declares the structure; they keep it alive.
     layout : Layout
         The model's.
-    kept : list
-        What keeps the structure alive is appended here.
     """
-
-    def new(*what: Any) -> Any:
-        kept.append(ffi.new(*what))
-        return kept[-1]
-
-    def ints(values: tuple[int, ...]) -> Any:
-        return new("int[]", list(values) or [0])
-
-    tables, c = start_tables(layout), new("cotree_start_tables *")
+    tables, c = start_tables(layout), objects.new("cotree_start_tables *")
     if tables.has_assembly:
-        c.assembly = rows = new("cotree_assembly_tables *")
+        c.assembly = rows = objects.new("cotree_assembly_tables *")
         for name in ("n_coordinates", "n_speeds", "n_values", "n_rows", "n_start", "n_groups"):
             setattr(rows, name, getattr(tables, name))
         rows.n_quaternions, rows.n_conditions = len(tables.quaternions), len(tables.is_rate)
         for name in ("value_rows", "quaternions", "is_rate", "groups"):
-            setattr(rows, name, ints(getattr(tables, name)))
-        rows.rows = new_quantities(new, tables.rows)
+            setattr(rows, name, objects.ints(getattr(tables, name)))
+        rows.rows = objects.quantities(tables.rows)
     for name in ("given", "seeds", "contents", "redundant_starts", "redundant_states"):
-        setattr(c, name, ints(getattr(tables, name)))
+        setattr(c, name, objects.ints(getattr(tables, name)))
     c.n_contents, c.n_redundant = len(tables.contents) // 2, len(tables.redundant)
-    c.redundant = new_quantities(new, tables.redundant)
+    c.redundant = objects.quantities(tables.redundant)
     return c
 
 
@@ -409,7 +370,7 @@ _KERNELS = (
 _NONE: Array = np.zeros(0)
 
 
-class CalledModel:
+class CalledModel(CObjects):
     """A ``cotree_model`` with callbacks to a model's kernels in Python.
 
     Parameters
@@ -423,48 +384,45 @@ class CalledModel:
     ----------
     address : cdata
         The structure.
-    errors : list of BaseException
-        Exceptions of kernels since the list was last cleared.
     """
 
     def __init__(self, ffi: Any, model: CompiledModel) -> None:
-        self._ffi, self._model = ffi, model
-        self._kept: list[Any] = []
-        self.errors: list[BaseException] = []
+        super().__init__(ffi)
+        self._model = model
         self.address = self._structure()
 
     def _structure(self) -> Any:
-        layout, c = self._model.layout, self._new("cotree_model *")
-        c.abi_version, c.name = ABI_VERSION, self._new("char[]", layout.name.encode())
+        layout, c = self._model.layout, self.new("cotree_model *")
+        c.abi_version, c.name = ABI_VERSION, self.new("char[]", layout.name.encode())
         c.n_nonzeros, c.n_algebraic = len(layout.row_indices), layout.n_algebraic
         for name in ("states", "parameters", "inputs", "sensitivities", "constraints"):
             setattr(c, f"n_{name}", len(getattr(layout, name)))
         for name in ("states", "parameters", "inputs"):
-            setattr(c, name, new_quantities(self._new, getattr(layout, name)))
+            setattr(c, name, self.quantities(getattr(layout, name)))
         for name in ("column_starts", "row_indices", "sensitivity_starts", "sensitivity_rows"):
-            setattr(c, name, self._ints(getattr(layout, name)))
+            setattr(c, name, self.ints(getattr(layout, name)))
         for name in _KERNELS:
             spec, n_results = KERNELS[name], self._model.traits.n_results.get(name)
             if n_results is not None:
-                setattr(c, spec.field, self._callback(spec, n_results))
+                setattr(c, spec.field, self._kernel(spec, n_results))
         if layout.events or layout.corners:
             c.hybrid = self._hybrid()
         return c
 
     def _hybrid(self) -> Any:
-        layout, c = self._model.layout, self._new("cotree_hybrid *")
+        layout, c = self._model.layout, self.new("cotree_hybrid *")
         c.n_events = len(layout.events) + len(layout.corners)
         c.n_branches, c.n_quantities = layout.n_pieces, layout.n_quantities
         # Kinks are the last events; they set no targets.
-        c.events = rows = self._new("cotree_event[]", c.n_events)
+        c.events = rows = self.new("cotree_event[]", c.n_events)
         for row, own in zip(layout.events, rows, strict=False):
-            own.name, own.direction = self._new("char[]", row.name.encode()), row.direction
+            own.name, own.direction = self.new("char[]", row.name.encode()), row.direction
             own.kind, own.n_targets = row.part or int(row.is_jump), len(row.targets)
-            own.targets = self._ints(row.targets)
+            own.targets = self.ints(row.targets)
             c.n_jumps += len(row.targets)
         return c
 
-    def _callback(self, spec: KernelSpec, n_results: int) -> Any:
+    def _kernel(self, spec: KernelSpec, n_results: int) -> Any:
         """Make the C function of a kernel: it stores exceptions and returns a status."""
         layout, buffer = self._model.layout, self._ffi.buffer
         n, m = len(layout.states), len(layout.sensitivities)
@@ -489,15 +447,4 @@ class CalledModel:
                 return SINGULAR
             return 0
 
-        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
-            self.errors.append(error)
-
-        self._kept.append(self._ffi.callback(spec.type, call, error=-1, onerror=remember))
-        return self._kept[-1]
-
-    def _new(self, *what: Any) -> Any:
-        self._kept.append(self._ffi.new(*what))
-        return self._kept[-1]
-
-    def _ints(self, values: Sequence[int]) -> Any:
-        return self._new("int[]", list(values) or [0])
+        return self.callback(spec.type, call)

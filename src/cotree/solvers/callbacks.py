@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error
+from cotree.model.arrays import CObjects
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,16 +30,12 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-class Callbacks:
-    """The functions of one job, which stay alive with it.
+class Callbacks(CObjects):
+    """The functions and other objects of one job, which stay alive with it."""
 
-    ``errors`` holds the exceptions that calls have raised.
-    """
-
-    def __init__(self, ffi: Any, rescue: Rescue) -> None:
-        self._ffi, self._rescue = ffi, rescue
-        self._kept: list[Any] = []
-        self.errors: list[BaseException] = []
+    def __init__(self, ffi: Any, rescue: Rescue, *kept: Any) -> None:
+        super().__init__(ffi, *kept)
+        self._rescue = rescue
 
     def input_function(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
         """Return a C function that evaluates inputs in Python."""
@@ -51,7 +48,7 @@ class Callbacks:
                 u[place] = function(t)
             return 0
 
-        return self._callback("cotree_input_function", evaluate)
+        return self.callback("cotree_input_function", evaluate)
 
     def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
         """Return a C function that is called at the start of each segment."""
@@ -61,7 +58,7 @@ class Callbacks:
             reach(t, np.frombuffer(ffi.buffer(z, 8 * size)))
             return 0
 
-        return self._callback("cotree_reach", call)
+        return self.callback("cotree_reach", call)
 
     def helper(self, n_states: int) -> Any:
         """Return C functions that search for points if the iterations in C fail."""
@@ -71,21 +68,9 @@ class Callbacks:
             point = np.frombuffer(ffi.buffer(x, 8 * n_states))
             return int(not rescue.find_unknowns(t, point))
 
-        helper = ffi.new("cotree_helper *")
-        helper.find_unknowns = self._callback("cotree_find_unknowns", find_unknowns)
-        self._kept.append(helper)
+        helper = self.new("cotree_helper *")
+        helper.find_unknowns = self.callback("cotree_find_unknowns", find_unknowns)
         return helper
-
-    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return a C function that calls Python; exceptions are stored until C returns."""
-        errors = self.errors
-
-        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
-            errors.append(error)
-
-        callback = self._ffi.callback(kind, function, error=-1, onerror=remember)
-        self._kept.append(callback)
-        return callback
 
 
 class Rescue:

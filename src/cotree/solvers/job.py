@@ -234,12 +234,12 @@ class Job:
     ) -> None:
         assert problem.native is not None  # else the method refuses it
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
-        self.engine, self._kept = engine, list[Any]([newton])
+        self.engine = engine
         self._arrays: dict[str, FloatArray] = {}
         self._pointers: dict[str, Any] = {}  # each keeps its array alive
         self._n_bytes = 0  # of all arrays
         self.rescue = Rescue(problem)
-        self._callbacks = Callbacks(self._ffi, self.rescue)
+        self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.model.library)
         self.kind = job_kind(row, problem, is_extended=is_extended)
         self._has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
@@ -251,10 +251,10 @@ class Job:
         self._set_model(problem, problem.native)
         self._crossings: FloatArray = np.zeros((0, 1 + problem.n_states))
         if problem.singular is not None:
-            tables = filled_tables(self._ffi, problem.native.model.layout, self._kept)
+            tables = filled_tables(self._callbacks, problem.native.model.layout)
             c.constraints = tables.assembly
             self._crossings = np.zeros((_MOST_CROSSINGS, 1 + problem.n_states))
-            c.crossings = self._doubles(self._crossings)
+            c.crossings = self._callbacks.pointer(self._crossings)
             c.most_crossings = _MOST_CROSSINGS
         is_left = is_integrated(row, problem, is_extended=is_extended)
         self._places = problem.integrated[is_left]  # positions in z
@@ -268,9 +268,8 @@ class Job:
         if newton is not None:
             c.aid = self._ffi.cast("void *", newton.address)
         elif engine.functions is not None:
-            aid = SundialsAid(engine, row, problem, c.model)
+            self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
-            self._kept.append(aid)
         # SUNDIALS' memory and functions of Python belong to one run.
         native = problem.native
         asks_python = bool(native.functions) or problem.reach is not None
@@ -350,7 +349,6 @@ class Job:
     def _set_model(self, problem: Problem, native: Native) -> None:
         """Set the model, its inputs, and the functions of Python that C calls."""
         c = self.job
-        self._kept.append(native.model.library)
         c.model = self._ffi.cast("cotree_model *", native.model.address)
         c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
         if native.functions:
@@ -529,18 +527,10 @@ class Job:
         else:
             memory.fill(0.0)
 
-    def _doubles(self, array: FloatArray) -> Any:
-        """Return a pointer to an array that stays alive with the job."""
-        if not array.size:
-            return self._ffi.NULL
-        pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))
-        self._kept.append(pointer)
-        return pointer
-
     def _tables(self, native: Native) -> Any:
-        tables = self._ffi.new("cotree_table_input[]", max(1, len(native.replaced)))
+        tables = self._callbacks.new("cotree_table_input[]", max(1, len(native.replaced)))
         for row, (place, (times, values)) in zip(tables, native.replaced.items(), strict=False):
             row.input, row.length = place, len(times)
-            row.t, row.u = self._doubles(times), self._doubles(values)
-        self._kept.append(tables)
+            own = (np.asarray(array, dtype=float) for array in (times, values))
+            row.t, row.u = map(self._callbacks.pointer, own)
         return tables
