@@ -503,7 +503,7 @@ def check_number(value: object, what: str) -> float:
     """Return a finite number, or raise."""
     # Complex numbers of NumPy have a value as float, too.
     is_number = hasattr(type(value), "__float__") and not isinstance(value, bool)
-    if not is_number or getattr(value, "ndim", 0) or getattr(value, "imag", False):
+    if not is_number or getattr(value, "ndim", False) or getattr(value, "imag", False):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
     try:
         number = float(value)  # type: ignore[arg-type]
