@@ -530,7 +530,7 @@ def lint(
 
 
 def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Keep one of equal findings in parts of one scene, and none that the scene allows."""
+    """Keep one of equal findings in parts of a scene; drop those that the scene allows."""
     seen = set()
     for row in found:
         place = origin_of(row.name, scene.members)

@@ -90,7 +90,7 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: i
 
 
 def _of_helper(name: str) -> int:
-    """Return the stack of a function of every model with its callees; 0 for any other name."""
+    """Return the stack of a library function with its callees; 0 for other functions."""
     base, _, size = name.rpartition("_")
     if base == "cotree_factorise" and size.isdecimal():
         n = int(size)
@@ -235,7 +235,7 @@ class _Item:
 
     @property
     def is_kept(self) -> bool:
-        """Whether it also stores the declared value in an array."""
+        """Whether it stores the declared value in an array, too."""
         return isinstance(self.row, Assign) and len(self.row.to) > 1
 
     @property

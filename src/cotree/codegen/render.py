@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import jinja2
 
 
-#: Bytes of C text beyond which no compiler is bothered.
+#: Size limit of C text for compilation, in bytes.
 LARGEST_FILE = 200_000_000
 
 

@@ -136,7 +136,7 @@ class Clips:
         return node.op in SINGULAR and self._reached(node) is not None
 
     def _ends_at(self, condition: Node, side: Node) -> bool:
-        """Return whether a root or similar function in a side ends at the zero of a condition."""
+        """Return whether the domain of a root, or the like, in a branch ends at a boundary."""
         known = self._has_ends
         for node in reachable([side], stop=known):
             known.setdefault(node, node.op in SINGULAR or any(known[arg] for arg in node.args))

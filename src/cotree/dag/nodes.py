@@ -411,7 +411,7 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Rebuild the roots with some nodes replaced; values that do not depend on them stay."""
+    """Rebuild the roots with some nodes replaced; values that do not depend on them are kept."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
     # The traversal ends at replaced nodes. Their arguments are rebuilt only if another path leads
@@ -559,7 +559,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # The first constants of an arena are attributes of it.
+        # Zero and one, the first constants of an arena, are its attributes.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

@@ -123,7 +123,7 @@ class Search:
         return float(np.max(self.violations(point), initial=0.0))
 
     def known(self, v: Array) -> Point:
-        """Return a point that was evaluated successfully before."""
+        """Return the results of a point that has been evaluated successfully."""
         return self._known[v.tobytes()]
 
     @property

@@ -179,7 +179,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    # Guards that the scene itself violates would refuse it.
+    # Guards that the scene's own values violate are dropped, since they would reject it.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 

@@ -231,7 +231,7 @@ def shifted(wrench: Wrench, arm: Vector) -> Wrench:
 
 
 def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
-    """Add the wrench that a branch transmits, at its child's origin, to the sums of its parents."""
+    """Add the wrench that a branch transmits to the sums of its parents."""
     branch = geometry.branch
     if branch.parent == branch.turn_parent:
         if branch.parent:  # the sum on the ground is not used

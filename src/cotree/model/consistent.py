@@ -161,7 +161,7 @@ class Report:
             yield self._values[i], self._model.sensitivities[j]
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
-        """Raise the error of a start, or of its derivative, that does not exist near y."""
+        """Raise the error of a start near y that does not exist, or has no derivative."""
         for first in self._model.layout.quaternions:
             if not np.any(y[first : first + 4]):
                 raise ParameterError(

@@ -61,7 +61,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
             kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
             factorised.add(matrix)
         elif node.op == "sines":
-            # Its data is the number of angles.
+            # The data of the node is the number of angles.
             kinds["sin"] += node.data
             kinds["cos"] += node.data
         elif node.op == "map":

@@ -206,7 +206,7 @@ def reduced_kernels(
         factors, doubt = factorised
         symbols = [state.symbol for state in equations.states[cut:]]
         found["algebraic_step"] = [*_newton_step(factors, rates, slopes, symbols), doubt]
-        # Constraints have projections of their own.
+        # Models with constraints are projected in another way.
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]

@@ -77,7 +77,7 @@ def is_condition(tree: ast.expr) -> bool:
 
 
 def as_condition(tree: ast.expr) -> ast.expr:
-    """Return a condition; refuse a value."""
+    """Return a condition; raise an error for a value."""
     if not is_condition(tree):
         raise ExpressionError(
             f"uses '{brief(ast.unparse(tree))}' as a condition, which is not a comparison: write "

@@ -57,7 +57,7 @@ class Renaming:
         return name if name == "ground" else self.nodes.get(name, f"{self.prefix}{name}")
 
     def name(self, name: str) -> str:
-        """Rename a name of expressions."""
+        """Rename a name that expressions use."""
         if name in RESERVED:
             return name
         if name in _OF_SCENES and "energy" not in self.scene.edges:

@@ -35,8 +35,8 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 #: Default limits of the numbers of steps and events of a run.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
-#: The same of a run whose parameters are estimated. Far from the estimates it may become stiff: it
-#: then fails early, and the step is rejected.
+#: Limit of steps for runs of an estimation. Far from the estimates a model may become stiff: its
+#: run then fails early, and the step of the optimiser is rejected.
 STEPS_OF_FIT = 100_000
 
 

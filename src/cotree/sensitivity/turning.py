@@ -115,7 +115,7 @@ class Turning(Frames):
 
 @contextmanager
 def derivatives_labelled(dag: Dag) -> Iterator[None]:
-    """Label the nodes made inside the ``with`` block as derivatives of their owners."""
+    """Label nodes formed in the ``with`` block as derivatives of the current owners."""
     dag.suffix = ", derivative"
     try:
         yield

@@ -48,7 +48,7 @@ _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
 class Rows:
-    """The rows that one job stores, of ``n_values`` each; the first ``job.n_kept`` count."""
+    """Stored rows of a job, of ``n_values`` each; the first ``job.n_kept`` are valid."""
 
     def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
         self._ffi, self._job, self._n, self._room = ffi, job, problem.size, -1

@@ -212,7 +212,7 @@ def _choose(problem: Problem) -> Choice:
 
 
 def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
-    """Choose by the rates of modes; the explicit method, or one for stiff problems."""
+    """Choose the explicit method, or one for stiff problems, by the rates of modes."""
     span = abs(problem.settings.t_span[1] - problem.settings.t_span[0])
     # The number of time constants of the fastest damped mode in the span.
     count = span * rates.decay

@@ -158,7 +158,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Return a warning of an absolute tolerance that is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
-    # The start often decides.
+    # The states at the start are checked first, since they are often large enough.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
         return ""

@@ -68,8 +68,8 @@ struct cotree_batch {
 
 struct cotree_worker {
     cotree_batch *batch;
-    int member; /* at work; -1: none */
-    int stage;  /* of the member; its stepper may be open after its end */
+    int member; /* the current member; -1: none */
+    int stage;  /* of the current member; its stepper may be open after its end */
     double begun;
     long watched_from; /* it waits if stiff after this number of steps */
     cotree_job job;

@@ -279,7 +279,7 @@ static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real
     return is_wrong;
 }
 
-/* Return whether the modes are consistent; those without a solution are not. */
+/* Return whether the trial has a solution that is consistent with its modes. */
 static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_real new_mode;
@@ -294,7 +294,7 @@ static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
     return 1;
 }
 
-/* Set the mode set with a number, out of all combinations. */
+/* Set the mode set with a given number among all combinations. */
 static void decode_modes(cotree_events *e, int code)
 {
     cotree_real modes[MAX_MODES];

@@ -36,7 +36,7 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */
     COTREE_EVENTS_ACCUMULATE = 27,      /* events accumulate at the time detail */
     COTREE_EVENTS_CHATTER = 28,         /* COTREE_EVENT_CROWD events in detail seconds */
-    COTREE_EVENTS_CASCADE = 29,         /* events trigger each other without end: has_fired */
+    COTREE_EVENTS_CASCADE = 29,         /* events trigger each other without end; see has_fired */
     COTREE_EVENTS_SLIDING = 40,         /* the same with jumps only: the motion slides along them */
     COTREE_EVENTS_LEAVES_JUMP = 41,     /* a value leaves a jump at which it rested */
     COTREE_EVENTS_NOT_COMMUTING = 42,   /* simultaneous jumps: no sensitivities */
@@ -50,7 +50,7 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_NOT_UNIQUE = 50,       /* friction allows a contact to close and to open */
     COTREE_EVENTS_INDETERMINATE = 51,    /* losses depend on indeterminate forces of friction */
     COTREE_EVENTS_LOSSY_IMPACT = 52,     /* an impact passes a gear with losses */
-    COTREE_EVENTS_LEAVES_ROOT = 53       /* a root of infinite slope drives a value from zero */
+    COTREE_EVENTS_LEAVES_ROOT = 53 /* a root of infinite slope drives a value away from zero */
 } cotree_events_status;
 
 /* The number of events without kinks, which are not recorded. */
@@ -173,7 +173,7 @@ typedef struct cotree_events {
     cotree_real *required_speed; /* after the impact, by restitution */
     int n_contact_friction;
     int *contact_friction;   /* their places among all friction */
-    int *normal_stop;        /* of each friction; -1: none */
+    int *normal_stop;        /* the stop of each friction; -1: none */
     cotree_real *slip_speed; /* before the impact: two components each */
     cotree_real *slip_sign;
     int n_discs; /* friction on planes in space */

@@ -71,7 +71,7 @@ typedef struct fmu_tables {
     long most_steps;         /* budgets of one step of Co-Simulation */
     long most_events;
     int n_stops;            /* time events and their periods */
-    const int *stop_starts; /* 1: none before the first time */
+    const int *stop_starts; /* n_stops: 1 if there is none before the first time */
     int n_limits;           /* upper bounds of steps */
     const cotree_start_tables *start_tables;
     /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs set

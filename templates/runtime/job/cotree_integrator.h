@@ -44,7 +44,7 @@ typedef struct cotree_stiffness {
     int n;             /* the first n unknowns are monitored; 0: none */
     int is_found;      /* steps are limited by stability: an implicit method may take far fewer */
     cotree_real since; /* the time from which on they are limited */
-    long n_steps;      /* about the number of limited steps since it was found */
+    long n_steps;      /* approximate number of limited steps since detection */
     int n_stiff, n_soft, n_calm;
 } cotree_stiffness;
 

@@ -38,7 +38,7 @@ typedef struct cotree_job {
     int has_sensitivities;
 #if COTREE_HAS_CONSTRAINTS
     int is_held;   /* 1: constraints are satisfied by projection */
-    int is_strict; /* 1: rates are evaluated on the constraints, as redundant ones require */
+    int is_strict; /* 1: rates are evaluated on the constraints, as dependent ones require */
     cotree_real correction; /* the largest correction, as a share of a state or of 1 */
     /* Tables of the constraints, by which singular positions are detected; NULL: none are. */
     const cotree_assembly_tables *constraints;
@@ -106,7 +106,7 @@ typedef struct cotree_job {
     int n_records;
     int most_events;          /* the job returns after so many records; 0: no limit */
     int event;                /* the event that ended the run, or failed */
-    cotree_real event_time;   /* of the failure */
+    cotree_real event_time;   /* time of the failure */
     cotree_real event_detail; /* see cotree_events.h */
     const int *has_fired;
     /* State of the events, COTREE_EVENTS_SAVED numbers, from the job before this one and for the

@@ -18,7 +18,7 @@ COTREE_BEGIN_DECLS
 typedef struct cotree_least {
     int n_columns;
     int n_rows, rank;     /* of the matrix factorised last */
-    int stride;           /* the largest number of rows */
+    int stride;           /* at least the number of rows */
     cotree_real *rows;    /* stride rows of n_columns: the matrix, which is overwritten */
     cotree_real *basis;   /* Q: rank rows of n_columns */
     cotree_real *lower;   /* U: n_rows rows of stride */

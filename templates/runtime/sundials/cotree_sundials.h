@@ -109,7 +109,7 @@ typedef struct cotree_sundials {
 /* The aid of a job that SUNDIALS integrates. */
 typedef struct cotree_sundials_aid {
     const cotree_sundials *sundials;
-    int lower, upper;  /* bandwidths of the Jacobian in the order of places */
+    int lower, upper;  /* bandwidths of the Jacobian, unknowns ordered by places */
     const int *places; /* of the unknowns in a banded order; NULL: their own order */
     int are_followed;  /* 1: sensitivities are outside the error test and follow the states */
     int corrector;     /* of separate sensitivity vectors: 1 simultaneous, 2 staggered */

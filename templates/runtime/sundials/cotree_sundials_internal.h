@@ -119,7 +119,7 @@ typedef struct cotree_bdf {
     void *slopes;
     void *between;
     void *atols;
-    double rtol; /* that the integrator has */
+    double rtol; /* set in the integrator */
     void *kinds;
 #if COTREE_SENSITIVITIES
     double *apart;      /* memory of the sensitivity vectors */

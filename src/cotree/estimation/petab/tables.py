@@ -437,7 +437,7 @@ def _parsed(path: str | Path) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
-        # Errors of single characters have a reason in place of a problem.
+        # Errors about single characters have the attribute reason instead of problem.
         problem = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
         raise SceneError(f"{where}: not valid YAML: {problem}") from None
     if not isinstance(data, dict) or "format_version" not in data:

@@ -250,7 +250,7 @@ def reference_files(
     times: Iterable[float],
     columns: Mapping[str, Iterable[float]],
 ) -> dict[str, bytes]:
-    """Write expected results as the layered standard LS-REF has them.
+    """Write expected results in the format of the layered standard LS-REF.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class Description:
     version: int  # 2 or 3
     kinds: tuple[str, ...]  # ``ModelExchange``, ``CoSimulation``
     name: str  # name of the model
-    identifier: str  # its name in C and of libraries
+    identifier: str  # name in C and of libraries
     token: str  # identifies description and library
     variables: FmuVariables
     #: Of the default experiment.
@@ -252,7 +252,7 @@ class FmuVariable:
     start: float | None = None  # its start value, if it has one
     derivative_of: int | None = None  # value reference of the state that it is the derivative of
     is_reset: bool = False  # whether events may set it
-    #: Value references of the knowns on which it depends: later on, and during the initialization.
+    #: Value references of the knowns on which it depends: after and during the initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 

@@ -45,7 +45,7 @@ class Names:
         return found
 
     def of_edge(self, edge: str) -> list[str]:
-        """List the suffixes of an edge's name in the names of its variables."""
+        """List the suffixes that follow an edge's name in the names of its variables."""
         start = f"{edge}."
         return [name.removeprefix(start) for name in self._of_ports if name.startswith(start)]
 

@@ -315,7 +315,7 @@ class SpiceFormula(Rewriter):
         return self._power(base, self.value(exponent))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> ast.expr:
-        """Return a power; in laws it is that of the absolute value, as in ngspice."""
+        """Return a power; in laws that of the base's absolute value, as in ngspice."""
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
         # Even powers, and powers of numbers, do not need the absolute value.
