@@ -27,7 +27,6 @@ from cotree.program.passes import RECIPE, run_passes
 from cotree.sensitivity.graphs import form_equations
 
 SHIPPED = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))
-PASSES = dict(RECIPE)
 # Values are of size 1 to 1000, and some are small differences of others: each route regroups sums
 # and divisions, which leaves some ten roundings of the largest value of a kernel.
 RTOL = 1e-11
@@ -91,11 +90,11 @@ def _same_values(found, expected):
 
 
 @pytest.mark.sampled(9)
-@pytest.mark.parametrize("name", PASSES)
+@pytest.mark.parametrize("name", RECIPE)
 @pytest.mark.parametrize("scene", SHIPPED)
 def test_passes_keep_the_values(scene, name):
     program = _lowered(scene)
-    _same_values(PASSES[name](program), program)
+    _same_values(RECIPE[name](program), program)
 
 
 @pytest.mark.parametrize("scene", SHIPPED)
@@ -177,7 +176,7 @@ def _chain(n):
 def _of_pass(name, scene, kernel, kinds):
     """Count operations of some kinds before and after a pass, those before it having run."""
     program = _lowered(scene)
-    for each, transform in RECIPE:
+    for each, transform in RECIPE.items():
         before, program = program, transform(program)
         if each == name:
             break

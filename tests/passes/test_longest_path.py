@@ -16,7 +16,7 @@ from cotree.pipeline import formulate, trees_to_try
 from cotree.program import passes as order
 from cotree.program.counts import bounds, by_need
 from cotree.program.lower import lower
-from cotree.program.passes import balance_sums, order_by_need, run_passes
+from cotree.program.passes import RECIPE, balance_sums, run_passes
 
 from rod_chain import rod_chain  # isort: skip
 
@@ -117,7 +117,7 @@ def test_the_longest_path_stands_first_among_what_is_ready():
 
 def test_short_kernels_keep_their_order(program_of):
     program = program_of("slider-pendulum", ["L"])
-    assert order_by_need(program).kernels == program.kernels
+    assert RECIPE["order"](program).kernels == program.kernels
 
 
 @pytest.mark.parametrize("own_axes", [(), tuple(range(1, 9))])

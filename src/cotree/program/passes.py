@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import partial
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
@@ -78,7 +79,7 @@ def _frontier(results: list[Node]) -> list[Node]:
     ]
 
 
-def for_each_kernel(program: Program, change: Callable[[Kernel], Kernel]) -> Program:
+def for_each_kernel(change: Callable[[Kernel], Kernel], program: Program) -> Program:
     """Change every kernel of a program separately."""
     kernels = {name: change(kernel) for name, kernel in program.kernels.items()}
     return replace(program, kernels=kernels)
@@ -108,13 +109,8 @@ def rewrite(
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
 
 
-def share_reciprocals(program: Program) -> Program:
-    """Replace repeated divisions by products with a reciprocal."""
-    return for_each_kernel(program, with_reciprocals)
-
-
 def with_reciprocals(kernel: Kernel) -> Kernel:
-    """Replace the repeated divisions of one kernel."""
+    """Replace the repeated divisions of one kernel by products with a reciprocal."""
     order = kernel.order
     # Reciprocals themselves are unchanged.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
@@ -140,12 +136,8 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
 _FEWEST = 3
 
 
-def pack_sines(program: Program) -> Program:
-    """Combine the sines and cosines of each kernel."""
-    return for_each_kernel(program, _packed)
-
-
 def _packed(kernel: Kernel) -> Kernel:
+    """Combine the sines and cosines of one kernel."""
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)
@@ -179,7 +171,7 @@ def balance_sums(program: Program) -> Program:
     """Balance the sums of each kernel, if there are no algebraic unknowns."""
     if any(program.layout.algebraic):
         return program
-    return for_each_kernel(program, _balanced)
+    return for_each_kernel(_balanced, program)
 
 
 def _balanced(kernel: Kernel) -> Kernel:
@@ -299,12 +291,8 @@ _MANY = 20_000
 _MOST_EARLY = 3.0
 
 
-def order_by_need(program: Program) -> Program:
-    """Order the values of each kernel by need, if that helps."""
-    return for_each_kernel(program, _ordered)
-
-
 def _ordered(kernel: Kernel) -> Kernel:
+    """Order the values of one kernel by need, if that helps."""
     order, prepared = kernel.order, kernel.prepared
     # A map begins when the arguments of all its columns are available.
     n = len(order) - len(prepared)
@@ -328,13 +316,13 @@ def _lifetimes(kernel: Kernel) -> int:
 #: Each pass with its name, in order.
 # Reciprocals and sums come before staging, which then finds the reciprocals of parameters, and
 # needs the final sums. The order of values is decided last.
-RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
-    ("reciprocals", share_reciprocals),
-    ("sines", pack_sines),
-    ("balance", balance_sums),
-    ("stage", stage_parameters),
-    ("order", order_by_need),
-)
+RECIPE: dict[str, Callable[[Program], Program]] = {
+    "reciprocals": partial(for_each_kernel, with_reciprocals),
+    "sines": partial(for_each_kernel, _packed),
+    "balance": balance_sums,
+    "stage": stage_parameters,
+    "order": partial(for_each_kernel, _ordered),
+}
 
 
 @dataclass(frozen=True)
@@ -367,7 +355,7 @@ class PassReport:
 def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """Run every pass of the recipe."""
     reports = []
-    for name, transform in RECIPE:
+    for name, transform in RECIPE.items():
         # Programs are immutable, so the report stores both.
         earlier, program = program, transform(program)
         reports.append(PassReport(name, earlier, program))
