@@ -32,6 +32,7 @@ from cotree.dag.nodes import (
     dependent,
     reachable,
     substitute,
+    supports_of,
 )
 from cotree.dag.operations import OPERATIONS
 
@@ -77,19 +78,14 @@ class LinearMap:
 
         Values that do not depend on a column have none.
         """
-        found: dict[Node, int] = {}
-        for node in self.order:
-            # The union over all arguments is conservative: a value may be wrongly found to be
-            # nonzero, never to be zero.
-            own = 0
-            if node.op == "symbol" and node.data[0] == COLUMN:
-                bit = 1 << node.data[1]
-                own = sum(1 << j for j, given in enumerate(self.given) if given & bit)
-            for arg in node.args:
-                own |= found[arg]
-            # The shared arguments come first, then one column after another.
-            found[node] = own
-        return found
+        own = {
+            node: sum(1 << j for j, given in enumerate(self.given) if given >> node.data[1] & 1)
+            for node in self.order
+            if node.op == "symbol" and node.data[0] == COLUMN
+        }
+        # The union over all arguments is conservative: a value may be wrongly found to be nonzero,
+        # never to be zero.
+        return supports_of(self.order, own)
 
     @cached_property
     def counts(self) -> Counter[str]:

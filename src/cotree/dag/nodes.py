@@ -437,23 +437,32 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
     return made
 
 
+def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
+    """Return the union of the bits of each value and of all that it depends on.
+
+    Parameters
+    ----------
+    order : iterable of Node
+        Values in order of evaluation.
+    own : mapping of Node to int
+        Bits of some values. An integer is a set: a union is one operation for any number of bits.
+    """
+    found = dict(own)
+    for node in order:
+        bits = found.get(node, 0)
+        for arg in node.args:
+            bits |= found.get(arg, 0)
+        found[node] = bits
+    return found
+
+
 def symbols_of_each(
     roots: Sequence[Node], among: Container[Node] | None = None
 ) -> list[list[Node]]:
-    """List the symbols on which each root depends, in one traversal.
-
-    The symbols of a value are an integer with one bit for each, of those in ``among`` if given.
-    """
+    """List the symbols on which each root depends, of those in ``among`` if given."""
     walk = reachable(roots)
     symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
-    masks = {node: 1 << i for i, node in enumerate(symbols)}
-    for node in walk:
-        if node.args:
-            mask = 0
-            for arg in node.args:
-                # Sets are integers: a union is one operation for any number of symbols.
-                mask |= masks.get(arg, 0)
-            masks[node] = mask
+    masks = supports_of(walk, {node: 1 << i for i, node in enumerate(symbols)})
     known: dict[int, list[Node]] = {}
     for root in roots:
         mask = masks.get(root, 0)

@@ -46,6 +46,7 @@ from cotree.dag.nodes import (
     dependent,
     reachable,
     substitute,
+    supports_of,
     symbols_in,
 )
 from cotree.equations import Derivative, Equations, spread
@@ -195,7 +196,8 @@ class _Parting:
     def given(self) -> list[dict[int, Node]]:
         """Return the nonzero sources of each single change, by place."""
         nodes = list(self.sources)
-        supports = _supports(reachable(nodes), self._changes)
+        bits = {node: 1 << j for j, node in enumerate(self._changes)}
+        supports = supports_of(reachable(nodes), bits)
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
@@ -231,18 +233,6 @@ class _Parting:
             return self._parts[node]
         # The sum has another user, so that splitting it here would form it twice.
         return self.parted(node), self._dag.zero
-
-
-def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
-    """Return the changes on which each value depends, as bits; constant values are left out."""
-    found = {node: 1 << j for j, node in enumerate(changes)}
-    for node in order:
-        bits = 0
-        for arg in node.args:
-            bits |= found.get(arg, 0)
-        if bits:
-            found[node] = bits
-    return found
 
 
 #: Fewer operations than these are written out for each direction.

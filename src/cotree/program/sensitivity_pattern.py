@@ -22,6 +22,7 @@ from cotree.dag.nodes import (
     dependent,
     reachable,
     substitute,
+    supports_of,
 )
 from cotree.dag.switching_times import find_time_events, time_events_within
 from cotree.dag.time_events import time_events_along
@@ -255,18 +256,16 @@ def _choosers(equations: Equations) -> dict[int, set[int]]:
     targets = {target for event in equations.events for target in event.targets}
     if not targets:
         return {}
-    mask = {equations.states[target].symbol: 1 << target for target in targets}
+    own = {equations.states[target].symbol: 1 << target for target in targets}
     # A state that an event sets may occur in a condition anywhere in the balances. All unknowns are
     # then assumed to depend on it, which is conservative.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
-    # Masks of all values, in order of evaluation: the targets on which each depends.
-    for node in reachable(solved):
-        mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
+    # The targets on which each value depends.
+    mask = supports_of(reachable(solved), own)
     whole = _either((mask[node], False) for node in solved)[0]
     mask |= dict.fromkeys(equations.unknowns, whole)
-    for node in reachable(equations.rates):
-        mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
+    mask = supports_of(reachable(equations.rates), mask)
     users: dict[int, set[int]] = {target: set() for target in targets}
     for i, rate in enumerate(equations.rates):
         for target in _places(mask[rate]):
