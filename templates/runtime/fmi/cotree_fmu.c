@@ -241,11 +241,10 @@ fmu *fmu_reject(const fmu_importer *importer, const char *why)
     return NULL;
 }
 
-int fmu_check_pointer(const fmu *m, const char *function, const void *pointer)
+int fmu_check_pointer(const fmu *m, const void *pointer)
 {
     if (pointer != NULL) return 0;
-    fmu_refuse(m, "%s is called with a null pointer", function);
-    return 1;
+    return fmu_refuse(m, "%s is called with a null pointer", m->function);
 }
 
 static int is_category(const char *name)
@@ -257,19 +256,16 @@ static int is_category(const char *name)
     return 0;
 }
 
-int fmu_set_logging(void *instance, const char *function, int is_logging, size_t n,
-                    const char *const names[])
+int fmu_set_logging(fmu *m, int is_logging, size_t n, const char *const names[])
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
     size_t i;
-    if (m == NULL || (n > 0 && fmu_check_pointer(m, function, names) != 0)) return FMU_ERROR;
+    if (n > 0 && fmu_check_pointer(m, names) != 0) return 1;
     for (i = 0; i < n; ++i) {
         if (is_category(names[i])) continue;
-        return fmu_status(m, fmu_refuse(m, "there is no log category '%.100s'",
-                                        names[i] == NULL ? "" : names[i]));
+        return fmu_refuse(m, "there is no log category '%.100s'", names[i] == NULL ? "" : names[i]);
     }
     m->importer.is_logging = is_logging;
-    return FMU_OK;
+    return 0;
 }
 
 /* Calls and modes. */
@@ -298,18 +294,14 @@ fmu *fmu_call(void *instance, const char *function, int modes)
 {
     fmu *const m = (fmu *)instance;
     if (m == NULL) return NULL;
+    m->function = function;
     m->may_discard = m->is_discarded = 0;
     if ((m->mode & modes) != 0) return m;
     fmu_refuse(m, "%s is not allowed in %s", function, fmu_mode_name(m));
     return NULL;
 }
 
-fmu *fmu_evaluation(void *instance, const char *function, int modes)
-{
-    fmu *const m = fmu_call(instance, function, modes);
-    if (m != NULL) m->may_discard = m->is_exchanged;
-    return m;
-}
+void fmu_evaluate(fmu *m) { m->may_discard = m->is_exchanged; }
 
 int fmu_status(const fmu *m, int result)
 {
@@ -322,38 +314,23 @@ void fmu_enter(fmu *m, int mode)
     m->numbers[FMU_MODE] = (double)mode;
 }
 
-int fmu_refuse_call(void *instance, const char *function, const char *why)
+int fmu_refuse_call(fmu *m, const char *why) { return fmu_refuse(m, "%s: %s", m->function, why); }
+
+int fmu_refuse_type(fmu *m, size_t n)
 {
-    const fmu *const m = fmu_call(instance, function, FMU_ANY);
-    if (m != NULL) fmu_refuse(m, "%s: %s", function, why);
-    return FMU_ERROR;
+    return n > 0 && fmu_refuse_call(m, "every variable is a floating-point number");
 }
 
-int fmu_refuse_type(void *instance, const char *function, size_t n)
+int fmu_terminate(fmu *m)
 {
-    if (n == 0) return fmu_allow(instance, function, FMU_ANY);
-    return fmu_refuse_call(instance, function, "every variable is a floating-point number");
-}
-
-int fmu_allow(void *instance, const char *function, int modes)
-{
-    return fmu_call(instance, function, modes) == NULL ? FMU_ERROR : FMU_OK;
-}
-
-int fmu_terminate(void *instance, const char *function)
-{
-    fmu *const m = fmu_call(instance, function, FMU_RUNNING | FMU_FAILED);
-    if (m == NULL) return FMU_ERROR;
     fmu_enter(m, FMU_TERMINATED);
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_reset(void *instance, const char *function)
+int fmu_reset(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
-    if (m == NULL) return FMU_ERROR;
     reset(m);
-    return FMU_OK;
+    return 0;
 }
 
 /* Saved states. */
@@ -405,58 +382,52 @@ static size_t find_state(const fmu *m, const void *own)
     return m->n_kept;
 }
 
-static int check_state(const fmu *m, const char *function, const void *own)
+static int check_state(const fmu *m, const void *own)
 {
-    if (fmu_check_pointer(m, function, own) != 0) return 1;
+    if (fmu_check_pointer(m, own) != 0) return 1;
     if (find_state(m, own) < m->n_kept) return 0;
     return fmu_refuse(m, "%s: the pointer is not a state of this instance, or the state was freed",
-                      function);
+                      m->function);
 }
 
-/* Start a call with a saved state. */
-static fmu *call_with_state(void *instance, const char *function, const void *own)
+/* Append a new state to those that are kept. Return NULL if there is no memory. */
+static fmu_state *add_state(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
-    return m == NULL || check_state(m, function, own) != 0 ? NULL : m;
-}
-
-/* Return memory for a new state, or that of the saved state that *place points to. */
-static fmu_state *take_state(fmu *m, const char *function, void **place)
-{
-    fmu_state *own;
-    if (fmu_check_pointer(m, function, place) != 0) return NULL;
-    if (*place != NULL) return check_state(m, function, *place) == 0 ? (fmu_state *)*place : NULL;
-    if (m->n_kept == m->n_places) {
+    fmu_state *const own = (fmu_state *)malloc(size_of_state(m));
+    if (own != NULL && m->n_kept == m->n_places) {
         const size_t n = 2 * m->n_kept + 4;
         fmu_state **const more = (fmu_state **)realloc(m->kept, n * sizeof(fmu_state *));
         if (more == NULL) {
-            fmu_refuse(m, "%s: out of memory", function);
+            free(own);
             return NULL;
         }
         m->kept = more;
         m->n_places = n;
     }
-    own = (fmu_state *)malloc(size_of_state(m));
-    if (own == NULL) {
-        fmu_refuse(m, "%s: out of memory", function);
-        return NULL;
-    }
-    m->kept[m->n_kept++] = own;
-    *place = own;
+    if (own != NULL) m->kept[m->n_kept++] = own;
     return own;
 }
 
-int fmu_save_state(void *instance, const char *function, void **place)
+/* Write a pointer to a new state to *place, or check the saved state that it points to. */
+static int take_state(fmu *m, void **place)
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
-    fmu_state *const own = m == NULL ? NULL : take_state(m, function, place);
-    if (own == NULL) return FMU_ERROR;
+    if (fmu_check_pointer(m, place) != 0) return 1;
+    if (*place != NULL) return check_state(m, *place);
+    *place = add_state(m);
+    return *place == NULL ? fmu_refuse(m, "%s: out of memory", m->function) : 0;
+}
+
+int fmu_save_state(fmu *m, void **place)
+{
+    fmu_state *own;
+    if (take_state(m, place) != 0) return 1;
+    own = (fmu_state *)*place;
     memset(&own->head, 0, sizeof(own->head));
     own->head.magic = MAGIC;
     own->head.n = (unsigned)m->n_saved;
     strncpy(own->head.token, m->tables->token, sizeof(own->head.token) - 1);
     memcpy(own->values, m->saved, m->n_saved * sizeof(double));
-    return FMU_OK;
+    return 0;
 }
 
 /* Return whether an instance of this kind has a mode. */
@@ -482,64 +453,54 @@ int fmu_restore(fmu *m, const double *from)
     return 0;
 }
 
-int fmu_restore_state(void *instance, const char *function, const void *from)
+int fmu_restore_state(fmu *m, const void *from)
 {
-    fmu *const m = call_with_state(instance, function, from);
-    return m == NULL ? FMU_ERROR : fmu_status(m, fmu_restore(m, ((const fmu_state *)from)->values));
+    return check_state(m, from) != 0 ? 1 : fmu_restore(m, ((const fmu_state *)from)->values);
 }
 
-int fmu_free_state(void *instance, const char *function, void **place)
+int fmu_free_state(fmu *m, void **place)
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
-    if (m == NULL) return FMU_ERROR;
-    if (place == NULL || *place == NULL) return FMU_OK;
-    if (check_state(m, function, *place) != 0) return FMU_ERROR;
+    if (place == NULL || *place == NULL) return 0;
+    if (check_state(m, *place) != 0) return 1;
     m->kept[find_state(m, *place)] = m->kept[m->n_kept - 1];
     --m->n_kept;
     free(*place);
     *place = NULL;
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_measure_state(void *instance, const char *function, const void *from, size_t *n)
+int fmu_measure_state(fmu *m, const void *from, size_t *n)
 {
-    const fmu *const m = call_with_state(instance, function, from);
-    if (m == NULL || fmu_check_pointer(m, function, n) != 0) return FMU_ERROR;
+    if (check_state(m, from) != 0 || fmu_check_pointer(m, n) != 0) return 1;
     *n = size_of_state(m);
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_write_state(void *instance, const char *function, const void *from, void *bytes, size_t n)
+int fmu_write_state(fmu *m, const void *from, void *bytes, size_t n)
 {
-    const fmu *const m = call_with_state(instance, function, from);
     fmu_state_head head;
-    if (m == NULL || fmu_check_pointer(m, function, bytes) != 0) return FMU_ERROR;
+    if (check_state(m, from) != 0 || fmu_check_pointer(m, bytes) != 0) return 1;
     if (n < size_of_state(m)) {
-        fmu_refuse(m, "%s: a state has %lu bytes, but there is room for %lu", function,
-                   (unsigned long)size_of_state(m), (unsigned long)n);
-        return FMU_ERROR;
+        return fmu_refuse(m, "%s: a state has %lu bytes, but there is room for %lu", m->function,
+                          (unsigned long)size_of_state(m), (unsigned long)n);
     }
     head = ((const fmu_state *)from)->head;
     head.checksum = checksum_of(from, size_of_state(m));
     memcpy(bytes, from, size_of_state(m));
     memcpy(bytes, &head, sizeof(head));
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_read_state(void *instance, const char *function, const void *bytes, size_t n, void **place)
+int fmu_read_state(fmu *m, const void *bytes, size_t n, void **place)
 {
-    fmu *const m = fmu_call(instance, function, FMU_ANY);
     fmu_state_head head;
-    fmu_state *own;
-    if (m == NULL || fmu_check_pointer(m, function, bytes) != 0) return FMU_ERROR;
+    if (fmu_check_pointer(m, bytes) != 0) return 1;
     memset(&head, 0, sizeof(head));
     if (n >= sizeof(head)) memcpy(&head, bytes, sizeof(head));
     if (n != size_of_state(m) || !is_state(m, &head) || head.checksum != checksum_of(bytes, n)) {
-        fmu_refuse(m, "%s: the bytes are not a state of this model", function);
-        return FMU_ERROR;
+        return fmu_refuse(m, "%s: the bytes are not a state of this model", m->function);
     }
-    own = take_state(m, function, place);
-    if (own == NULL) return FMU_ERROR;
-    memcpy(own, bytes, n);
-    return FMU_OK;
+    if (take_state(m, place) != 0) return 1;
+    memcpy(*place, bytes, n);
+    return 0;
 }

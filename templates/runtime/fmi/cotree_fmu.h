@@ -1,9 +1,8 @@
 /* cotree_fmu.h: an instance of a model as a functional mock-up unit, for all versions of the
  * interface.
  *
- * The functions of FMI 2 and FMI 3 call these with the instance, which may be NULL, and with their
- * own name for messages. The results are statuses, unless noted: a call that is not possible is
- * rejected after an error is logged, one with a null pointer too. */
+ * A function of FMI 2 or FMI 3 starts a call with its own name for messages, calls one of these and
+ * returns the status of its result: 0, or 1 after an error is logged, unless noted. */
 #ifndef COTREE_FMU_H
 #define COTREE_FMU_H
 
@@ -26,6 +25,10 @@
 #define FMU_FAILED 64 /* after a step of Co-Simulation that was discarded, in FMI 2 */
 #define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
 #define FMU_ANY (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING | FMU_TERMINATED | FMU_FAILED)
+#define FMU_SETTABLE (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING)
+#define FMU_DIFFERENTIABLE (FMU_INITIALIZATION | FMU_RUNNING | FMU_FAILED | FMU_TERMINATED)
+#define FMU_WITH_STATES (FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED)
+#define FMU_WITH_PROGRESS (FMU_STEP | FMU_FAILED | FMU_TERMINATED)
 
 /* Blocks of variables; each has consecutive value references. */
 enum fmu_block {
@@ -108,36 +111,38 @@ fmu *fmu_instantiate(const fmu_importer *importer, const char *token, int is_exc
                      int returns_early);
 fmu *fmu_reject(const fmu_importer *importer, const char *why);
 void fmu_free(void *instance);
-int fmu_set_logging(void *instance, const char *function, int is_logging, size_t n,
-                    const char *const categories[]);
 
-/* Reject every call, but for those for no variables, and those in these modes. */
-int fmu_refuse_call(void *instance, const char *function, const char *why);
-int fmu_refuse_type(void *instance, const char *function, size_t n);
-int fmu_allow(void *instance, const char *function, int modes);
+/* Start a call: return NULL without an instance, or after rejecting the call in a mode that does
+ * not allow it. Return the status of a call from its result. */
+fmu *fmu_call(void *instance, const char *function, int modes);
+int fmu_status(const fmu *m, int result);
+
+/* Reject a call, or one for n variables of a type that none has. */
+int fmu_refuse_call(fmu *m, const char *why);
+int fmu_refuse_type(fmu *m, size_t n);
+
+int fmu_set_logging(fmu *m, int is_logging, size_t n, const char *const categories[]);
 
 /* Modes. */
-int fmu_set_up(void *instance, const char *function, const double *tolerance, double t, double end);
-int fmu_enter_initialization(void *instance, const char *function);
-int fmu_exit_initialization(void *instance, const char *function);
-int fmu_terminate(void *instance, const char *function);
-int fmu_reset(void *instance, const char *function);
+int fmu_set_up(fmu *m, const double *tolerance, double t, double end);
+int fmu_enter_initialization(fmu *m);
+int fmu_exit_initialization(fmu *m);
+int fmu_terminate(fmu *m);
+int fmu_reset(fmu *m);
 
 /* Variables: n references, and as many values. */
-int fmu_get(void *instance, const char *function, const unsigned *references, size_t n,
-            double *values, size_t n_values);
-int fmu_set(void *instance, const char *function, const unsigned *references, size_t n,
-            const double *values, size_t n_values);
-int fmu_count_numbers(void *instance, const char *function, enum fmu_block block, size_t *n);
+int fmu_get(fmu *m, const unsigned *references, size_t n, double *values, size_t n_values);
+int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values, size_t n_values);
+int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n);
 
 /* Saved states: copy the present one to that of *place, or to a new one if *place is NULL;
  * restore one; free one; compute its number of bytes; write it to bytes, or read it. */
-int fmu_save_state(void *instance, const char *function, void **place);
-int fmu_restore_state(void *instance, const char *function, const void *from);
-int fmu_free_state(void *instance, const char *function, void **place);
-int fmu_measure_state(void *instance, const char *function, const void *from, size_t *n);
-int fmu_write_state(void *instance, const char *function, const void *from, void *bytes, size_t n);
-int fmu_read_state(void *instance, const char *function, const void *bytes, size_t n, void **place);
+int fmu_save_state(fmu *m, void **place);
+int fmu_restore_state(fmu *m, const void *from);
+int fmu_free_state(fmu *m, void **place);
+int fmu_measure_state(fmu *m, const void *from, size_t *n);
+int fmu_write_state(fmu *m, const void *from, void *bytes, size_t n);
+int fmu_read_state(fmu *m, const void *bytes, size_t n, void **place);
 
 /* Derivatives. Directional: the seed belongs to the knowns, and the result to the unknowns;
  * adjoint: the other way round. */
@@ -151,8 +156,8 @@ typedef struct fmu_direction {
     double *result;
     size_t n_result;
 } fmu_direction;
-int fmu_directional(void *instance, const char *function, const fmu_direction *d);
-int fmu_adjoint(void *instance, const char *function, const fmu_direction *d);
+int fmu_directional(fmu *m, const fmu_direction *d);
+int fmu_adjoint(fmu *m, const fmu_direction *d);
 
 /* Report of an update of Event Mode and of a step of Co-Simulation. */
 typedef struct fmu_event_info {
@@ -165,21 +170,19 @@ typedef struct fmu_progress {
 } fmu_progress;
 
 /* Model Exchange. The blocks of numbers are states, rates, indicators and nominals. */
-int fmu_set_time(void *instance, const char *function, int modes, double t);
-int fmu_set_states(void *instance, const char *function, const double *x, size_t n);
-int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
-                    size_t n);
-int fmu_complete_step(void *instance, const char *function, int *enters_event_mode);
-int fmu_enter_event_mode(void *instance, const char *function);
-int fmu_update(void *instance, const char *function, fmu_event_info *news);
-int fmu_leave_event_mode(void *instance, const char *function);
+int fmu_set_time(fmu *m, double t);
+int fmu_set_states(fmu *m, const double *x, size_t n);
+int fmu_get_numbers(fmu *m, enum fmu_block block, double *values, size_t n);
+int fmu_complete_step(fmu *m, int *enters_event_mode);
+int fmu_enter_event_mode(fmu *m);
+int fmu_update(fmu *m, fmu_event_info *news);
+int fmu_leave_event_mode(fmu *m);
 
 /* Co-Simulation. A step reaches a time, and may end early, at an event, or the simulation. */
-int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress);
+int fmu_step(fmu *m, double t, double step, fmu_progress *progress);
 
 /* Write the time that the last step has reached, or whether the simulation has ended, in FMI 2.
  * Discard if is_known is 0: there is no other status, since steps are never pending. */
-int fmu_get_progress(void *instance, const char *function, int is_known, double *reached,
-                     int *has_ended);
+int fmu_get_progress(fmu *m, int is_known, double *reached, int *has_ended);
 
 #endif

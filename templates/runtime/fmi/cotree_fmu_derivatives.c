@@ -68,14 +68,14 @@ static int check_variables(const fmu *m, const fmu_direction *d)
 
 /* Start a call: reject missing arrays, lengths of seed and result other than n_seed and n_result,
  * and variables without derivatives; then evaluate the partial derivatives. */
-static int begin(fmu *m, const char *function, const fmu_direction *d, size_t n_seed,
-                 size_t n_result)
+static int begin(fmu *m, const fmu_direction *d, size_t n_seed, size_t n_result)
 {
+    fmu_evaluate(m);
     if (d->n_seed != n_seed || d->n_result != n_result)
-        return fmu_refuse(m, "%s: every variable has one value", function);
+        return fmu_refuse(m, "%s: every variable has one value", m->function);
     if ((d->n_unknowns > 0 && d->unknowns == NULL) || (d->n_knowns > 0 && d->knowns == NULL) ||
         (n_seed > 0 && d->seed == NULL) || (n_result > 0 && d->result == NULL))
-        return fmu_check_pointer(m, function, NULL);
+        return fmu_check_pointer(m, NULL);
     if (check_variables(m, d) != 0) return 1;
     return fmu_refresh(m, FMU_POINT | FMU_HAS_PARTIALS);
 }
@@ -190,20 +190,16 @@ static void clear_seed(fmu *m)
     for (i = 0; i < m->tables->partials.n_columns; ++i) m->seed[i] = 0.0;
 }
 
-#define WITH_DERIVATIVES (FMU_INITIALIZATION | FMU_RUNNING | FMU_FAILED | FMU_TERMINATED)
-
-int fmu_directional(void *instance, const char *function, const fmu_direction *d)
+int fmu_directional(fmu *m, const fmu_direction *d)
 {
-    fmu *const m = fmu_evaluation(instance, function, WITH_DERIVATIVES);
     size_t i;
-    if (m == NULL) return FMU_ERROR;
-    if (begin(m, function, d, d->n_knowns, d->n_unknowns) != 0) return fmu_status(m, 1);
+    if (begin(m, d, d->n_knowns, d->n_unknowns) != 0) return 1;
     clear_seed(m);
     for (i = 0; i < d->n_knowns; ++i) m->seed[column_of(m, d->knowns[i])] += d->seed[i];
     mark_known_states(m, d);
-    if (propagate(m) != 0) return fmu_status(m, 1);
+    if (propagate(m) != 0) return 1;
     for (i = 0; i < d->n_unknowns; ++i) d->result[i] = value_of_row(m, row_of(m, d->unknowns[i]));
-    return FMU_OK;
+    return 0;
 }
 
 /* Compute adjoint derivatives during initialization, one known at a time. */
@@ -246,11 +242,8 @@ static int adjoint_by_rows(fmu *m, const fmu_direction *d)
     return 0;
 }
 
-int fmu_adjoint(void *instance, const char *function, const fmu_direction *d)
+int fmu_adjoint(fmu *m, const fmu_direction *d)
 {
-    fmu *const m = fmu_evaluation(instance, function, WITH_DERIVATIVES);
-    if (m == NULL) return FMU_ERROR;
-    if (begin(m, function, d, d->n_unknowns, d->n_knowns) != 0) return fmu_status(m, 1);
-    if (m->mode == FMU_INITIALIZATION) return fmu_status(m, adjoint_by_columns(m, d));
-    return fmu_status(m, adjoint_by_rows(m, d));
+    if (begin(m, d, d->n_unknowns, d->n_knowns) != 0) return 1;
+    return m->mode == FMU_INITIALIZATION ? adjoint_by_columns(m, d) : adjoint_by_rows(m, d);
 }

@@ -3,63 +3,49 @@
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_EXCHANGE
-/* Start a call with the numbers of a block; return NULL if it is rejected. */
-static fmu *call_with_numbers(void *instance, const char *function, int modes, enum fmu_block block,
-                              const double *values, size_t n)
+/* Reject a call for n numbers of a block if there are not as many. */
+static int check_numbers(fmu *m, enum fmu_block block, const double *values, size_t n)
 {
-    fmu *const m = fmu_evaluation(instance, function, modes);
-    int wanted;
-    if (m == NULL) return NULL;
-    if (!m->is_exchanged) {
-        fmu_refuse(m, "%s belongs to Model Exchange", function);
-        return NULL;
-    }
-    if (n > 0 && fmu_check_pointer(m, function, values) != 0) return NULL;
-    wanted = fmu_size_of(m, block == FMU_INDICATORS ? FMU_INDICATORS : FMU_RATES);
-    if (n == (size_t)wanted) return m;
-    fmu_refuse(m, "there are %d %s, not %lu", wanted,
-               block == FMU_INDICATORS ? "event indicators" : "continuous states",
-               (unsigned long)n);
-    return NULL;
+    const int is_indicator = block == FMU_INDICATORS;
+    const int wanted = fmu_size_of(m, is_indicator ? FMU_INDICATORS : FMU_RATES);
+    fmu_evaluate(m);
+    if (!m->is_exchanged) return fmu_refuse(m, "%s belongs to Model Exchange", m->function);
+    if (n > 0 && fmu_check_pointer(m, values) != 0) return 1;
+    if (n == (size_t)wanted) return 0;
+    return fmu_refuse(m, "there are %d %s, not %lu", wanted,
+                      is_indicator ? "event indicators" : "continuous states", (unsigned long)n);
 }
 
-#define KNOWN_STATES (FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED)
-
-int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
-                    size_t n)
+int fmu_get_numbers(fmu *m, enum fmu_block block, double *values, size_t n)
 {
-    fmu *const m = call_with_numbers(instance, function, KNOWN_STATES, block, values, n);
     size_t i;
-    if (m == NULL) return FMU_ERROR;
+    if (check_numbers(m, block, values, n) != 0) return 1;
     for (i = 0; i < n; ++i) {
-        if (fmu_get_value(m, (int)block, (int)i, values + i) != 0) return fmu_status(m, 1);
+        if (fmu_get_value(m, (int)block, (int)i, values + i) != 0) return 1;
     }
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_set_time(void *instance, const char *function, int modes, double t)
+int fmu_set_time(fmu *m, double t)
 {
-    fmu *const m = fmu_call(instance, function, modes);
-    if (m == NULL) return FMU_ERROR;
-    if (!(fabs(t) <= DBL_MAX)) return fmu_status(m, fmu_refuse(m, "the time is no finite number"));
+    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the time is no finite number");
     m->numbers[FMU_NOW] = t;
     fmu_invalidate(m);
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_set_states(void *instance, const char *function, const double *x, size_t n)
+int fmu_set_states(fmu *m, const double *x, size_t n)
 {
-    fmu *const m = call_with_numbers(instance, function, FMU_CONTINUOUS, FMU_STATES, x, n);
     size_t i;
-    if (m == NULL) return FMU_ERROR;
+    if (check_numbers(m, FMU_STATES, x, n) != 0) return 1;
     for (i = 0; i < n; ++i) {
         if (fabs(x[i]) <= DBL_MAX) continue;
-        return fmu_status(m, fmu_discard(m, "state '%s' is set to a value that is not finite",
-                                         m->model->states[i].name));
+        return fmu_discard(m, "state '%s' is set to a value that is not finite",
+                           m->model->states[i].name);
     }
     for (i = 0; i < n; ++i) m->z[i] = x[i];
     fmu_invalidate(m);
-    return FMU_OK;
+    return 0;
 }
 
 #if COTREE_HAS_CONSTRAINTS
@@ -97,26 +83,26 @@ static int project(fmu *m)
 
 /* Request Event Mode if the states have drifted from the constraints: they may be projected
  * there. */
-int fmu_complete_step(void *instance, const char *function, int *enters_event_mode)
+int fmu_complete_step(fmu *m, int *enters_event_mode)
 {
-    fmu *const m = fmu_call(instance, function, FMU_CONTINUOUS);
-    if (m == NULL || fmu_check_pointer(m, function, enters_event_mode) != 0) return FMU_ERROR;
+    if (fmu_check_pointer(m, enters_event_mode) != 0) return 1;
     *enters_event_mode = 0;
 #if COTREE_HAS_CONSTRAINTS
-    if (find_drift(m, enters_event_mode) != 0) return FMU_ERROR;
+    return find_drift(m, enters_event_mode);
+#else
+    return 0;
 #endif
-    return FMU_OK;
 }
 
 /* Find the segment between time events: no evaluation may lie beyond either of them. */
 static void find_segment(fmu *m)
 {
-    const double t = m->numbers[FMU_NOW], next = fmu_next_stop(m, t, HUGE_VAL);
+    const double t = m->numbers[FMU_NOW], next = cotree_next_breakpoint(&m->stops, t, HUGE_VAL);
     const int is_last = !(next <= DBL_MAX);
-    const double size = fmax(fabs(t), is_last ? 0.0 : fmu_largest_stop(m, next));
+    const double size = fmax(fabs(t), is_last ? 0.0 : cotree_largest_breakpoint(&m->stops, next));
     const double margin = fmin(8.0 * DBL_EPSILON * size, is_last ? HUGE_VAL : 0.25 * (next - t));
     m->numbers[FMU_NEXT] = next;
-    m->numbers[FMU_LOW] = fmu_is_stop(m, t) ? t + margin : -HUGE_VAL;
+    m->numbers[FMU_LOW] = cotree_is_breakpoint(&m->stops, t) ? t + margin : -HUGE_VAL;
     m->numbers[FMU_HIGH] = is_last ? HUGE_VAL : next - margin;
     m->run.low = m->numbers[FMU_LOW];
     m->run.high = m->numbers[FMU_HIGH];
@@ -135,7 +121,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     cotree_events_restore(e, m->event_history); /* zeros before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
-    } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || fmu_is_stop(m, t)) {
+    } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->stops, t)) {
         status = cotree_events_resume(e, t, w, NULL); /* speeds may have jumped */
     } else {
         status = cotree_events_apply_passed(e, t, w);
@@ -185,31 +171,24 @@ static int update(fmu *m, fmu_event_info *news)
     return 0;
 }
 
-int fmu_enter_event_mode(void *instance, const char *function)
+int fmu_enter_event_mode(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_CONTINUOUS);
-    if (m == NULL) return FMU_ERROR;
     fmu_enter(m, FMU_EVENT);
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_update(void *instance, const char *function, fmu_event_info *news)
+int fmu_update(fmu *m, fmu_event_info *news)
 {
-    fmu *const m = fmu_call(instance, function, FMU_EVENT);
-    if (m == NULL || fmu_check_pointer(m, function, news) != 0) return FMU_ERROR;
-    return fmu_status(m, update(m, news));
+    return fmu_check_pointer(m, news) != 0 ? 1 : update(m, news);
 }
 
 /* Leave Event Mode, after an update if there was none. */
-int fmu_leave_event_mode(void *instance, const char *function)
+int fmu_leave_event_mode(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_EVENT);
     fmu_event_info news;
-    int status;
-    if (m == NULL) return FMU_ERROR;
-    status = m->numbers[FMU_IS_BEGUN] == 0.0 ? update(m, &news) : 0;
+    int status = m->numbers[FMU_IS_BEGUN] == 0.0 ? update(m, &news) : 0;
     if (status == 0) status = fmu_prepare(m);
     if (status == 0) fmu_enter(m, FMU_CONTINUOUS);
-    return fmu_status(m, status);
+    return status;
 }
 #endif

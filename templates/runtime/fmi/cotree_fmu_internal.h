@@ -14,6 +14,10 @@
 #endif
 #if COTREE_HAS_BREAKPOINTS
 #include "cotree_breakpoints.h"
+#else
+#define cotree_next_breakpoint(breakpoints, t, end) (end)
+#define cotree_is_breakpoint(breakpoints, t) 0
+#define cotree_largest_breakpoint(breakpoints, end) fabs(end)
 #endif
 #if COTREE_HAS_STEPS
 #include "cotree_integrator.h"
@@ -78,7 +82,8 @@ struct fmu {
     fmu_importer importer;
     int is_exchanged; /* 1: Model Exchange, 0: Co-Simulation */
     int returns_early;
-    int mode; /* a copy of FMU_MODE */
+    int mode;             /* a copy of FMU_MODE */
+    const char *function; /* of the present call */
     /* 1: the present call may discard a value that cannot be computed, so that the importer
      * tries a smaller step; 1: it did. */
     int may_discard, is_discarded;
@@ -144,12 +149,9 @@ struct fmu {
     char name[];
 };
 
-/* Start a call: return NULL without an instance, or after rejecting the call in a mode that does
- * not allow it. A call that evaluates the model may discard values in Model Exchange, where the
- * importer chooses the step. fmu_status returns the status of a call with a result. */
-COTREE_PRIVATE fmu *fmu_call(void *instance, const char *function, int modes);
-COTREE_PRIVATE fmu *fmu_evaluation(void *instance, const char *function, int modes);
-COTREE_PRIVATE int fmu_status(const fmu *m, int result);
+/* Modes. fmu_evaluate lets the present call discard values in Model Exchange, where the importer
+ * chooses the step. */
+COTREE_PRIVATE void fmu_evaluate(fmu *m);
 COTREE_PRIVATE const char *fmu_mode_name(const fmu *m);
 COTREE_PRIVATE void fmu_enter(fmu *m, int mode);
 
@@ -157,7 +159,7 @@ COTREE_PRIVATE void fmu_enter(fmu *m, int mode);
  * call may do so. Both return 1. fmu_check_pointer rejects a null pointer. */
 COTREE_PRIVATE int fmu_refuse(const fmu *m, const char *format, ...);
 COTREE_PRIVATE int fmu_discard(fmu *m, const char *format, ...);
-COTREE_PRIVATE int fmu_check_pointer(const fmu *m, const char *function, const void *pointer);
+COTREE_PRIVATE int fmu_check_pointer(const fmu *m, const void *pointer);
 
 /* The state. */
 COTREE_PRIVATE int fmu_restore(fmu *m, const double *from);
@@ -178,12 +180,6 @@ COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context); /* set 
  * parameters by the other states. */
 COTREE_PRIVATE int fmu_start(fmu *m);
 COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
-
-/* Time events: the next one after t, or end; whether there is one at t; the largest time that they
- * are computed from. */
-COTREE_PRIVATE double fmu_next_stop(const fmu *m, double t, double end);
-COTREE_PRIVATE int fmu_is_stop(const fmu *m, double t);
-COTREE_PRIVATE double fmu_largest_stop(const fmu *m, double end);
 
 COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 

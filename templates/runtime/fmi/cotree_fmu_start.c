@@ -1,40 +1,33 @@
 /* cotree_fmu_start.c: initialization with a consistent start, and its derivatives. */
 #include "cotree_fmu_internal.h"
 
-int fmu_set_up(void *instance, const char *function, const double *tolerance, double t, double end)
+int fmu_set_up(fmu *m, const double *tolerance, double t, double end)
 {
-    fmu *const m = fmu_call(instance, function, FMU_INSTANTIATED);
-    double rtol;
-    int result = 0;
-    if (m == NULL) return FMU_ERROR;
-    rtol = tolerance == NULL ? m->tables->rtol : *tolerance;
-    if (!(fabs(t) <= DBL_MAX)) {
-        result = fmu_refuse(m, "the start time is no finite number");
-    } else if (!(end > t)) {
-        result = fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
-    } else if (!(rtol > 0.0 && rtol < 1.0)) {
-        result = fmu_refuse(m, "the tolerance %g is not between 0 and 1", rtol);
+    const double rtol = tolerance == NULL ? m->tables->rtol : *tolerance;
+    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the start time is no finite number");
+    if (!(end > t)) {
+        return fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
     }
-    if (result != 0) return FMU_ERROR;
+    if (!(rtol > 0.0 && rtol < 1.0)) {
+        return fmu_refuse(m, "the tolerance %g is not between 0 and 1", rtol);
+    }
     m->numbers[FMU_NOW] = m->numbers[FMU_BEGIN] = t;
     m->numbers[FMU_END] = end;
     m->numbers[FMU_TOLERANCE] = rtol;
     m->numbers[FMU_IS_SET_UP] = 1.0;
-    return FMU_OK;
+    return 0;
 }
 
-int fmu_enter_initialization(void *instance, const char *function)
+int fmu_enter_initialization(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_INSTANTIATED);
-    if (m == NULL) return FMU_ERROR;
     if (m->numbers[FMU_IS_SET_UP] == 0.0) {
-        fmu_refuse(m, "%s needs the start time: call fmi2SetupExperiment first", function);
-        return FMU_ERROR;
+        return fmu_refuse(m, "%s needs the start time: call fmi2SetupExperiment first",
+                          m->function);
     }
     m->numbers[FMU_IS_STARTED] = 0.0;
     fmu_invalidate(m);
     fmu_enter(m, FMU_INITIALIZATION);
-    return FMU_OK;
+    return 0;
 }
 
 /* Return whether a state that is not set starts at its value in the tables. */
@@ -164,12 +157,9 @@ int fmu_start(fmu *m)
     return status;
 }
 
-int fmu_exit_initialization(void *instance, const char *function)
+int fmu_exit_initialization(fmu *m)
 {
-    fmu *const m = fmu_call(instance, function, FMU_INITIALIZATION);
-    int status;
-    if (m == NULL) return FMU_ERROR;
-    status = m->numbers[FMU_IS_STARTED] == 0.0 ? fmu_start(m) : 0;
+    int status = m->numbers[FMU_IS_STARTED] == 0.0 ? fmu_start(m) : 0;
     if (status == 0) status = fmu_refresh(m, FMU_POINT | FMU_HAS_RATES | FMU_HAS_OUTPUTS);
     m->numbers[FMU_IS_CHANGED] = 0.0;
     m->numbers[FMU_IS_BEGUN] = 0.0;
@@ -177,7 +167,7 @@ int fmu_exit_initialization(void *instance, const char *function)
     if (status == 0 && !m->is_exchanged) status = fmu_enter_steps(m);
 #endif
     if (status == 0) fmu_enter(m, m->is_exchanged ? FMU_EVENT : FMU_STEP);
-    return fmu_status(m, status);
+    return status;
 }
 
 /* Complete a direction by the states of one level that are not prescribed. */

@@ -82,19 +82,18 @@ static void write_slopes(fmu *m, cotree_job *job)
 /* List the corners: the start, time events and the end. */
 static int list_corners(fmu *m, double t, double end, cotree_job *job)
 {
-    const double begin = t;
     size_t n = 0;
     for (;;) {
         if (reserve_corners(m, n + 1) != 0) return 1;
         m->corners[n++] = t;
         if (t == end) break;
-        t = fmu_next_stop(m, t, end);
+        t = cotree_next_breakpoint(&m->stops, t, end);
     }
     job->corners = m->corners;
     job->n_corners = (int)n;
-    job->scale = fmu_largest_stop(m, end);
-    job->is_start_sharp = fmu_is_stop(m, begin);
-    job->is_end_sharp = fmu_is_stop(m, end);
+    job->scale = cotree_largest_breakpoint(&m->stops, end);
+    job->is_start_sharp = cotree_is_breakpoint(&m->stops, m->corners[0]);
+    job->is_end_sharp = cotree_is_breakpoint(&m->stops, end);
 #if COTREE_HAS_MOVING_CORNERS
     write_slopes(m, job);
 #endif
@@ -261,7 +260,8 @@ int fmu_enter_steps(fmu *m)
     const double t = m->numbers[FMU_NOW];
     cotree_job job;
     int result;
-    if (set_up_job(m, &job, t, fmu_next_stop(m, t, t + fmu_span(m))) != 0) return 1;
+    if (set_up_job(m, &job, t, cotree_next_breakpoint(&m->stops, t, t + fmu_span(m))) != 0)
+        return 1;
     result = cotree_job_start(&job);
     log_events(m, &job);
     copy_results(m, &job, result);
@@ -311,11 +311,10 @@ static int take_step(fmu *m, double t, double step, fmu_progress *progress)
     return log_failure(m, &job, n_events);
 }
 
-int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress)
+int fmu_step(fmu *m, double t, double step, fmu_progress *progress)
 {
-    fmu *const m = fmu_call(instance, function, FMU_STEP);
     int result;
-    if (m == NULL || fmu_check_pointer(m, function, progress) != 0) return FMU_ERROR;
+    if (fmu_check_pointer(m, progress) != 0) return 1;
     memcpy(m->spare, m->saved, m->n_saved * sizeof(double));
     progress->reached = m->numbers[FMU_NOW];
     progress->is_early = 0;
@@ -325,36 +324,29 @@ int fmu_step(void *instance, const char *function, double t, double step, fmu_pr
         m->may_discard = 1;
         result = fmu_discard(m, "the simulation ends at t = %.10g", progress->reached);
     }
-    if (!m->is_discarded) return fmu_status(m, result);
-    if (m->importer.version == 2) {
+    if (m->is_discarded && m->importer.version == 2) {
         /* The importer queries the time reached, and continues from a saved state or terminates. */
         fmu_enter(m, FMU_FAILED);
-    } else {
+    } else if (m->is_discarded) {
         /* The state is unchanged, so that a shorter step may follow. */
         fmu_restore(m, m->spare);
     }
-    return FMU_DISCARD;
+    return result;
 }
 
-int fmu_get_progress(void *instance, const char *function, int is_known, double *reached,
-                     int *has_ended)
+int fmu_get_progress(fmu *m, int is_known, double *reached, int *has_ended)
 {
-    fmu *const m = fmu_call(instance, function, FMU_STEP | FMU_FAILED | FMU_TERMINATED);
-    if (m == NULL) return FMU_ERROR;
     if (!is_known) {
         m->may_discard = 1;
-        return fmu_status(m, fmu_discard(m,
-                                         "%s: there is no such status, since steps are never "
-                                         "pending",
-                                         function));
+        return fmu_discard(m, "%s: there is no such status, since steps are never pending",
+                           m->function);
     }
+    if (reached == NULL && fmu_check_pointer(m, has_ended) != 0) return 1;
     if (reached != NULL) {
         *reached = m->numbers[FMU_NOW];
-    } else if (fmu_check_pointer(m, function, has_ended) != 0) {
-        return FMU_ERROR;
     } else {
         *has_ended = m->numbers[FMU_HAS_ENDED] != 0.0;
     }
-    return FMU_OK;
+    return 0;
 }
 #endif

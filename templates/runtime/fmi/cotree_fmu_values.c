@@ -48,36 +48,6 @@ int fmu_prepare(fmu *m)
 #endif
 }
 
-double fmu_next_stop(const fmu *m, double t, double end)
-{
-#if COTREE_HAS_BREAKPOINTS
-    return cotree_next_breakpoint(&m->stops, t, end);
-#else
-    (void)m, (void)t;
-    return end;
-#endif
-}
-
-int fmu_is_stop(const fmu *m, double t)
-{
-#if COTREE_HAS_BREAKPOINTS
-    return cotree_is_breakpoint(&m->stops, t);
-#else
-    (void)m, (void)t;
-    return 0;
-#endif
-}
-
-double fmu_largest_stop(const fmu *m, double end)
-{
-#if COTREE_HAS_BREAKPOINTS
-    return cotree_largest_breakpoint(&m->stops, end);
-#else
-    (void)m;
-    return fabs(end);
-#endif
-}
-
 /* Write the inputs that the importer has set over those of the scene. */
 int fmu_write_inputs(double t, double *u, void *context)
 {
@@ -277,12 +247,11 @@ int fmu_size_of(const fmu *m, enum fmu_block block)
 }
 
 /* Continuous states are as many as rates. */
-int fmu_count_numbers(void *instance, const char *function, enum fmu_block block, size_t *n)
+int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n)
 {
-    const fmu *const m = fmu_call(instance, function, FMU_ANY);
-    if (m == NULL || fmu_check_pointer(m, function, n) != 0) return FMU_ERROR;
+    if (fmu_check_pointer(m, n) != 0) return 1;
     *n = (size_t)fmu_size_of(m, block == FMU_STATES ? FMU_RATES : block);
-    return FMU_OK;
+    return 0;
 }
 
 /* Compute what the values of a block need. Before initialization only variables that may be set
@@ -348,29 +317,25 @@ int fmu_get_value(fmu *m, int block, int index, double *value)
 }
 
 /* Reject arrays of variables that are missing or differ in length. */
-static int check_arrays(const fmu *m, const char *function, const unsigned *references, size_t n,
-                        const double *values, size_t n_values)
+static int check_arrays(const fmu *m, const unsigned *references, size_t n, const double *values,
+                        size_t n_values)
 {
-    if (n != n_values) return fmu_refuse(m, "%s: every variable has one value", function);
-    if (n == 0) return 0;
-    return fmu_check_pointer(m, function, references) || fmu_check_pointer(m, function, values);
+    if (n != n_values) return fmu_refuse(m, "%s: every variable has one value", m->function);
+    return n > 0 && (fmu_check_pointer(m, references) || fmu_check_pointer(m, values));
 }
 
-int fmu_get(void *instance, const char *function, const unsigned *references, size_t n,
-            double *values, size_t n_values)
+int fmu_get(fmu *m, const unsigned *references, size_t n, double *values, size_t n_values)
 {
-    fmu *const m = fmu_evaluation(instance, function, FMU_ANY);
     size_t i;
-    if (m == NULL || check_arrays(m, function, references, n, values, n_values) != 0)
-        return FMU_ERROR;
+    fmu_evaluate(m);
+    if (check_arrays(m, references, n, values, n_values) != 0) return 1;
     for (i = 0; i < n; ++i) {
         int index = 0;
         const int block = fmu_find(m, references[i], &index);
-        if (block < 0)
-            return fmu_status(m, fmu_refuse(m, "there is no variable %u", references[i]));
-        if (fmu_get_value(m, block, index, values + i) != 0) return fmu_status(m, 1);
+        if (block < 0) return fmu_refuse(m, "there is no variable %u", references[i]);
+        if (fmu_get_value(m, block, index, values + i) != 0) return 1;
     }
-    return FMU_OK;
+    return 0;
 }
 
 /* Reject variables and values that may not be set. */
@@ -416,17 +381,13 @@ static void set_value(fmu *m, unsigned reference, double value)
     fmu_invalidate(m);
 }
 
-int fmu_set(void *instance, const char *function, const unsigned *references, size_t n,
-            const double *values, size_t n_values)
+int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values, size_t n_values)
 {
-    fmu *const m =
-        fmu_call(instance, function, FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING);
     size_t i;
-    if (m == NULL || check_arrays(m, function, references, n, values, n_values) != 0)
-        return FMU_ERROR;
+    if (check_arrays(m, references, n, values, n_values) != 0) return 1;
     for (i = 0; i < n; ++i) {
-        if (check_set(m, references[i], values[i]) != 0) return FMU_ERROR;
+        if (check_set(m, references[i], values[i]) != 0) return 1;
     }
     for (i = 0; i < n; ++i) set_value(m, references[i], values[i]);
-    return FMU_OK;
+    return 0;
 }

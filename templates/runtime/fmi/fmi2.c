@@ -31,18 +31,17 @@ COTREE_FMI_EXPORT void *FMI_FUNCTION(Instantiate)(fmi2String name, fmi2Type kind
     return fmu_instantiate(&importer, token, kind == fmi2ModelExchange, 0);
 }
 
-FMI_CALL(SetupExperiment,
-         fmu_set_up(handle, __func__, has_tolerance ? &tolerance : NULL, begin,
-                    has_end ? end : HUGE_VAL),
+FMI_CALL(SetupExperiment, FMU_INSTANTIATED,
+         fmu_set_up(m, has_tolerance ? &tolerance : NULL, begin, has_end ? end : HUGE_VAL),
          void *handle, fmi2Boolean has_tolerance, double tolerance, double begin,
          fmi2Boolean has_end, double end)
-FMI_CALL(EnterInitializationMode, fmu_enter_initialization(handle, __func__), void *handle)
+FMI_CALL(EnterInitializationMode, FMU_INSTANTIATED, fmu_enter_initialization(m), void *handle)
 
 /* Variables, all of type Real. */
 
-FMI_CALL(GetReal, fmu_get(handle, __func__, references, n, values, n), void *handle,
+FMI_CALL(GetReal, FMU_ANY, fmu_get(m, references, n, values, n), void *handle,
          const unsigned references[], size_t n, double values[])
-FMI_CALL(SetReal, fmu_set(handle, __func__, references, n, values, n), void *handle,
+FMI_CALL(SetReal, FMU_SETTABLE, fmu_set(m, references, n, values, n), void *handle,
          const unsigned references[], size_t n, const double values[])
 
 #define FMI_UNUSED(type)                                                                           \
@@ -55,52 +54,50 @@ FMI_UNUSED(Integer)
 FMI_UNUSED(Boolean)
 FMI_UNUSED(String)
 
-COTREE_FMI_EXPORT fmi2Status FMI_FUNCTION(GetDirectionalDerivative)(
-    void *handle, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[],
-    size_t n_knowns, const double seed[], double sensitivity[])
-{
-    const fmu_direction d = {unknowns, n_unknowns, knowns,      n_knowns,
-                             seed,     n_knowns,   sensitivity, n_unknowns};
-    return (fmi2Status)fmu_directional(handle, __func__, &d);
-}
+FMI_CALL(GetDirectionalDerivative, FMU_DIFFERENTIABLE,
+         fmu_directional(m, &(fmu_direction){unknowns, n_unknowns, knowns, n_knowns, seed, n_knowns,
+                                             sensitivity, n_unknowns}),
+         void *handle, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[],
+         size_t n_knowns, const double seed[], double sensitivity[])
 
 /* Model Exchange. */
 
-COTREE_FMI_EXPORT fmi2Status FMI_FUNCTION(NewDiscreteStates)(void *handle, fmi2EventInfo *info)
+#if COTREE_HAS_EXCHANGE
+static int update(fmu *m, fmi2EventInfo *info)
 {
     fmu_event_info news = {0, 0, 0, 0.0};
-    const int status = FMI_EXCHANGE(fmu_update(handle, __func__, info == NULL ? NULL : &news));
-    if (status != FMU_OK || info == NULL) return (fmi2Status)status;
+    if (fmu_update(m, info == NULL ? NULL : &news) != 0) return 1;
     info->newDiscreteStatesNeeded = 0;
     info->terminateSimulation = news.terminates;
     info->nominalsOfContinuousStatesChanged = 0;
     info->valuesOfContinuousStatesChanged = news.are_states_changed;
     info->nextEventTimeDefined = news.has_next;
     info->nextEventTime = news.next;
-    return fmi2OK;
+    return 0;
 }
+#endif
+
+FMI_EXCHANGE(NewDiscreteStates, FMU_EVENT, update(m, info), void *handle, fmi2EventInfo *info)
 
 /* Co-Simulation. */
 
-#define NO_DERIVATIVES "inputs and outputs have no derivatives here"
+#define NO_DERIVATIVES fmu_refuse_call(m, "inputs and outputs have no derivatives here")
 
-FMI_CALL(SetRealInputDerivatives, fmu_refuse_call(handle, __func__, NO_DERIVATIVES), void *handle,
+FMI_CALL(SetRealInputDerivatives, FMU_ANY, NO_DERIVATIVES, void *handle,
          const unsigned references[], size_t n, const fmi2Integer orders[], const double values[])
-FMI_CALL(GetRealOutputDerivatives, fmu_refuse_call(handle, __func__, NO_DERIVATIVES), void *handle,
+FMI_CALL(GetRealOutputDerivatives, FMU_ANY, NO_DERIVATIVES, void *handle,
          const unsigned references[], size_t n, const fmi2Integer orders[], double values[])
 
-FMI_CALL(DoStep, FMI_STEPS(fmu_step(handle, __func__, t, step, &(fmu_progress){t, 0, 0})),
-         void *handle, double t, double step, fmi2Boolean keeps_no_state)
-FMI_CALL(CancelStep, fmu_refuse_call(handle, __func__, "steps are never pending"), void *handle)
-FMI_CALL(GetRealStatus,
-         FMI_STEPS(fmu_get_progress(handle, __func__, kind == fmi2LastSuccessfulTime, value, NULL)),
-         void *handle, const fmi2StatusKind kind, double *value)
-FMI_CALL(GetBooleanStatus,
-         FMI_STEPS(fmu_get_progress(handle, __func__, kind == fmi2Terminated, NULL, value)),
-         void *handle, const fmi2StatusKind kind, fmi2Boolean *value)
-FMI_CALL(GetStatus, FMI_STEPS(fmu_get_progress(handle, __func__, 0, NULL, NULL)), void *handle,
-         const fmi2StatusKind kind, fmi2Status *value)
-FMI_CALL(GetIntegerStatus, FMI_STEPS(fmu_get_progress(handle, __func__, 0, NULL, NULL)),
-         void *handle, const fmi2StatusKind kind, fmi2Integer *value)
-FMI_CALL(GetStringStatus, FMI_STEPS(fmu_get_progress(handle, __func__, 0, NULL, NULL)),
-         void *handle, const fmi2StatusKind kind, fmi2String *value)
+FMI_STEPS(DoStep, FMU_STEP, fmu_step(m, t, step, &(fmu_progress){t, 0, 0}), void *handle, double t,
+          double step, fmi2Boolean keeps_no_state)
+FMI_CALL(CancelStep, FMU_ANY, fmu_refuse_call(m, "steps are never pending"), void *handle)
+
+#define FMI_PROGRESS(name, type, is_known, reached, has_ended)                                     \
+    FMI_STEPS(name, FMU_WITH_PROGRESS, fmu_get_progress(m, is_known, reached, has_ended),          \
+              void *handle, const fmi2StatusKind kind, type *value)
+
+FMI_PROGRESS(GetRealStatus, double, kind == fmi2LastSuccessfulTime, value, NULL)
+FMI_PROGRESS(GetBooleanStatus, fmi2Boolean, kind == fmi2Terminated, NULL, value)
+FMI_PROGRESS(GetStatus, fmi2Status, 0, NULL, NULL)
+FMI_PROGRESS(GetIntegerStatus, fmi2Integer, 0, NULL, NULL)
+FMI_PROGRESS(GetStringStatus, fmi2String, 0, NULL, NULL)

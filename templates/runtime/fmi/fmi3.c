@@ -52,22 +52,18 @@ COTREE_FMI_EXPORT void *FMI_FUNCTION(InstantiateScheduledExecution)(
     return fmu_reject(&importer, "the unit has no Scheduled Execution");
 }
 
-COTREE_FMI_EXPORT fmi3Status FMI_FUNCTION(EnterInitializationMode)(void *handle,
-                                                                   fmi3Boolean has_tolerance,
-                                                                   double tolerance, double begin,
-                                                                   fmi3Boolean has_end, double end)
-{
-    const int status = fmu_set_up(handle, __func__, has_tolerance ? &tolerance : NULL, begin,
-                                  has_end ? end : HUGE_VAL);
-    return (fmi3Status)(status == FMU_OK ? fmu_enter_initialization(handle, __func__) : status);
-}
+FMI_CALL(EnterInitializationMode, FMU_INSTANTIATED,
+         fmu_set_up(m, has_tolerance ? &tolerance : NULL, begin, has_end ? end : HUGE_VAL) ||
+             fmu_enter_initialization(m),
+         void *handle, fmi3Boolean has_tolerance, double tolerance, double begin,
+         fmi3Boolean has_end, double end)
 
 /* Variables, all of type Float64; none is an array, and dependencies are those of the model
  * description. */
 
-FMI_CALL(GetFloat64, fmu_get(handle, __func__, references, n, values, n_values), void *handle,
+FMI_CALL(GetFloat64, FMU_ANY, fmu_get(m, references, n, values, n_values), void *handle,
          const unsigned references[], size_t n, double values[], size_t n_values)
-FMI_CALL(SetFloat64, fmu_set(handle, __func__, references, n, values, n_values), void *handle,
+FMI_CALL(SetFloat64, FMU_SETTABLE, fmu_set(m, references, n, values, n_values), void *handle,
          const unsigned references[], size_t n, const double values[], size_t n_values)
 
 #define FMI_UNUSED(type)                                                                           \
@@ -93,36 +89,29 @@ FMI_NO_TYPE(GetBinary, void *handle, const unsigned references[], size_t n, size
 FMI_NO_TYPE(SetBinary, void *handle, const unsigned references[], size_t n, const size_t sizes[],
             const fmi3Binary values[], size_t n_values)
 
-FMI_CALL(GetNumberOfVariableDependencies, fmu_refuse_type(handle, __func__, 1), void *handle,
+FMI_CALL(GetNumberOfVariableDependencies, FMU_ANY, fmu_refuse_type(m, 1), void *handle,
          unsigned reference, size_t *n)
-FMI_CALL(GetVariableDependencies, fmu_refuse_type(handle, __func__, 1), void *handle,
-         unsigned dependent, size_t of_dependent[], unsigned independents[],
-         size_t of_independents[], fmi3DependencyKind kinds[], size_t n)
+FMI_CALL(GetVariableDependencies, FMU_ANY, fmu_refuse_type(m, 1), void *handle, unsigned dependent,
+         size_t of_dependent[], unsigned independents[], size_t of_independents[],
+         fmi3DependencyKind kinds[], size_t n)
 
 /* Derivatives. */
 
-COTREE_FMI_EXPORT fmi3Status FMI_FUNCTION(GetDirectionalDerivative)(
-    void *handle, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[],
-    size_t n_knowns, const double seed[], size_t n_seed, double sensitivity[], size_t n_sensitivity)
-{
-    const fmu_direction d = {unknowns, n_unknowns, knowns,      n_knowns,
-                             seed,     n_seed,     sensitivity, n_sensitivity};
-    return (fmi3Status)fmu_directional(handle, __func__, &d);
-}
+#define FMI_DERIVATIVE(name, call)                                                                 \
+    FMI_CALL(name, FMU_DIFFERENTIABLE,                                                             \
+             call(m, &(fmu_direction){unknowns, n_unknowns, knowns, n_knowns, seed, n_seed,        \
+                                      sensitivity, n_sensitivity}),                                \
+             void *handle, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[],  \
+             size_t n_knowns, const double seed[], size_t n_seed, double sensitivity[],            \
+             size_t n_sensitivity)
 
-COTREE_FMI_EXPORT fmi3Status FMI_FUNCTION(GetAdjointDerivative)(
-    void *handle, const unsigned unknowns[], size_t n_unknowns, const unsigned knowns[],
-    size_t n_knowns, const double seed[], size_t n_seed, double sensitivity[], size_t n_sensitivity)
-{
-    const fmu_direction d = {unknowns, n_unknowns, knowns,      n_knowns,
-                             seed,     n_seed,     sensitivity, n_sensitivity};
-    return (fmi3Status)fmu_adjoint(handle, __func__, &d);
-}
+FMI_DERIVATIVE(GetDirectionalDerivative, fmu_directional)
+FMI_DERIVATIVE(GetAdjointDerivative, fmu_adjoint)
 
 /* Nothing can be configured, and there are no clocks. */
 
-FMI_CALL(EnterConfigurationMode, fmu_allow(handle, __func__, 0), void *handle)
-FMI_CALL(ExitConfigurationMode, fmu_allow(handle, __func__, 0), void *handle)
+FMI_CALL(EnterConfigurationMode, 0, 0, void *handle)
+FMI_CALL(ExitConfigurationMode, 0, 0, void *handle)
 FMI_NO_TYPE(GetClock, void *handle, const unsigned references[], size_t n, fmi3Clock values[])
 FMI_NO_TYPE(SetClock, void *handle, const unsigned references[], size_t n, const fmi3Clock values[])
 FMI_NO_TYPE(GetIntervalDecimal, void *handle, const unsigned references[], size_t n,
@@ -140,63 +129,69 @@ FMI_NO_TYPE(SetShiftDecimal, void *handle, const unsigned references[], size_t n
             const double values[])
 FMI_NO_TYPE(SetShiftFraction, void *handle, const unsigned references[], size_t n,
             const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-FMI_CALL(EvaluateDiscreteStates, fmu_allow(handle, __func__, FMU_INITIALIZATION | FMU_EVENT),
-         void *handle)
-FMI_CALL(ActivateModelPartition, fmu_refuse_type(handle, __func__, 1), void *handle, unsigned clock,
+FMI_CALL(EvaluateDiscreteStates, FMU_INITIALIZATION | FMU_EVENT, 0, void *handle)
+FMI_CALL(ActivateModelPartition, FMU_ANY, fmu_refuse_type(m, 1), void *handle, unsigned clock,
          double t)
 
 /* Model Exchange. */
 
-FMI_CALL(GetNumberOfEventIndicators, fmu_count_numbers(handle, __func__, FMU_INDICATORS, n),
-         void *handle, size_t *n)
-FMI_CALL(GetNumberOfContinuousStates, fmu_count_numbers(handle, __func__, FMU_STATES, n),
-         void *handle, size_t *n)
+FMI_CALL(GetNumberOfEventIndicators, FMU_ANY, fmu_count_numbers(m, FMU_INDICATORS, n), void *handle,
+         size_t *n)
+FMI_CALL(GetNumberOfContinuousStates, FMU_ANY, fmu_count_numbers(m, FMU_STATES, n), void *handle,
+         size_t *n)
 
-COTREE_FMI_EXPORT fmi3Status FMI_FUNCTION(UpdateDiscreteStates)(void *handle,
-                                                                fmi3Boolean *needs_another,
-                                                                fmi3Boolean *terminates,
-                                                                fmi3Boolean *are_nominals_changed,
-                                                                fmi3Boolean *are_states_changed,
-                                                                fmi3Boolean *has_next, double *next)
+#if COTREE_HAS_EXCHANGE
+static int update(fmu *m, fmi3Boolean *needs_another, fmi3Boolean *terminates,
+                  fmi3Boolean *are_nominals_changed, fmi3Boolean *are_states_changed,
+                  fmi3Boolean *has_next, double *next)
 {
     const int is_complete = needs_another != NULL && terminates != NULL &&
                             are_nominals_changed != NULL && are_states_changed != NULL &&
                             has_next != NULL && next != NULL;
     fmu_event_info news = {0, 0, 0, 0.0};
-    const int status = FMI_EXCHANGE(fmu_update(handle, __func__, is_complete ? &news : NULL));
-    if (status != FMU_OK || !is_complete) return (fmi3Status)status;
+    if (fmu_update(m, is_complete ? &news : NULL) != 0) return 1;
     *needs_another = false;
     *terminates = news.terminates != 0;
     *are_nominals_changed = false;
     *are_states_changed = news.are_states_changed != 0;
     *has_next = news.has_next != 0;
     *next = news.next;
-    return fmi3OK;
+    return 0;
 }
+#endif
+
+FMI_EXCHANGE(UpdateDiscreteStates, FMU_EVENT,
+             update(m, needs_another, terminates, are_nominals_changed, are_states_changed,
+                    has_next, next),
+             void *handle, fmi3Boolean *needs_another, fmi3Boolean *terminates,
+             fmi3Boolean *are_nominals_changed, fmi3Boolean *are_states_changed,
+             fmi3Boolean *has_next, double *next)
 
 /* Co-Simulation. */
 
-FMI_CALL(EnterStepMode, fmu_allow(handle, __func__, 0), void *handle)
-FMI_CALL(GetOutputDerivatives,
-         fmu_refuse_call(handle, __func__, "outputs have no derivatives here"), void *handle,
-         const unsigned references[], size_t n, const fmi3Int32 orders[], double values[],
-         size_t n_values)
+FMI_CALL(EnterStepMode, 0, 0, void *handle)
+FMI_CALL(GetOutputDerivatives, FMU_ANY, fmu_refuse_call(m, "outputs have no derivatives here"),
+         void *handle, const unsigned references[], size_t n, const fmi3Int32 orders[],
+         double values[], size_t n_values)
 
-COTREE_FMI_EXPORT fmi3Status FMI_FUNCTION(DoStep)(void *handle, double t, double step,
-                                                  fmi3Boolean keeps_no_state,
-                                                  fmi3Boolean *needs_event_mode,
-                                                  fmi3Boolean *terminates, fmi3Boolean *is_early,
-                                                  double *reached)
+#if COTREE_HAS_STEPS
+static int do_step(fmu *m, double t, double step, fmi3Boolean *needs_event_mode,
+                   fmi3Boolean *terminates, fmi3Boolean *is_early, double *reached)
 {
     const int is_complete =
         needs_event_mode != NULL && terminates != NULL && is_early != NULL && reached != NULL;
     fmu_progress progress = {t, 0, 0};
-    const int status =
-        FMI_STEPS(fmu_step(handle, __func__, t, step, is_complete ? &progress : NULL));
-    if (!is_complete) return (fmi3Status)status;
+    const int result = fmu_step(m, t, step, is_complete ? &progress : NULL);
+    if (!is_complete) return result;
     *needs_event_mode = false;
     *terminates = progress.terminates != 0;
     *is_early = progress.is_early != 0;
     *reached = progress.reached;
-    return (fmi3Status)status;
+    return result;
 }
+#endif
+
+FMI_STEPS(DoStep, FMU_STEP, do_step(m, t, step, needs_event_mode, terminates, is_early, reached),
+          void *handle, double t, double step, fmi3Boolean keeps_no_state,
+          fmi3Boolean *needs_event_mode, fmi3Boolean *terminates, fmi3Boolean *is_early,
+          double *reached)
