@@ -109,7 +109,7 @@ class MainContext:
     step: str  # fixed step size; empty if the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated, too
     sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
-    least_size: str  # the smallest of these if it is below one
+    least_size: str  # the smallest of these and one
     #: Lines with a one for each parameter on which constants of the text depend, otherwise a zero;
     #: empty if there is none.
     held: list[str]
@@ -119,7 +119,6 @@ class MainContext:
         """Return the values of the macros that its plain C is selected by."""
         model, layout = self.model, self.model.layout
         found = {
-            "ALGEBRAIC": layout.n_algebraic > 0,
             "CONSTRAINTS": bool(layout.constraints),
             "EVENTS": bool(layout.events),
             "EXPLICIT": len(self.implicit) < len(self.methods),
@@ -128,12 +127,10 @@ class MainContext:
             "GUARDS": bool(model.guards),
             "GUESS": bool(self.guess),
             "HELD": bool(self.held),
-            "LEAST_SIZE": bool(self.least_size),
             "METHODS": len(self.methods) > 1,
             "OUTPUTS": bool(layout.outputs),
             "PARAMETERS": bool(layout.parameters),
             "RTOL": self.has_rtol,
-            "SIZES": bool(self.sizes),
             "START": bool(self.start),
             "STOPS": bool(self.stops),
             "TABLES": self.start_tables is not None,
@@ -186,7 +183,7 @@ def main_context(
         and program.traits.can_extend(program.layout)
         and not program.layout.events,
         sizes=_lines(sizes, target),
-        least_size=target.literal(least) if least < 1.0 else "",
+        least_size=target.literal(least),
         held=_held(program, has_start=start is not None and not is_found),
         most_steps=MOST_STEPS,
     )

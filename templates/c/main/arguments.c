@@ -161,10 +161,3 @@ static int read_arguments(int argc, char **argv)
     if (request.csv != NULL && request.n_points == 0) request.n_points = N_POINTS;
     return -1;
 }
-
-/* Open the file for values. */
-static int open_output(void)
-{
-    out = request.csv == NULL ? stdout : fopen(request.csv, "w");
-    return out != NULL ? 0 : refuse(request.csv, "the file cannot be written");
-}

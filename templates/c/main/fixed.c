@@ -72,7 +72,8 @@ int main(int argc, char **argv)
     const long n_points = request.n_points;
     if (refused >= 0) return refused;
     if (begin() != 0) return EXIT_FAILURE;
-    if (open_output() != 0) return 2;
+    out = request.csv == NULL ? stdout : fopen(request.csv, "w");
+    if (out == NULL) return refuse(request.csv, "the file cannot be written");
     steps =
         COTREE_FLOOR(COTREE_FABS(t_end / request.step) + COTREE_F(0.5)); /* the nearest number */
     if (!(steps < COTREE_F(1e9))) return fail("there are too many steps to the end time");

@@ -3,56 +3,6 @@ static cotree_job job; /* all zero */
 #define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
 #endif
 
-#if COTREE_HAS_SENSITIVITIES
-/* Return the size of a parameter of sensitivity; that of an initial value is one. */
-static cotree_real size_of(int j)
-{
-    return seeds[j] < 0 ? COTREE_F(1.0) : COTREE_FABS(problem.p[seeds[j]]);
-}
-
-#endif
-/* Set the absolute tolerances of the unknowns, and return their number. That of a sensitivity is
- * divided by the size of its parameter. */
-static int set_tolerances(cotree_real *atols)
-{
-#if COTREE_MAIN_ALGEBRAIC
-    const int n_rates = N_STATES - N_ALGEBRAIC;
-    const int n_lead = IS_IMPLICIT || IS_EXTENDED ? N_STATES : n_rates;
-#else
-    const int n_lead = N_STATES;
-#endif
-    int i, k = 0;
-#if COTREE_HAS_SENSITIVITIES
-#if COTREE_MAIN_ALGEBRAIC
-    const int n = IS_IMPLICIT ? N_STATES : n_rates;
-#else
-    const int n = N_STATES;
-#endif
-    int j;
-#endif
-#if COTREE_MAIN_SIZES
-    for (i = 0; i < n_lead; ++i) atols[k++] = request.atol * sizes[i];
-#else
-    for (i = 0; i < n_lead; ++i) atols[k++] = request.atol;
-#endif
-#if COTREE_HAS_SENSITIVITIES
-    for (j = 0; j < N_SENSITIVITIES; ++j) {
-        const cotree_real size = size_of(j), most = COTREE_SELECT(1e100, 1e12f);
-        const cotree_real atol =
-            size > COTREE_F(0.0) ? COTREE_FMIN(request.atol / size, most) : request.atol;
-        for (i = MODEL->sensitivity_starts[j]; i < MODEL->sensitivity_starts[j + 1]; ++i) {
-            const int row = MODEL->sensitivity_rows[i];
-#if COTREE_MAIN_SIZES
-            if (row < n) atols[k++] = atol * sizes[row];
-#else
-            if (row < n) atols[k++] = atol;
-#endif
-        }
-    }
-#endif
-    return k;
-}
-
 #if COTREE_MAIN_STOPS
 /* List the start, the times at which rates have kinks, and the end. Return their number; count them
  * only if corners is NULL. */
@@ -142,13 +92,7 @@ static cotree_real *set_slopes(void)
                                       slopes + at, slopes + n + at);
     }
     for (i = 0; i < N_SENSITIVITIES; ++i) { /* errors of sensitivities that are zero */
-        const cotree_real size = size_of(i);
-#if COTREE_MAIN_LEAST_SIZE
-        const cotree_real least = request.atol * LEAST_SIZE;
-#else
-        const cotree_real least = request.atol;
-#endif
-        tolerances[i] = size > COTREE_F(0.0) ? least / size : least;
+        tolerances[i] = LEAST_SIZE * cotree_job_sensitivity_atol(&job, seeds[i]);
     }
     job.turn_tolerances = tolerances;
     return slopes;
@@ -257,8 +201,8 @@ int main(int argc, char **argv)
     if (t_end < COTREE_F(0.0)) return refuse("--t-end", "events happen forwards in time only");
 #endif
     if (begin() != 0) return EXIT_FAILURE;
-    if (open_output() != 0) return 2;
-    job.n = set_tolerances(atols);
+    out = request.csv == NULL ? stdout : fopen(request.csv, "w");
+    if (out == NULL) return refuse(request.csv, "the file cannot be written");
     job.model = MODEL;
     job.p = problem.p;
     job.k = problem.k;
@@ -271,8 +215,8 @@ int main(int argc, char **argv)
     job.constraints = start_tables.assembly;
 #endif
 #endif
-#if COTREE_MAIN_EXTENDED
-    job.is_extended = !IS_IMPLICIT;
+#if COTREE_HAS_ALGEBRAIC
+    job.is_extended = IS_EXTENDED && !IS_IMPLICIT;
 #endif
     job.stepper = STEPPER;
 #if COTREE_HAS_IMPLICIT
@@ -280,7 +224,7 @@ int main(int argc, char **argv)
 #endif
     job.rtol = request.rtol;
     job.atol = request.atol;
-    job.atols = atols;
+    cotree_job_set_tolerances(&job, IS_IMPLICIT, SIZES, SEEDS, atols);
     job.max_step = MAX_STEP;
     job.z = problem.z;
 #if COTREE_MAIN_EVENTS

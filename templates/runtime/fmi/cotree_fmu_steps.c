@@ -5,48 +5,6 @@
 /* Relative tolerance of the start time of a step: importers accumulate rounding. */
 #define TIME_RTOL 1e-9
 
-static double atol_of(const fmu *m)
-{
-    return m->tables->atol * (m->numbers[FMU_TOLERANCE] / m->tables->rtol);
-}
-
-static double factor_of(const fmu *m, int state)
-{
-    return m->tables->sizes == NULL ? 1.0 : m->tables->sizes[state];
-}
-
-/* Return the absolute tolerance of sensitivities to a parameter, whose scale is 1 for an initial
- * value. */
-static double atol_of_slope(const fmu *m, int j)
-{
-    const int seed = m->tables->start_tables->seeds[j];
-    const double size = seed < 0 ? 1.0 : fabs(m->p[seed]);
-    return size > 0.0 ? fmin(atol_of(m) / size, 1e100) : atol_of(m);
-}
-
-/* Set the absolute tolerances of the entries that are integrated; return their number. */
-static int set_tolerances(fmu *m)
-{
-    const fmu_tables *const tables = m->tables;
-    const int n_states = tables->is_implicit || tables->is_extended ? N_STATES : N_RATES;
-#if COTREE_HAS_SENSITIVITIES
-    const cotree_model *const model = m->model;
-    const int n = tables->is_implicit ? N_STATES : N_RATES; /* sensitivities */
-    int j;
-#endif
-    int i, k = 0;
-    for (i = 0; i < n_states; ++i) m->atols[k++] = atol_of(m) * factor_of(m, i);
-#if COTREE_HAS_SENSITIVITIES
-    for (j = 0; j < N_SENSITIVITIES; ++j) {
-        for (i = model->sensitivity_starts[j]; i < model->sensitivity_starts[j + 1]; ++i) {
-            const int row = model->sensitivity_rows[i];
-            if (row < n) m->atols[k++] = atol_of_slope(m, j) * factor_of(m, row);
-        }
-    }
-#endif
-    return k;
-}
-
 static int reserve_corners(fmu *m, size_t n)
 {
     const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
@@ -62,7 +20,8 @@ static int reserve_corners(fmu *m, size_t n)
 /* Write the derivatives of the times of corners by the parameters. */
 static void write_slopes(fmu *m, cotree_job *job)
 {
-    const int n_sensitivities = N_SENSITIVITIES;
+    const int n_sensitivities = N_SENSITIVITIES, *const seeds = m->tables->start_tables->seeds;
+    const double *const sizes = m->tables->sizes;
     double *const slopes = m->corners + m->n_corners;
     double *const spreads = slopes + m->n_corners * (size_t)n_sensitivities;
     double least = 1.0;
@@ -72,8 +31,10 @@ static void write_slopes(fmu *m, cotree_job *job)
         cotree_find_breakpoint_slopes(&m->stops, at, at == m->numbers[FMU_BEGIN],
                                       slopes + i * n_sensitivities, spreads + i * n_sensitivities);
     }
-    for (i = 0; i < N_STATES; ++i) least = fmin(least, factor_of(m, i));
-    for (i = 0; i < n_sensitivities; ++i) m->turn_tolerances[i] = least * atol_of_slope(m, i);
+    for (i = 0; sizes != NULL && i < N_STATES; ++i) least = fmin(least, sizes[i]);
+    for (i = 0; i < n_sensitivities; ++i) {
+        m->turn_tolerances[i] = least * cotree_job_sensitivity_atol(job, seeds[i]);
+    }
     job->slopes = slopes;
     job->spreads = spreads;
     job->turn_tolerances = m->turn_tolerances;
@@ -151,10 +112,10 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
 #endif
     job->stepper = tables->stepper();
     job->aid = tables->aid == NULL ? NULL : tables->aid();
-    job->n = set_tolerances(m);
     job->rtol = m->numbers[FMU_TOLERANCE];
-    job->atol = atol_of(m);
-    job->atols = m->atols;
+    job->atol = tables->atol * (job->rtol / tables->rtol);
+    cotree_job_set_tolerances(job, tables->is_implicit, tables->sizes, tables->start_tables->seeds,
+                              m->atols);
     job->max_step = longest_step(m);
     job->z = m->z;
     job->t = t;

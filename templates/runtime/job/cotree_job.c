@@ -7,6 +7,42 @@
 #define ENGINE (cotree_engine_of(job))
 #define STEPPER (job->stepper)
 
+cotree_real cotree_job_sensitivity_atol(const cotree_job *job, int seed)
+{
+    const cotree_real size = seed < 0 ? COTREE_F(1.0) : COTREE_FABS(job->p[seed]);
+    const cotree_real most = COTREE_SELECT(1e100, 1e12f);
+    return size > COTREE_F(0.0) ? COTREE_FMIN(job->atol / size, most) : job->atol;
+}
+
+void cotree_job_set_tolerances(cotree_job *job, int is_implicit, const cotree_real *sizes,
+                               const int *seeds, cotree_real *atols)
+{
+    const cotree_model *const model = job->model;
+    const int n_rates = model->n_states - model->n_algebraic;
+    const int n = is_implicit ? model->n_states : n_rates;
+    int n_lead = n, k;
+#if COTREE_HAS_SENSITIVITIES
+    int i, j;
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    if (job->is_extended) n_lead = model->n_states;
+#endif
+    for (k = 0; k < n_lead; ++k) atols[k] = sizes == NULL ? job->atol : job->atol * sizes[k];
+#if COTREE_HAS_SENSITIVITIES
+    for (j = 0; job->has_sensitivities && j < model->n_sensitivities; ++j) {
+        const cotree_real atol = cotree_job_sensitivity_atol(job, seeds[j]);
+        for (i = model->sensitivity_starts[j]; i < model->sensitivity_starts[j + 1]; ++i) {
+            const int row = model->sensitivity_rows[i];
+            if (row < n) atols[k++] = sizes == NULL ? atol : atol * sizes[row];
+        }
+    }
+#else
+    (void)seeds;
+#endif
+    job->n = k;
+    job->atols = atols;
+}
+
 cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensitivities,
                                  cotree_arena *arena)
 {

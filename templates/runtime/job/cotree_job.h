@@ -133,6 +133,14 @@ typedef struct cotree_job {
 
 COTREE_BEGIN_DECLS
 
+/* Set n, and the absolute tolerances to atol times the sizes of the states (NULL: 1), divided for a
+ * sensitivity by the size of the parameter at its place in seeds (negative: 1). */
+void cotree_job_set_tolerances(cotree_job *job, int is_implicit, const cotree_real *sizes,
+                               const int *seeds, cotree_real *atols);
+
+/* Return the absolute tolerance of sensitivities to the parameter at a place, for factors of 1. */
+cotree_real cotree_job_sensitivity_atol(const cotree_job *job, int seed);
+
 /* Return the bytes of the job's memory. The model, its stepper and n must be set. */
 COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
 
