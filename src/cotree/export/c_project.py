@@ -128,7 +128,6 @@ class MainContext:
             "GUESS": bool(self.guess),
             "HELD": bool(self.held),
             "METHODS": len(self.methods) > 1,
-            "OUTPUTS": bool(layout.outputs),
             "PARAMETERS": bool(layout.parameters),
             "RTOL": self.has_rtol,
             "START": bool(self.start),

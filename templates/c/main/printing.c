@@ -65,28 +65,25 @@ static int begin(void)
     return status;
 }
 
-#if COTREE_MAIN_OUTPUTS
-static cotree_real y[N_OUTPUTS];
+static cotree_real y[LENGTH(N_OUTPUTS)];
 #if COTREE_HAS_SENSITIVITIES
-static cotree_real dy[N_OUTPUTS * N_SENSITIVITIES];
+static cotree_real dy[LENGTH(N_OUTPUTS * N_SENSITIVITIES)];
 #endif
 
-#endif
 /* Compute inputs and outputs at a time, and the sensitivities of the outputs. */
 static int find_outputs(cotree_real t, const cotree_real *z)
 {
     int status = 0;
-    (void)t, (void)z;
 #if COTREE_HAS_INPUTS
     status = MODEL->inputs_of_time(t, problem.p, problem.k, problem.u);
 #endif
-#if COTREE_MAIN_OUTPUTS
-    if (status == 0) status = MODEL->outputs_of_state(t, z, problem.u, problem.p, problem.k, y);
+    if (status == 0 && N_OUTPUTS > 0) {
+        status = MODEL->outputs_of_state(t, z, problem.u, problem.p, problem.k, y);
+    }
 #if COTREE_HAS_SENSITIVITIES
-    if (status == 0) {
+    if (status == 0 && N_OUTPUTS > 0) {
         status = MODEL->output_sensitivity(t, z, z + N_STATES, problem.u, problem.p, problem.k, dy);
     }
-#endif
 #endif
     return status == 0 ? 0 : fail("the outputs cannot be computed");
 }
@@ -118,11 +115,9 @@ static int print_state(cotree_real t, const cotree_real *z)
     print_slopes(MODEL->states, N_STATES, z + N_STATES);
 #endif
     if (find_outputs(t, z) != 0) return EXIT_FAILURE;
-#if COTREE_MAIN_OUTPUTS
     print_values(MODEL->outputs, N_OUTPUTS, y);
 #if COTREE_HAS_SENSITIVITIES
     print_slopes(MODEL->outputs, N_OUTPUTS, dy);
-#endif
 #endif
     return fflush(out) == 0 ? 0 : fail("the results cannot be written");
 }
@@ -180,15 +175,11 @@ static int print_row(cotree_real t, const cotree_real *z)
     if (find_outputs(t, z) != 0) return EXIT_FAILURE;
     fprintf(out, "%.17g", t);
     print_cells(z, N_STATES);
-#if COTREE_MAIN_OUTPUTS
     print_cells(y, N_OUTPUTS);
-#endif
     print_cells(problem.u, N_INPUTS);
 #if COTREE_HAS_SENSITIVITIES
     print_slope_cells(z + N_STATES, N_STATES);
-#if COTREE_MAIN_OUTPUTS
     print_slope_cells(dy, N_OUTPUTS);
-#endif
 #endif
     fprintf(out, "\n");
     return ferror(out) ? fail("the results cannot be written") : 0;

@@ -728,20 +728,6 @@ static int begin_watched_step(cotree_job *job)
 }
 #endif
 
-#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
-/* Return whether the start of a step is read after the step. */
-static int is_start_read(const cotree_job *job)
-{
-#if COTREE_HAS_CONSTRAINTS
-    if (ENGINE->singularity != NULL) return 1;
-#endif
-#if COTREE_HAS_EVENTS
-    if (has_events(job)) return 1;
-#endif
-    return 0;
-}
-#endif
-
 /* Take one step, and enter the next segment if it ends at a corner. */
 static int advance(cotree_job *job)
 {
@@ -749,22 +735,17 @@ static int advance(cotree_job *job)
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
     int status, is_last;
 #if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
-    if (is_start_read(job)) memcpy(e->before, e->w, (size_t)job->n * sizeof(cotree_real));
+    memcpy(e->before, e->w, (size_t)job->n * sizeof(cotree_real));
 #endif
 #if COTREE_HAS_CONSTRAINTS
     if (e->singularity != NULL) {
         const int result = begin_watched_step(job);
         if (result != COTREE_JOB_DONE) return result;
-        status = STEPPER->step(job, goal_of_step(job, end));
-    } else {
-        status = STEPPER->step(job, end);
     }
-#else
-    status = STEPPER->step(job, end);
-#endif
-#if COTREE_HAS_CONSTRAINTS
+    status = STEPPER->step(job, goal_of_step(job, end));
     if (status != COTREE_OK) return retry_near_singularity(job, status);
 #else
+    status = STEPPER->step(job, end);
     if (status != COTREE_OK) return fail(job, status);
 #endif
     ++job->n_steps;

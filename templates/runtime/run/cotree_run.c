@@ -2,6 +2,8 @@
  * unknowns. */
 #include "cotree_run_internal.h"
 
+#include <string.h>
+
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
     void *const place = arena->base == NULL ? spare : arena->base + arena->used;
@@ -30,20 +32,11 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     const int n_reached = model->sensitivity_starts[model->n_sensitivities];
     int i;
 #endif
+    memset(run, 0, sizeof *run);
     run->model = model;
     run->p = p;
     run->k = k;
     run->u = u;
-#if COTREE_HAS_INPUTS
-    run->n_replaced = 0;
-    run->replaced = NULL;
-    run->input_function = NULL;
-    run->input_context = NULL;
-#endif
-#if COTREE_HAS_HELPER
-    run->helper = NULL;
-#endif
-    run->rtol = COTREE_F(0.0);
     run->atol = COTREE_F(1e-10);
     run->low = -COTREE_INFINITY;
     run->high = COTREE_INFINITY;
@@ -66,28 +59,18 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
 #if COTREE_HAS_CONSTRAINTS
     run->is_held = 1;
     run->is_strict = 1;
-    run->correction = COTREE_F(0.0);
-    run->n_failed = 0;
-    run->n_strict = 0;
     run->residual = cotree_arena_reals(arena, model->n_constraints);
 #endif
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
     run->nonzeros = cotree_arena_reals(arena, model->n_nonzeros);
 #endif
 #if COTREE_HAS_ALGEBRAIC
-    run->elimination.linearise = NULL;
-    run->elimination.solve = NULL;
-    run->is_extended = 0;
     run->is_solving = 1;
-    run->n_far = 0;
-    run->pivot_growth = COTREE_F(0.0);
-    run->bend = COTREE_F(0.0);
     run->matrix =
         cotree_lu_of(m, m, m, cotree_arena_reals(arena, m * m), cotree_arena_ints(arena, m));
     run->newton = cotree_arena_reals(arena, 3 * m);
     run->found = cotree_arena_reals(arena, m * COTREE_RUN_REMEMBERED);
     run->times = cotree_arena_reals(arena, COTREE_RUN_REMEMBERED);
-    run->n_found = 0;
 #endif
 }
 

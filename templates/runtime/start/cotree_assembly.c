@@ -1,6 +1,8 @@
 /* cotree_assembly.c: projection onto the constraints by minimum-norm Gauss-Newton steps. */
 #include "cotree_assembly_internal.h"
 
+#include <string.h>
+
 /* Residuals below RESIDUAL_TOLERANCE times the magnitude of the states satisfy the constraints;
  * those below RESIDUAL_ROUNDING are rounding errors. A step rotates nothing by more than
  * MAX_ROTATION, [rad], so that it remains on the same branch. A step below STEP_ROUNDING is the
@@ -26,15 +28,12 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
     const cotree_model *const model = run->model;
     const int n = model->n_states, m = run->n_blocks - 1;
     const int n_all = tables->n_rows + tables->n_conditions;
+    memset(a, 0, sizeof *a);
     a->run = run;
     a->tables = tables;
     a->holds[0] = a->holds[1] = 1;
     a->length = COTREE_F(1.0);
     a->culprit = a->column = -1;
-#if COTREE_HAS_MENDING
-    a->report = NULL;
-    a->has_way = 0;
-#endif
     a->is_kept = cotree_arena_ints(arena, n);
     a->places = cotree_arena_ints(arena, n_all);
     a->is_free = cotree_arena_ints(arena, tables->n_speeds);

@@ -18,14 +18,10 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 {
     const cotree_model *const model = run->model;
     const int m = run->n_blocks - 1;
+    memset(start, 0, sizeof *start);
     start->run = run;
     start->tables = tables;
-    start->guess = start->initial = NULL;
-    start->is_found = NULL;
-    start->event_values = NULL;
-    start->n_set = 0;
     start->culprit = start->column = -1;
-    start->is_chosen = 0;
     start->is_set = cotree_arena_ints(arena, model->n_states);
     start->given = cotree_arena_reals(arena, model->n_states);
     start->w = cotree_arena_reals(arena, run->n_full);
@@ -36,9 +32,6 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     }
 #if COTREE_HAS_ALGEBRAIC
     start->pivots = cotree_arena_ints(arena, 2 * model->n_algebraic);
-#if COTREE_HAS_HELPER
-    start->is_trusted = 0;
-#endif
 #endif
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
@@ -366,8 +359,6 @@ int cotree_start_once(cotree_start_call *call)
     cotree_arena none = {NULL, 0};
     void *memory;
     int status;
-    memset(&run, 0, sizeof run);
-    memset(&start, 0, sizeof start);
     set_up(call, &run, &start, &none);
     if (is_plain(&start)) {
         status = write_states(&start, call->z);
@@ -395,8 +386,6 @@ int cotree_start_gradients(cotree_start_call *call, cotree_real *rows, cotree_re
     cotree_start start;
     void *memory;
     int status;
-    memset(&run, 0, sizeof run);
-    memset(&start, 0, sizeof start);
     memory = allocate(call, &run, &start);
     if (memory == NULL) return COTREE_START_NO_MEMORY;
     status = cotree_run_inputs(&run, call->t);

@@ -223,7 +223,7 @@ static int set_tolerances(cotree_job *job)
     cotree_bdf *const c = bdf_of(job);
     c->rtol = job->rtol;
     memcpy(vector_of(job, ATOLS), job->atols, (size_t)job->n * sizeof(double));
-    return c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->atols);
+    return c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->handles[ATOLS]);
 }
 
 /* Create the integrator. */
@@ -235,11 +235,11 @@ static int make_integrator(cotree_job *job)
 #if !COTREE_IDA
     c->integrator = s->CVodeCreate(BDF, c->context);
     if (c->integrator == NULL) return COTREE_NO_MEMORY;
-    flag = s->CVodeInit(c->integrator, rate, 0.0, c->y);
+    flag = s->CVodeInit(c->integrator, rate, 0.0, c->handles[Y]);
 #else
     c->integrator = s->IDACreate(c->context);
     if (c->integrator == NULL) return COTREE_NO_MEMORY;
-    flag = s->IDAInit(c->integrator, residual, 0.0, c->y, c->slopes);
+    flag = s->IDAInit(c->integrator, residual, 0.0, c->handles[Y], c->handles[SLOPES]);
 #endif
     if (flag == 0) flag = c->sundials->OF(SetUserData)(c->integrator, job);
     if (flag == 0) flag = set_tolerances(job);
@@ -252,7 +252,7 @@ static int make_integrator(cotree_job *job)
     if (flag == 0) flag = s->CVodeSetMaxHnilWarns(c->integrator, -1);
 #else
     if (flag == 0 && job->model->n_algebraic > 0) {
-        flag = s->IDASetId(c->integrator, c->kinds);
+        flag = s->IDASetId(c->integrator, c->handles[KINDS]);
         if (flag == 0) flag = s->IDASetSuppressAlg(c->integrator, 1);
     }
 #endif
@@ -266,18 +266,15 @@ static int make_parts(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
+    int i;
     if (s->SUNContext_Create(0, &c->context) != 0) return COTREE_NO_MEMORY;
     s->SUNContext_ClearErrHandlers(c->context); /* the default ones print */
-    c->y = s->N_VMake_Serial(VECTOR(job), vector_of(job, Y), c->context);
-    c->slopes = s->N_VMake_Serial(VECTOR(job), vector_of(job, SLOPES), c->context);
-    c->between = s->N_VMake_Serial(VECTOR(job), vector_of(job, BETWEEN), c->context);
-    c->kinds = s->N_VMake_Serial(VECTOR(job), vector_of(job, KINDS), c->context);
-    c->atols = s->N_VMake_Serial(VECTOR(job), vector_of(job, ATOLS), c->context);
-    c->solver = cotree_bdf_make_solver(job, solver_solve);
-    if (c->y == NULL || c->slopes == NULL || c->between == NULL || c->kinds == NULL ||
-        c->atols == NULL || c->solver == NULL) {
-        return COTREE_NO_MEMORY;
+    for (i = 0; i < N_HANDLES; ++i) {
+        c->handles[i] = s->N_VMake_Serial(VECTOR(job), vector_of(job, i), c->context);
+        if (c->handles[i] == NULL) return COTREE_NO_MEMORY;
     }
+    c->solver = cotree_bdf_make_solver(job, solver_solve);
+    if (c->solver == NULL) return COTREE_NO_MEMORY;
 #if COTREE_SENSITIVITIES
     if (job->has_sensitivities && cotree_bdf_make_sensitivities(job) != 0) return COTREE_NO_MEMORY;
 #endif
@@ -288,19 +285,16 @@ static int make_parts(cotree_job *job)
 static void close(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
-    size_t i;
+    int i;
     if (c == NULL) return; /* never opened */
     if (c->integrator != NULL) c->sundials->OF(Free)(&c->integrator);
     if (c->solver != NULL) c->sundials->SUNNonlinSolFreeEmpty(c->solver);
 #if COTREE_SENSITIVITIES
     cotree_bdf_free_sensitivities(job);
 #endif
-    {
-        void **const vectors[] = {&c->y, &c->slopes, &c->between, &c->kinds, &c->atols};
-        for (i = 0; i < sizeof(vectors) / sizeof(vectors[0]); ++i) {
-            if (*vectors[i] != NULL) c->sundials->N_VDestroy(*vectors[i]);
-            *vectors[i] = NULL;
-        }
+    for (i = 0; i < N_HANDLES; ++i) {
+        if (c->handles[i] != NULL) c->sundials->N_VDestroy(c->handles[i]);
+        c->handles[i] = NULL;
     }
     if (c->context != NULL) c->sundials->SUNContext_Free(&c->context);
     c->integrator = c->solver = c->context = NULL;
@@ -320,9 +314,9 @@ static int start(cotree_job *job, double end)
     if (flag == 0 && is_first) flag = make_integrator(job);
     if (flag == 0 && !is_first) {
 #if COTREE_IDA
-        flag = s->IDAReInit(c->integrator, 0.0, c->y, c->slopes);
+        flag = s->IDAReInit(c->integrator, 0.0, c->handles[Y], c->handles[SLOPES]);
 #else
-        flag = s->CVodeReInit(c->integrator, 0.0, c->y);
+        flag = s->CVodeReInit(c->integrator, 0.0, c->handles[Y]);
 #endif
         if (flag == 0 && c->rtol != job->rtol) flag = set_tolerances(job);
 #if COTREE_SENSITIVITIES
@@ -341,9 +335,10 @@ static int take_step(const cotree_job *job, double end, double *t)
 {
     const cotree_bdf *const c = bdf_of(job);
 #if !COTREE_IDA
-    const int flag = c->sundials->CVode(c->integrator, end, c->y, t, ONE_STEP);
+    const int flag = c->sundials->CVode(c->integrator, end, c->handles[Y], t, ONE_STEP);
 #else
-    const int flag = c->sundials->IDASolve(c->integrator, end, t, c->y, c->slopes, ONE_STEP);
+    const int flag =
+        c->sundials->IDASolve(c->integrator, end, t, c->handles[Y], c->handles[SLOPES], ONE_STEP);
 #endif
 #if COTREE_SENSITIVITIES
     return flag < 0 ? flag : cotree_bdf_read_sensitivities(job);
@@ -357,7 +352,7 @@ static int read_between(const cotree_job *job, double t)
     const cotree_bdf *const c = bdf_of(job);
     const double low = fmin(c->passed, c->reached), high = fmax(c->passed, c->reached);
     const double since = fmin(fmax(t - cotree_engine_of(job)->origin, low), high);
-    const int flag = c->sundials->OF(GetDky)(c->integrator, since, 0, c->between);
+    const int flag = c->sundials->OF(GetDky)(c->integrator, since, 0, c->handles[BETWEEN]);
 #if COTREE_SENSITIVITIES
     return flag != 0 ? flag : cotree_bdf_read_sensitivities_between(job, since);
 #else

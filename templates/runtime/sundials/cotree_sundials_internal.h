@@ -69,10 +69,9 @@ typedef struct cotree_shares {
     double of_own, of_rates;
 } cotree_shares;
 
-/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes,
- * absolute tolerances. Then work
- * of the iteration; with COTREE_SENSITIVITIES also copies of the sensitivity vectors, after
- * those of the states. */
+/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes, absolute
+ * tolerances. Then work of the iteration; with COTREE_SENSITIVITIES also copies of the sensitivity
+ * vectors, after those of the states. */
 enum {
     Y,
     SLOPES,
@@ -88,7 +87,8 @@ enum {
     WEIGHTS,
     FOUND,
 #endif
-    N_VECTORS
+    N_VECTORS,
+    N_HANDLES = MOVED
 };
 
 #if COTREE_SENSITIVITIES
@@ -115,12 +115,8 @@ typedef struct cotree_bdf {
     void *context;
     void *integrator;
     void *solver;
-    void *y;
-    void *slopes;
-    void *between;
-    void *atols;
-    double rtol; /* set in the integrator */
-    void *kinds;
+    void *handles[N_HANDLES]; /* of the first vectors, for SUNDIALS */
+    double rtol;              /* set in the integrator */
 #if COTREE_SENSITIVITIES
     double *apart;      /* memory of the sensitivity vectors */
     void **pointers;    /* the vectors themselves */

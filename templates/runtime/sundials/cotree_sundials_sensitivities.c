@@ -188,7 +188,7 @@ COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
     const int n = BLOCK(job->model);
     int i, kind;
     /* Vectors cloned from this one have fused operations, which saves calls. */
-    if (s->N_VEnableFusedOps_Serial(c->y, 1) != 0) return COTREE_NO_MEMORY;
+    if (s->N_VEnableFusedOps_Serial(c->handles[Y], 1) != 0) return COTREE_NO_MEMORY;
     for (kind = 0; kind < N_KINDS; ++kind) {
         void **const vectors = sensitivities_of(job, kind);
         for (i = 0; i < job->model->n_sensitivities; ++i) {
