@@ -25,8 +25,7 @@ enum { TAKEN, BEGUN, DONE, CLOSED };
 
 #define NOT_A_NUMBER ((double)NAN)
 
-/* Return the time since a fixed moment, [s]. */
-static double now(void)
+double cotree_batch_now(void)
 {
 #if defined(_WIN32)
     LARGE_INTEGER ticks, per_second;
@@ -39,8 +38,6 @@ static double now(void)
     return (double)at.tv_sec + 1e-9 * (double)at.tv_nsec;
 #endif
 }
-
-double cotree_batch_now(void) { return now(); }
 
 int cotree_batch_most_threads(void)
 {
@@ -210,7 +207,7 @@ static void store_counters(cotree_worker *w, int ended)
     batch->n_kept[w->member] = job->n_kept;
     batch->n_steps[w->member] = job->n_steps;
     batch->corrections[w->member] = job->correction;
-    batch->seconds[w->member] = now() - w->begun;
+    batch->seconds[w->member] = cotree_batch_now() - w->begun;
     batch->ended[w->member] = ended;
 }
 
@@ -227,7 +224,7 @@ static int finish_member(cotree_worker *w)
     int status;
     if (w->n_events + w->job.n_records > w->most_events) return COTREE_BATCH_NO_SPACE;
     status = cotree_batch_finish(w, w->member, w->job.k);
-    batch->seconds[w->member] = now() - w->begun;
+    batch->seconds[w->member] = cotree_batch_now() - w->begun;
     if (status != 0) {
         batch->ended[w->member] = status;
         return COTREE_BATCH_UNFINISHED;
@@ -251,7 +248,8 @@ static int exceeded_budget(const cotree_worker *w)
     const cotree_job *const job = &w->job;
     if (job->most_events > 0 && job->n_records >= job->most_events) return COTREE_MEMBER_EVENTS;
     if (batch->max_steps > 0 && job->n_steps >= batch->max_steps) return COTREE_MEMBER_STEPS;
-    if (batch->time_limit > 0.0 && now() - w->begun > batch->time_limit) return COTREE_MEMBER_TIME;
+    if (batch->time_limit > 0.0 && cotree_batch_now() - w->begun > batch->time_limit)
+        return COTREE_MEMBER_TIME;
     return 0;
 }
 
@@ -297,7 +295,7 @@ static int take_member(cotree_worker *w)
     if (w->member < 0) return COTREE_BATCH_EMPTY;
     w->stage = TAKEN;
     w->watched_from = 0;
-    w->begun = now();
+    w->begun = cotree_batch_now();
     return w->batch->has_given_jobs ? COTREE_BATCH_PREPARE : COTREE_BATCH_AGAIN;
 }
 
@@ -315,13 +313,13 @@ static int next_action(cotree_worker *w)
 int cotree_batch_work(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
-    const double called = now();
+    const double called = cotree_batch_now();
     int result = COTREE_BATCH_AGAIN;
     if (w->member < 0 && batch->lanes != NULL) return batch->lanes(w);
     while (result == COTREE_BATCH_AGAIN) {
         if (cotree_batch_is_stopped(batch)) return COTREE_BATCH_STOPPED;
         result = next_action(w);
-        if (batch->interval > 0.0 && now() - called > batch->interval) break;
+        if (batch->interval > 0.0 && cotree_batch_now() - called > batch->interval) break;
     }
     return result;
 }

@@ -20,8 +20,8 @@ COTREE_PRIVATE int cotree_start_solve_unknowns(cotree_start *start, cotree_real 
 
 #if COTREE_HAS_EVENTS
 /* cotree_start_modes.c */
+COTREE_PRIVATE int cotree_start_count_events(const cotree_start *start, int kind);
 #if COTREE_HAS_ALGEBRAIC
-COTREE_PRIVATE int cotree_start_is_rubbing(const cotree_start *start);
 COTREE_PRIVATE int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t,
                                                       cotree_real *z);
 #endif

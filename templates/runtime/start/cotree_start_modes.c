@@ -13,16 +13,16 @@
 /* The largest number of changes of modes for each event. */
 #define MOST_CHANGES 50
 
-#if COTREE_HAS_ALGEBRAIC
-/* Modes of dry friction on which algebraic unknowns depend. */
-
-int cotree_start_is_rubbing(const cotree_start *start)
+int cotree_start_count_events(const cotree_start *start, int kind)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
     int i, n = 0;
-    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == COTREE_FRICTION_SLIP;
-    return n > 0;
+    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == kind;
+    return n;
 }
+
+#if COTREE_HAS_ALGEBRAIC
+/* Modes of dry friction on which algebraic unknowns depend. */
 
 /* Set the modes of friction that is disengaged, or whose speed contradicts its mode. */
 int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotree_real *z)
@@ -63,14 +63,6 @@ int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotre
 #endif
 /* Modes of jumps. */
 
-static int is_jumping(const cotree_start *start)
-{
-    const cotree_hybrid *const h = MODEL->hybrid;
-    int i, n = 0;
-    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == COTREE_JUMP;
-    return n;
-}
-
 /* Return a jump whose mode contradicts the sign of its event function, and its new mode; -1 if
  * there is none. */
 static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real *x,
@@ -96,7 +88,7 @@ static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real
 
 int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
 {
-    const int most = MOST_CHANGES * is_jumping(start);
+    const int most = MOST_CHANGES * cotree_start_count_events(start, COTREE_JUMP);
     int n, status = 0;
     if (start->event_values == NULL) return 0;
     for (n = 0; n < most; ++n) {
@@ -161,7 +153,7 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
     const cotree_run *const run = start->run;
     const cotree_real *const values = start->event_values, *const slopes = start->event_slopes;
     int i, j, status;
-    if (N_SENSITIVITIES == 0 || is_jumping(start) == 0 || values == NULL) return 0;
+    if (N_SENSITIVITIES == 0 || cotree_start_count_events(start, COTREE_JUMP) == 0) return 0;
     status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
     if (status == 0) status = MODEL->jumps(t, z, run->u, run->p, run->k, start->new_values);
     if (status == 0)

@@ -254,7 +254,8 @@ int cotree_start_solve_unknowns(cotree_start *start, cotree_real t, cotree_real 
 {
     int status = 0;
 #if COTREE_HAS_EVENTS
-    if (cotree_start_is_rubbing(start)) status = cotree_start_choose_friction_modes(start, t, z);
+    if (cotree_start_count_events(start, COTREE_FRICTION_SLIP) > 0)
+        status = cotree_start_choose_friction_modes(start, t, z);
 #endif
     if (status == 0) status = cotree_start_solve_all(start, t, z);
     return status == 0 && !is_determined(start, t, z) ? COTREE_START_UNDETERMINED : status;
