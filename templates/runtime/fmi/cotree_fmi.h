@@ -99,7 +99,7 @@ static int complete_step(fmu *m, FMI_BOOLEAN *enters_event_mode, FMI_BOOLEAN *te
 {
     const int is_complete = enters_event_mode != NULL && terminates != NULL;
     int enters = 0;
-    if (fmu_complete_step(m, is_complete ? &enters : NULL) != 0) return 1;
+    if (fmu_complete_step(m, is_complete ? &enters : NULL) != 0 || !is_complete) return 1;
     *enters_event_mode = enters != 0;
     *terminates = 0;
     return 0;

@@ -244,7 +244,8 @@ fmu *fmu_reject(const fmu_importer *importer, const char *why)
 int fmu_check_pointer(const fmu *m, const void *pointer)
 {
     if (pointer != NULL) return 0;
-    return fmu_refuse(m, "%s is called with a null pointer", m->function);
+    fmu_refuse(m, "%s is called with a null pointer", m->function);
+    return 1;
 }
 
 static int is_category(const char *name)

@@ -66,7 +66,7 @@ FMI_CALL(GetDirectionalDerivative, FMU_DIFFERENTIABLE,
 static int update(fmu *m, fmi2EventInfo *info)
 {
     fmu_event_info news = {0, 0, 0, 0.0};
-    if (fmu_update(m, info == NULL ? NULL : &news) != 0) return 1;
+    if (fmu_update(m, info == NULL ? NULL : &news) != 0 || info == NULL) return 1;
     info->newDiscreteStatesNeeded = 0;
     info->terminateSimulation = news.terminates;
     info->nominalsOfContinuousStatesChanged = 0;
@@ -92,12 +92,12 @@ FMI_STEPS(DoStep, FMU_STEP, fmu_step(m, t, step, &(fmu_progress){t, 0, 0}), void
           double step, fmi2Boolean keeps_no_state)
 FMI_CALL(CancelStep, FMU_ANY, fmu_refuse_call(m, "steps are never pending"), void *handle)
 
-#define FMI_PROGRESS(name, type, is_known, reached, has_ended)                                     \
+#define FMI_PROGRESS(name, result, is_known, reached, has_ended)                                   \
     FMI_STEPS(name, FMU_WITH_PROGRESS, fmu_get_progress(m, is_known, reached, has_ended),          \
-              void *handle, const fmi2StatusKind kind, type *value)
+              void *handle, const fmi2StatusKind kind, result)
 
-FMI_PROGRESS(GetRealStatus, double, kind == fmi2LastSuccessfulTime, value, NULL)
-FMI_PROGRESS(GetBooleanStatus, fmi2Boolean, kind == fmi2Terminated, NULL, value)
-FMI_PROGRESS(GetStatus, fmi2Status, 0, NULL, NULL)
-FMI_PROGRESS(GetIntegerStatus, fmi2Integer, 0, NULL, NULL)
-FMI_PROGRESS(GetStringStatus, fmi2String, 0, NULL, NULL)
+FMI_PROGRESS(GetRealStatus, double *value, kind == fmi2LastSuccessfulTime, value, NULL)
+FMI_PROGRESS(GetBooleanStatus, fmi2Boolean *value, kind == fmi2Terminated, NULL, value)
+FMI_PROGRESS(GetStatus, fmi2Status *value, 0, NULL, NULL)
+FMI_PROGRESS(GetIntegerStatus, fmi2Integer *value, 0, NULL, NULL)
+FMI_PROGRESS(GetStringStatus, fmi2String *value, 0, NULL, NULL)

@@ -149,7 +149,7 @@ static int update(fmu *m, fmi3Boolean *needs_another, fmi3Boolean *terminates,
                             are_nominals_changed != NULL && are_states_changed != NULL &&
                             has_next != NULL && next != NULL;
     fmu_event_info news = {0, 0, 0, 0.0};
-    if (fmu_update(m, is_complete ? &news : NULL) != 0) return 1;
+    if (fmu_update(m, is_complete ? &news : NULL) != 0 || !is_complete) return 1;
     *needs_another = false;
     *terminates = news.terminates != 0;
     *are_nominals_changed = false;
