@@ -47,6 +47,14 @@ def read_text(source: str | Path, largest: int) -> str:
         raise SceneError(f"{source}:{line}: not a text in UTF-8") from None
 
 
+def number_or_text(text: float | str) -> float | str:
+    """Return the number that a text consists of, or the text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def is_number(text: str) -> bool:
     """Return whether a cell of a table is a number."""
     try:

@@ -23,6 +23,7 @@ from cotree.cli.options import (
     write_file,
 )
 from cotree.errors import ParameterError, SolveError, brief
+from cotree.files import number_or_text
 from cotree.scene.settings import STEPS_OF_FIT
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def fit_scene(
     ranges = _ranges([*estimate, *(more or [])])
     described = read_scene(scene)
     known = {
-        "inputs": {name: _signal(text) for name, text in settings.pop("inputs").items()},
+        "inputs": {name: number_or_text(text) for name, text in settings.pop("inputs").items()},
         "initial": settings.pop("initial"),
         "parameters": settings.pop("parameters"),
         "observables": read_pairs("--observe", observe) or None,
@@ -187,21 +188,13 @@ def _noise(texts: Sequence[str]) -> Any:
     alone = [text for text in texts if "=" not in text]
     if not alone:
         pairs = read_pairs("--noise", texts)
-        return {name: _signal(text) for name, text in pairs.items()} or None
+        return {name: number_or_text(text) for name, text in pairs.items()} or None
     if len(texts) > 1:
         raise ParameterError(
             f"--noise {brief(alone[0])} is that of all columns: give nothing else, or name the "
             f"column, --noise v={brief(alone[0])}"
         )
-    return _signal(alone[0])
-
-
-def _signal(text: str) -> float | str:
-    """Read a number; return an expression unchanged."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    return number_or_text(alone[0])
 
 
 @with_options()

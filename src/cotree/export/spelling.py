@@ -9,6 +9,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.components.law import law_symbol
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
@@ -49,7 +51,7 @@ def latex_symbol(name: str) -> str:
     """Spell a name in LaTeX."""
     import sympy
 
-    text: str = sympy.latex(real_symbol(name))
+    text: str = sympy.latex(law_symbol(name))
     return text
 
 
@@ -134,13 +136,6 @@ def latex_subscript(name: str | None, spelt: Mapping[str, Spelt]) -> list[str]:
     if name is None:
         return []
     return [f"{spelt[name].latex()}(0)" if name in spelt else latex_symbol(name)]
-
-
-def real_symbol(name: str) -> Any:
-    """Build a SymPy symbol of a real number."""
-    import sympy
-
-    return sympy.Symbol(name, real=True)
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:

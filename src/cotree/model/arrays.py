@@ -81,6 +81,12 @@ def is_many(y: Any) -> bool:
         return False
 
 
+def pointer_to(ffi: Any, array: Array) -> Any:
+    """Return a pointer to an array that keeps it alive; NULL if it is empty."""
+    # The collector may clear a view made by array.data before the pointer that was made of it.
+    return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+
+
 class CObjects:
     """C objects of cffi that live as long as this object.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
 from cotree.build.cache import cached
 from cotree.errors import BuildError, Error, ParameterError, SolveError
-from cotree.model.arrays import Array, as_array, is_many
+from cotree.model.arrays import Array, as_array, is_many, pointer_to
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
@@ -193,7 +194,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         n, m = len(layout.states), len(layout.sensitivities)
         self.x, self.s, self.u = np.zeros(n), np.zeros(n * max(m, 1)), np.zeros(len(layout.inputs))
         self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.n_prepared)
-        self._pointers = {key: self._pointer(getattr(self, key)) for key in "xsupk"}
+        self._pointers = {key: pointer_to(self._ffi, getattr(self, key)) for key in "xsupk"}
         # The arguments of `prepare`: the parameters that it reads, and the values that it writes.
         self.prepared = (self._pointers["p"], self._pointers["k"])
 
@@ -205,13 +206,14 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         spec, result = KERNELS[name], np.zeros(self._n_results[name])
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
         function = getattr(self._model, spec.field)
-        bound = function, (*arguments, self._pointer(result)), result, spec.arguments[0] == "t"
+        bound = (
+            function,
+            (*arguments, pointer_to(self._ffi, result)),
+            result,
+            spec.arguments[0] == "t",
+        )
         self[name] = bound
         return bound
-
-    def _pointer(self, array: Array) -> Any:
-        # The collector may clear a view made by array.data before the pointer that was made of it.
-        return self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
 
 
 class _OwnBuffers(threading.local):
@@ -459,9 +461,7 @@ def _in_c(
     inputs = np.zeros((points.n, len(model.inputs))) if points.u is None else points.u
     is_of_states = spec.type == "cotree_state_kernel"
 
-    def pointer(array: Array) -> Any:
-        return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
-
+    pointer = partial(pointer_to, ffi)
     return int(
         library.lib.cotree_columns(
             ffi.cast("cotree_model *", native.address),

@@ -17,6 +17,7 @@ import re
 import sys
 import threading
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
@@ -25,6 +26,7 @@ import numpy as np
 from cotree.build import LoadedLibrary, abandon
 from cotree.errors import BuildError, Error, SolveError
 from cotree.methods import METHODS, SUNDIALS, SUNDIALS_VERSION, WITH_SENSITIVITIES
+from cotree.model.arrays import pointer_to
 from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
 
@@ -293,10 +295,7 @@ def _in_c(
         has_inputs = True
     outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
     ffi = library.ffi
-
-    def pointer(array: FloatArray) -> object:
-        return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
-
+    pointer = partial(pointer_to, ffi)
     # C reads point after point, hence the transpose of z.
     status = library.lib.cotree_sweep(
         ffi.cast("cotree_model *", native.address),

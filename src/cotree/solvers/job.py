@@ -12,6 +12,7 @@ import numpy as np
 
 from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
 from cotree.errors import Error
+from cotree.model.arrays import pointer_to
 from cotree.model.kernels import SINGULAR, Newton
 from cotree.model.start_in_c import filled_tables
 from cotree.sharing import RecentCache
@@ -510,9 +511,8 @@ class Job:
             return self._pointers[name]
         self._n_bytes += values.nbytes - (0 if array is None else array.nbytes)
         array = self._arrays[name] = np.array(values, dtype=np.float64)
-        pointer = self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
-        self._pointers[name] = pointer
-        return pointer
+        self._pointers[name] = pointer_to(self._ffi, array)
+        return self._pointers[name]
 
     def _point(self, name: str, pointer: Any) -> None:
         """Set a pointer of the structure, for this run and the following ones."""

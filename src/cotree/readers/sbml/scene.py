@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from cotree.errors import ExpressionError, SceneError, brief, check_known
-from cotree.files import read_text
+from cotree.files import number_or_text, read_text
 from cotree.readers.names import Namer, SourceLine, located, renaming_notes, scene_name
 from cotree.readers.sbml.document import (
     Formula,
@@ -236,7 +236,7 @@ class SceneWriter(Generic[_Scene]):
                 value = self._converted(own, quantity, value)
         with located(at):
             # A text that consists of a number is declared as a number.
-            value = _plain(value)
+            value = number_or_text(value)
             self.scene.parameter(own, value, doc=quantity.title[:1000])
 
     def _converted(self, own: str, quantity: Quantity, value: float) -> str:
@@ -273,7 +273,7 @@ class SceneWriter(Generic[_Scene]):
         text = self._text(formula, self.running)
         edge = self.namer.own(f"{own}_rate")
         with located(formula.at):
-            self.scene.edge(edge, "molar_flow_source", "ground", own, flow=_plain(text))
+            self.scene.edge(edge, "molar_flow_source", "ground", own, flow=number_or_text(text))
 
     # Reactions.
 
@@ -314,7 +314,7 @@ class SceneWriter(Generic[_Scene]):
     def _stoichiometry(self, given: float | str | Formula) -> float | str:
         if isinstance(given, Formula):
             text = self._text(given, self.running)
-            return _plain(text)
+            return number_or_text(text)
         if isinstance(given, float):
             return given
         if given in self.roles.unnamed:
@@ -401,14 +401,6 @@ class SceneWriter(Generic[_Scene]):
                 begin = ""
             found[id] = SbmlSymbol(quantity.kind.split()[0], own, state, factor, begin)
         return found
-
-
-def _plain(value: float | str) -> float | str:
-    """Return the number that a text consists of, or the text."""
-    try:
-        return float(value)
-    except ValueError:
-        return value
 
 
 _LARGEST_FILE = 50_000_000  # bytes; large networks of the literature have ten million
