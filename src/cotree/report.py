@@ -151,7 +151,7 @@ class Facts(Table):
 
 
 def _wrapped(text: str, width: int) -> list[tuple[bool, str]]:
-    """Wrap a text to its first lines, each with whether it is the first."""
+    """Return the first lines of a wrapped text, and whether each is the very first."""
     lines = textwrap.wrap(text, width, break_on_hyphens=False)[:_MOST_WRAPPED]
     return [(i == 0, line) for i, line in enumerate(lines)]
 

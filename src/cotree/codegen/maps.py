@@ -261,7 +261,7 @@ class MapContext:
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # of values that columns do not share, for each eight columns
+    places: list[str]  # offsets of values that columns do not share, for each eight columns
     n_own: int  # rows of these
     n_results: int
     block: int

@@ -16,7 +16,7 @@ class Tableau:
     title: str  # a description, as a part of a sentence
     source: str  # reference of its coefficients
     error_order: int  # order of the error estimate
-    memory: str  # exponent of the error of the step before in the choice of the next step
+    memory: str  # exponent of the previous step's error in the choice of the next step size
     nodes: tuple[str, ...]  # times of the stages but the first, as shares of a step
     stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage but the first
     solution: dict[int, str]  # weights of the stages in the new solution

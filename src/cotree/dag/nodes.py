@@ -159,7 +159,7 @@ class Dag:
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value, for messages; the first origin is kept."""
-        if node.args:  # constants and symbols are shared by edges of many origins
+        if node.args:  # constants and symbols belong to edges of many origins
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:

@@ -199,7 +199,7 @@ def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
-    """Resolve an edge's own names before those of the scene."""
+    """Return a resolver of names in which an edge's own names precede those of the scene."""
 
     def resolve(name: str) -> Node:
         return own[name] if name in own else motion.system.signals.node(name)

@@ -165,7 +165,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
 
 
 def given_names(scene: SceneDescription) -> tuple[str, ...]:
-    """List the initial values that a scene gives, in its order, named as states."""
+    """List the names of the initial values in a scene, as names of states, in its order."""
     found: list[str] = []
     for edge in scene.edges.values():
         for name in edge.initial:

@@ -275,7 +275,7 @@ def _given_values(
         y[i] = float(value)
         # A value given for the run depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
-    # Runs without sensitivities have none.
+    # A run without sensitivities has no initial ones.
     if slopes and wanted:
         _put_slopes(model, slopes, s)
     return y, s

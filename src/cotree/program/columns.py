@@ -117,7 +117,7 @@ def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bo
 
 
 def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
-    """Count the values that are nonzero in some column of a block."""
+    """Count the values that are nonzero in at least one column of a block."""
     union = 0
     for column in block:
         union |= nonzero[column]

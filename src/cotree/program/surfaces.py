@@ -479,7 +479,7 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """Rows and symbols that are found while branches are numbered."""
+    """Rows and symbols collected while branches are numbered."""
 
     rows: list[CornerRow]
     pieces: list[Node]

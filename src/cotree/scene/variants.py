@@ -86,7 +86,7 @@ def with_inputs(
 
 
 def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
-    """List the inputs that are given as expressions, and not as numbers in quotes."""
+    """List the inputs given by expressions; numbers in quotes do not count."""
     found = {}
     for name, value in inputs.items():
         if isinstance(value, str):

@@ -309,11 +309,11 @@ _EARLY, _LATE = 0.1, 0.9
 # distance, and an accelerated one a hundred times.
 _LEAST = 1e3
 
-# The least power of time by which a state grows; counts and angles grow more slowly. An exponential
-# that has grown a thousandfold grows as the power of 7.7 at its end.
+# Smallest power of time that counts as unbounded growth; counts and angles grow more slowly. An
+# exponential that has grown a thousandfold grows as the power of 7.7 at its end.
 _LEAST_POWER = 7.0
 
-# Endings that rounding errors of forces cause, too.
+# Statuses of failures that rounding errors of forces may also cause.
 _OF_ROUNDING = tuple(
     SENTENCES[name]
     for name in (

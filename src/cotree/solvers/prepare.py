@@ -388,7 +388,7 @@ class Preparation:
         return {
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
-            # Sensitivities are continuous at corners that no parameter moves.
+            # Sensitivities are continuous at time events that depend on no parameter.
             "shifts": corners.moved,
         }
 

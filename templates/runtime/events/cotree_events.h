@@ -94,7 +94,7 @@ typedef struct cotree_events {
     int n_events, n; /* n: entries of w */
     int n_kinks, n_branches;
     int has_steep;             /* 1: there are steep kinks */
-    cotree_real branch_time;   /* of the last selection of branches */
+    cotree_real branch_time;   /* time of the last selection of branches */
     cotree_real history_error; /* of interpolation within the step, in tolerances */
     cotree_real *mean_rate;    /* |change| of each event function per time in the last step */
     cotree_real rtol, atol, span;

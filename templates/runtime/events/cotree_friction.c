@@ -213,7 +213,8 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
             e->is_active[k] = 0;
             e->modes[k] = COTREE_F(2.0);
         } else if (cotree_is_contact_friction(e, k)) {
-            /* Its mode follows that of its stop; a sliding contact keeps its direction. */
+            /* The mode of friction follows that of its stop; a sliding contact keeps its direction.
+             */
             e->is_active[k] = e->is_active[k] || (mode == COTREE_F(2.0) &&
                                                   COTREE_FABS(v) <= cotree_closing_uncertainty(e));
             e->slip_sign[k] = e->is_active[k] ? COTREE_F(0.0) : cotree_sign_of(v);

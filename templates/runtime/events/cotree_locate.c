@@ -57,7 +57,7 @@ int cotree_is_gap(const cotree_events *e, int i)
 }
 
 /* Return whether an event function stays at zero, as the slip rate of a constraint that has just
- * begun to slide: its sign is then rounding. */
+ * begun to slide: its sign is then a rounding error. */
 int cotree_stays_at_zero(const cotree_events *e, int i)
 {
     return e->n_modes > 0 && e->stays_at_zero[i];

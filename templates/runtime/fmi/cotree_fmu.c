@@ -336,7 +336,7 @@ int fmu_reset(fmu *m)
 
 /* Saved states. */
 
-/* Head of a state that another instance may read. */
+/* Marks the head of a state, which another instance may read. */
 #define MAGIC 0x46746f63
 
 typedef struct fmu_state_head {

@@ -1,7 +1,7 @@
 /* cotree_breakpoints.c: time events: times at which functions of time have a kink or a step. */
 #include "cotree_breakpoints.h"
 
-/* A few roundings of a time, relative. */
+/* Relative tolerance of times: a few roundings. */
 #define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
 
 /* Return the row of one breakpoint. */
@@ -14,7 +14,7 @@ cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree
                                    cotree_real t_end)
 {
     const cotree_real ahead = t_end > t ? COTREE_F(1.0) : -COTREE_F(1.0);
-    /* Excludes t itself and the end. */
+    /* Breakpoints at t itself and at the end are excluded. */
     const cotree_real slack = SLACK * COTREE_FABS(t), last = COTREE_FABS(t_end) <= COTREE_MAX
                                                                  ? SLACK * COTREE_FABS(t_end)
                                                                  : COTREE_F(0.0);

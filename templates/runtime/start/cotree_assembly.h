@@ -43,7 +43,7 @@ typedef struct cotree_assembly {
     cotree_real longest; /* row of the gradients factorised last */
     cotree_least least;
 #if COTREE_HAS_MENDING
-    /* If given values may change where the constraints cannot be satisfied otherwise. */
+    /* For given values that may change if the constraints cannot be satisfied otherwise. */
     cotree_start_report *report; /* NULL: they may not change */
     int is_mended[2];            /* whether those of a level have changed */
     int is_probe;                /* 1: at a point next to a start, without a report */
