@@ -504,7 +504,11 @@ def kit_files(
         model=model,
         sources=list(sources),
         headers=[*headers, *wrapper],
-        methods=[_method(k, model) for k in program.kernels.values() if _is_wrapped(k)],
+        methods=[
+            _method(kernel, model)
+            for kernel in program.kernels.values()
+            if kernel.is_present and kernel.spec.name not in _APART
+        ],
     )
     files = {
         "CMakeLists.txt": "CMakeLists.txt",
@@ -513,10 +517,6 @@ def kit_files(
         **dict.fromkeys(wrapper, "model.hpp"),
     }
     return {name: render(f"c/kit/{file}.jinja", kit=kit) for name, file in files.items()}
-
-
-def _is_wrapped(kernel: Kernel) -> bool:
-    return kernel.is_present and kernel.spec.name not in _APART
 
 
 def _method(kernel: Kernel, model: ModelContext) -> MethodContext:

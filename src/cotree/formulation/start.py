@@ -46,7 +46,7 @@ def body_starts(
     Bodies that no joints reach are left out: they start at the scene's values.
     """
     # Bodies in the tree have absolute coordinates, for which a scene need not give initial values.
-    placed = [name for name in trees.branches if _is_body(scene, name)]
+    placed = [name for name in trees.branches if scene.edges[name].component.role is Role.BODY]
     if not placed:
         return {}
     # Bodies that are branches of the joints' own tree are reached by no joint.
@@ -60,10 +60,6 @@ def body_starts(
     motion = move(system, clusters, choose_frames(system, clusters, ()))
     values = _parameter_values(scene, motion)
     return {name: _start(motion, name, spaces[name], values) for name in placed}
-
-
-def _is_body(scene: SceneDescription, name: str) -> bool:
-    return scene.edges[name].component.role is Role.BODY
 
 
 def _parameter_values(scene: SceneDescription, motion: Motion) -> dict[Node, float]:

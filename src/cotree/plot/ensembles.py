@@ -14,7 +14,7 @@ import numpy as np
 from cotree.arguments import check_names
 from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid, sensitivity_pair
+from cotree.plot.result import curve_colors, draw_grid, panels, sensitivity_pair
 from cotree.units import quotient
 
 if TYPE_CHECKING:
@@ -368,10 +368,8 @@ def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure
         return bands(dataset, chosen)
     rows, columns = _layout(len(chosen))
     figure = figure_for_people(6.0 * columns, 4.4 * rows)
-    for name, ax in zip(chosen, np.ravel(figure.subplots(rows, columns)), strict=False):
+    for name, ax in zip(chosen, panels(figure, len(chosen), columns), strict=True):
         heat_map(dataset, name, of=of, ax=ax)
-    for ax in figure.axes[len(chosen) : rows * columns]:
-        ax.set_axis_off()
     return figure
 
 
@@ -394,11 +392,9 @@ def _panels(
         return cast("Figure", ax.figure)
     rows, columns = _layout(len(variables))
     figure = make(max(6.0, 5.2 * columns), max(3.4, 2.9 * rows))
-    grid = figure.add_gridspec(rows, columns)
-    colors = curve_colors(len(variables))
-    for i, row in enumerate(variables):
-        where = figure.add_subplot(grid[divmod(i, columns)])
-        draw(where, row, colors[i])
+    n, colors = len(variables), curve_colors(len(variables))
+    for where, row, color in zip(panels(figure, n, columns), variables, colors, strict=True):
+        draw(where, row, color)
         draw_grid(where)
         where.set_axisbelow(True)  # otherwise the grid is visible through the bands
     return figure

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid
+from cotree.plot.result import curve_colors, draw_grid, panels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -56,8 +56,8 @@ def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure
     if ax is not None:
         draw_course(ax, courses[0])
         return cast("Figure", ax.figure)
-    figure, panels = _panels(len(courses))
-    for where, course in zip(panels, courses, strict=True):
+    figure, places = _panels(len(courses))
+    for where, course in zip(places, courses, strict=True):
         draw_course(where, course)
     return figure
 
@@ -170,8 +170,8 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
 
     ``curves`` are of the class :class:`cotree.estimation.profiles.Profile`.
     """
-    figure, panels = _panels(len(curves))
-    for k, (ax, curve) in enumerate(zip(panels, curves, strict=True)):
+    figure, places = _panels(len(curves))
+    for k, (ax, curve) in enumerate(zip(places, curves, strict=True)):
         ax.plot(curve.values, curve.rise, "o", ms=3.5, color=_CURVE)
         ax.plot(*curve.curve(), color=_CURVE, lw=1.6, label="profile")
         is_log, error = curve.scale != "lin", errors[curve.name]
@@ -263,10 +263,7 @@ def _panels(n: int) -> tuple[Figure, list[Axes]]:
     columns = 2 if n == 4 else min(n, _COLUMNS)
     rows = -(-n // columns)
     figure = figure_for_people(1.0 + 4.0 * columns, 0.4 + 3.2 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).flat
-    for ax in list(panels)[n:]:
-        ax.set_visible(False)
-    return figure, list(figure.axes[:n])
+    return figure, panels(figure, n, columns)
 
 
 def _label(ax: Axes, x: str, y: str, title: str) -> None:

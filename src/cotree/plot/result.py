@@ -265,6 +265,12 @@ def new_figure(width: float, height: float, make: Callable[..., Figure] | None =
     return (make or Figure)(figsize=(width, height), layout=layout)
 
 
+def panels(figure: Figure, n: int, columns: int) -> list[Axes]:
+    """Add ``n`` panels to a figure, row by row."""
+    grid = figure.add_gridspec(-(-n // columns), columns)
+    return [figure.add_subplot(grid[divmod(i, columns)]) for i in range(n)]
+
+
 def draw_grid(ax: Axes) -> None:
     """Draw a light grid, and no frame above and to the right."""
     ax.grid(color="0.9", lw=0.8)

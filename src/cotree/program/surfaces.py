@@ -165,7 +165,11 @@ def _find(equations: Equations) -> _Found:
             signed |= steep
     return _Found(
         {k: sides.held for k, sides in located.items()},
-        {node for node in tables if _n_points(node) <= _MOST_POINTS and not timed >= {*node.args}},
+        {
+            node
+            for node in tables
+            if max(map(len, _axes(node))) <= _MOST_POINTS and not timed >= {*node.args}
+        },
         SteepRoots(signed),
     )
 
@@ -392,10 +396,6 @@ def _is_timed(node: Node) -> bool:
 
 def _is_table(node: Node) -> bool:
     return type(node.data) in (Table, PlaneTable)  # not one that is frozen already
-
-
-def _n_points(node: Node) -> int:
-    return max(map(len, _axes(node)))
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:

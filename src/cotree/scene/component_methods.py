@@ -16,7 +16,7 @@ from cotree.components import OWN
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from cotree.scene.edge import Entry, Usage
+    from cotree.scene.edge import Usage
 
 
 class ComponentMethod:
@@ -80,11 +80,9 @@ def _signature(usage: Usage) -> inspect.Signature:
     rows += [inspect.Parameter(name, alone, default=None) for name in rest]
     if usage.has_ports:
         rows.append(inspect.Parameter("nodes", inspect.Parameter.VAR_POSITIONAL))
-    rows += [inspect.Parameter(e.name, keyword, default=_default(e)) for e in usage.entries]
+    for entry in usage.entries:
+        default = inspect.Parameter.empty if entry.required else entry.default
+        rows.append(inspect.Parameter(entry.name, keyword, default=default))
     if usage.initial:
         rows.append(inspect.Parameter("initial", keyword, default=None))
     return inspect.Signature(rows)
-
-
-def _default(entry: Entry) -> Any:
-    return inspect.Parameter.empty if entry.required else entry.default

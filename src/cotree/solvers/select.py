@@ -225,7 +225,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
     growth = rates.growth
     # A mode that begins at the tolerance and grows e-fold this often stays below one, so that an
     # implicit method may damp it within the tolerance.
-    if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
+    smallest = min(problem.settings.rtol, problem.settings.atol)
+    if span * growth <= -math.log(max(smallest, float(np.finfo(np.float64).eps))):
         return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."
     grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
     if explicit == "dop853" and rates.first_decay <= _MILD * growth:
@@ -327,11 +328,6 @@ def probe_steps(rtol: float) -> int:
     # Steps of a method of order 8 grow with the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
-
-
-def _smallest_tolerance(problem: Problem) -> float:
-    """Return the smaller of both tolerances, at least a rounding unit."""
-    return max(min(problem.settings.rtol, problem.settings.atol), float(np.finfo(np.float64).eps))
 
 
 def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
