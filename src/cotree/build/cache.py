@@ -149,7 +149,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows cannot replace a loaded library, which has been published before.
+        # Windows cannot replace a loaded library. That is no error if it was published before.
         if find_published(key, end) is None:
             raise
     return library

@@ -80,7 +80,7 @@ def run_limited(
         try:
             _check_wanted(owner)
             output, _ = process.communicate(timeout=time_limit)
-            _check_wanted(owner)  # a command that was killed for this reason has not failed
+            _check_wanted(owner)  # a cancelled command was killed and has not failed
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)

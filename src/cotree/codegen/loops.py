@@ -1,4 +1,4 @@
-"""Repeated statements to loops.
+"""Rewriting of repeated statements as loops.
 
 Consecutive statements that differ in their numbers only (the stages of a ladder, the nonzeros of a
 Jacobian) become the body of a loop: indices with a constant step are computed, others are read from
@@ -312,7 +312,7 @@ class _LoopWriter:
         return [*array, *self._tables, *self._statements]
 
     def plain(self, rows: Sequence[Statement], comments: Sequence[str]) -> None:
-        """Write statements outside of loops."""
+        """Append statements that belong to no loop."""
         for row, comment in zip(rows, comments, strict=True):
             if comment:
                 self._statements.append(Comment(comment))

@@ -235,7 +235,7 @@ class _Laws:
         return total + symbol("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
-        """Differentiate the charge of a junction by its voltage, and by the other's."""
+        """Return the derivatives of a junction's charge by its own and by the other voltage."""
         import sympy
 
         v, capacity = self.voltage[own], sympy.Integer(0)

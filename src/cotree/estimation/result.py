@@ -434,7 +434,10 @@ class FitResult(Reported):
         return overview(self)
 
     def plot_courses(self, *, noise: bool = False) -> Figure:
-        """Plot measured and predicted values over time with bands, which may include noise."""
+        """Plot measured and predicted values over time with uncertainty bands.
+
+        The bands include the measurement noise if ``noise`` is set.
+        """
         from cotree.estimation.pictures import courses
         from cotree.plot.fits import draw_courses
 

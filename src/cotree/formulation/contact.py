@@ -58,7 +58,7 @@ class Slip:
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with a force across the blade."""
+        """Apply a unit force across the blade."""
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -146,7 +146,7 @@ class Ball:
         return view.scalar(self.radius)
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return -r n."""
+        """Return -r n, where n is the direction of the contact."""
         return vector.scale(-view.scalar(self.radius), facing.value(view))
 
     def place_rate(self, view: View, facing: Facing) -> Any:

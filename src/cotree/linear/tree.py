@@ -134,7 +134,7 @@ def released(
 
 
 def _less_scaled(a: Vector, inverse: Node, along: Node, b: Vector) -> Vector:
-    """Form a - inverse along b, with the reciprocal as the last factor."""
+    """Form a - inverse * along * b; the multiplication by the reciprocal comes last."""
     return vector.sub(a, vector.scale(inverse, vector.scale(along, b)))
 
 

@@ -118,7 +118,8 @@ def linearise(slope: Matrix, y: Array) -> Linear:
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
-    # The inverse would be full. Random signs estimate the sums of magnitudes within a small factor.
+    # The inverse would be full. Solutions for random signs estimate its sums of magnitudes within
+    # a small factor.
     found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
     if not math.isfinite(np.add.reduce(found)):
         raise np.linalg.LinAlgError("singular")

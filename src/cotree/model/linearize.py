@@ -248,7 +248,7 @@ class Linearizer:
         return self._inputs.along(values, Direction(y, none, dp))
 
     def _changed(self, at: EvaluationPoint, y: Array, direction: Direction) -> Slopes:
-        """Differentiate the linearisation along a direction, including algebraic unknowns."""
+        """Differentiate the linearisation along a direction; algebraic unknowns change with it."""
         n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
             moved, dy = self._moved_behind(whole), direction.y.copy()

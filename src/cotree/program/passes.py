@@ -66,7 +66,7 @@ def varying_values(order: Sequence[Node]) -> set[Node]:
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """List the values of parameters only that results or other values use."""
+    """Return the values that depend on parameters only and that varying values or results use."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}

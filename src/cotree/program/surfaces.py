@@ -352,7 +352,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:
-    """Return the sides, from the ends of the branches above and below a condition."""
+    """Sort the sides of a condition by how its branches above and below zero end there."""
     pairs = list(zip((1, -1), ends, strict=True))
     return _Sides(
         frozenset(side for side, end in pairs if end == _NOWHERE),

@@ -1,4 +1,4 @@
-"""From a compiled model and a run's settings to a result."""
+"""Simulation of a compiled model with the settings of a run."""
 
 from __future__ import annotations
 

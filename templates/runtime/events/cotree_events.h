@@ -118,7 +118,7 @@ typedef struct cotree_events {
     cotree_real *box;                /* bounds of the quantities, then of their rates */
     cotree_real *quantity_samples;   /* at the samples of a step */
     cotree_real *quantity_mean_rate; /* change per time in the last step */
-    cotree_real *stack;              /* of the bisection */
+    cotree_real *stack;              /* ends of intervals that remain to be bisected */
     cotree_real *from_side;          /* the sign of the function before its crossing */
     cotree_real *bracket_start;      /* the last time at which it had that sign */
     int *is_candidate, *is_excluded; /* may cross in this step; bounds exclude a zero */

@@ -18,7 +18,7 @@
 #include "cotree_numbers.h"
 #endif
 
-/* Factors of the values and rates of all points. */
+/* Weights of the values and rates of all points in an interpolated value. */
 typedef struct cotree_portions {
     REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
 } cotree_portions;

@@ -26,7 +26,7 @@ typedef struct cotree_singularity {
     /* Lengths of ordinary steps, and of the short one after which constraints were tested last. */
     cotree_real longest, longest_of_block, tested;
     int n_ordinary, n_short; /* number of short steps since the last ordinary one */
-    /* The job's own values outside stretches. */
+    /* Tolerances of the job, which apply outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;
     int is_strict;

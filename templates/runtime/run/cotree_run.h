@@ -91,7 +91,7 @@ typedef struct cotree_run {
     int n_full;            /* entries of z: all states and sensitivities */
     int n_packed;          /* entries of z without sensitivities that vanish */
 #if COTREE_HAS_ALGEBRAIC
-    cotree_elimination elimination; /* functions NULL by default */
+    cotree_elimination elimination; /* its functions are NULL by default */
 #endif
     /* The rest is private. */
     int n_blocks;

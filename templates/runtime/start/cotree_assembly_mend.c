@@ -242,7 +242,7 @@ void cotree_assembly_solve_given(cotree_assembly *a)
     for (i = 0; i < N_SPEEDS; ++i) a->step[i] += a->extra[i];
 }
 
-/* Store the residuals of a level at x, which cannot be satisfied. */
+/* Store the residuals at x of a level whose conditions cannot be satisfied. */
 static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
     cotree_real largest;

@@ -127,7 +127,7 @@ typedef struct cotree_bdf {
     cotree_shares shares; /* that the matrix was formed with */
     double rates[2];      /* convergence rates of states and of sensitivities */
     double size_before;   /* of the last correction */
-    double bend;          /* error after a correction, per square of its size */
+    double bend;          /* error after a correction, divided by the square of its size */
     double slowest;       /* convergence rate of the last iteration; 0 after a single correction */
     int is_fresh;         /* 1: each step gets fresh matrices */
     int has_jacobian, has_matrix;

@@ -352,7 +352,7 @@ def stop_residual(terminal: Terminal) -> Law:
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
     mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
-    # Exactly one in their modes and zero in the others.
+    # Each factor is exactly one in its own modes, and zero in the others.
     free = (1 - mode**2) * (4 - mode**2) / 4
     held = mode**2 * (4 - mode**2) / 3
     struck = mode**2 * (mode**2 - 1) / 12

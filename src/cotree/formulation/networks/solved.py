@@ -66,7 +66,7 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
-        # A component of one variable that does not need itself follows from those before it.
+        # A single variable that does not depend on itself follows from those before it.
         if not others and first not in rules[first].needs:
             # An unknown outside every loop: its equation does not depend on it.
             if isinstance(rules[first], Unknown):

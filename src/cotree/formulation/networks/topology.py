@@ -126,7 +126,7 @@ class Topology:
         return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Form the prefix sum of a node, from an ancestor, from that of its parent ([1] eq. 2).
+        """Extend the prefix sum from an ancestor to a node's parent to the node ([1] eq. 2).
 
         ``rate`` is the suffix of the quantity: empty, or ``_rate`` of the across variable.
         """

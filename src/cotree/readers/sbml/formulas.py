@@ -82,7 +82,7 @@ class TermMaker:
 
         made = map_tree(tree, filled)
         size, height = 1 + sum(p.size for p in parts), 1 + max(p.height for p in parts)
-        # Only values can be cut off: a condition has no name.
+        # Only values are moved to expressions of their own: expressions cannot be conditions.
         is_large = not is_condition(made) and (size > _LARGEST or height > _HIGHEST)
         return name(self.cut(ast.unparse(made), "part")) if is_large else Term(made, size, height)
 
