@@ -114,7 +114,7 @@ static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
     cotree_copy(e->n_events, e->jumps.values, e->g);
     if (status == 0) status = cotree_update_scales(e, t, w, e->g);
 #if COTREE_HAS_MODES
-    if (status == 0) status = cotree_set_gap_scales(e, t, w);
+    if (status == 0) status = cotree_set_term_scales(e, t, w);
 #endif
     return status == 0 ? cotree_compute_rates(e, t, w) : status;
 }
@@ -200,7 +200,7 @@ int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w)
     cotree_copy(e->n_events, e->jumps.values, e->g);
     if (status == 0) status = cotree_update_scales(e, t, w, e->g);
 #if COTREE_HAS_MODES
-    if (status == 0) status = cotree_set_gap_scales(e, t, w);
+    if (status == 0) status = cotree_set_term_scales(e, t, w);
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
     if (status == 0) status = cotree_resolve_modes(e, t, w, -1);
 #endif

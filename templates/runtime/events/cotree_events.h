@@ -170,6 +170,7 @@ typedef struct cotree_events {
     cotree_real *closed_side;    /* of each stop: 1 or -1, 0 while open */
     cotree_real *gaps, *opening_speed, *later_acceleration;
     cotree_real *largest_opening_speed, *largest_acceleration; /* so far */
+    cotree_real *speed_terms;    /* sizes of the terms of gap rates at the start */
     cotree_real *required_speed; /* after the impact, by restitution */
     int n_contact_friction;
     int *contact_friction;   /* their places among all friction */

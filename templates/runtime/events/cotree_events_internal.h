@@ -215,7 +215,7 @@ COTREE_PRIVATE cotree_real cotree_opening_speed(const cotree_events *e, int k);
 COTREE_PRIVATE cotree_real cotree_closing_uncertainty(const cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_zero_opening_speed(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired);
-COTREE_PRIVATE int cotree_set_gap_scales(cotree_events *e, cotree_real t, const cotree_real *w);
+COTREE_PRIVATE int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g);
 COTREE_PRIVATE int cotree_has_sticking_contact(const cotree_events *e, int k);
 COTREE_PRIVATE cotree_real cotree_separation_acceleration(const cotree_events *e, int k);

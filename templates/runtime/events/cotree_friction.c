@@ -92,6 +92,7 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->closed_side = cotree_arena_reals(arena, n_stops);
     e->opening_speed = cotree_arena_reals(arena, n_stops);
     e->largest_opening_speed = cotree_arena_reals(arena, n_stops);
+    e->speed_terms = cotree_arena_reals(arena, n_stops);
     e->required_speed = cotree_arena_reals(arena, n_stops);
     e->gap_at_release = cotree_arena_reals(arena, e->n_events);
     e->is_impact_event = cotree_arena_ints(arena, e->n_events);

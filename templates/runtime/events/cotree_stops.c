@@ -144,6 +144,7 @@ cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
     for (i = 0; i < e->n_stops; ++i) {
         largest = COTREE_FMAX(largest, COTREE_FMAX(e->largest_opening_speed[i],
                                                    e->span * e->largest_acceleration[i]));
+        largest = COTREE_FMAX(largest, e->speed_terms[i]);
     }
     largest *= ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING;
     return e->was_holding[k - cotree_first_stop(e)]
@@ -158,29 +159,40 @@ int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
     return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
 }
 
-/* Set the scales of gaps by the sizes of their terms, at the start: a gap of zero is a difference
- * of lengths, and as accurate as these. States change by a small share, each by its own, so that
- * changes of equal terms do not cancel; the smallest scale is the length at which the absolute
- * tolerance replaces the relative one. */
-int cotree_set_gap_scales(cotree_events *e, cotree_real t, const cotree_real *w)
+/* Set the scales of gaps, of their rates and of slips by the sizes of their terms, at the start: a
+ * gap of zero is a difference of lengths, and as accurate as these. States change by a small share,
+ * each by its own, so that changes of equal terms do not cancel; the smallest scale of a gap is the
+ * length at which the absolute tolerance replaces the relative one. */
+int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real smallest = e->rtol > COTREE_F(0.0) ? e->atol / e->rtol : COTREE_F(0.0);
-    int i;
-    if (e->n_stops == 0) return 0;
+    int i, k, status;
+    if (e->n_modes == 0) return 0;
     cotree_copy(e->n, w, e->trial);
     for (i = 0; i < e->run->n_rates; ++i) {
         const cotree_real own = COTREE_FMOD(GOLDEN_SHARE * (cotree_real)(i + 1), COTREE_F(1.0));
         e->trial[i] += TERM_SHARE * (COTREE_F(0.5) + own) * w[i];
     }
-    if (cotree_compute_values(e, t, e->trial) != 0) {
-        e->failure = 0;
-        return 0;
+    status = cotree_jumps_compute_new_values(&e->jumps, t, w);
+    for (k = cotree_first_stop(e); k < e->n_modes; ++k)
+        e->speed_terms[k - cotree_first_stop(e)] =
+            status == 0 ? cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND)) : COTREE_F(0.0);
+    if (status == 0) status = cotree_compute_values(e, t, e->trial);
+    if (status == 0) status = cotree_jumps_compute_new_values(&e->jumps, t, e->trial);
+    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
+        cotree_real *const own = e->speed_terms + k - cotree_first_stop(e);
+        if (status == 0) *own -= cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND));
+        *own = status == 0 ? COTREE_FABS(*own) / TERM_SHARE : COTREE_F(0.0);
     }
-    for (i = 0; i < e->n_events; ++i) {
+    for (i = 0; i < e->n_events && status == 0; ++i) {
         const cotree_real change = COTREE_FABS(e->jumps.values[i] - e->g[i]) / TERM_SHARE;
-        if (cotree_is_gap(e, i) && change <= COTREE_MAX)
-            e->value_scale[i] = COTREE_FMAX(e->value_scale[i], COTREE_FMAX(change, smallest));
+        const int is_gap = cotree_is_gap(e, i);
+        if ((is_gap || e->rows[i].kind == COTREE_FRICTION_SLIP) && change <= COTREE_MAX)
+            e->value_scale[i] = COTREE_FMAX(e->value_scale[i],
+                                            COTREE_FMAX(change, is_gap ? smallest : COTREE_F(0.0)));
     }
+    /* Without a value there the scales are those of the values at the start. */
+    e->failure = 0;
     return cotree_compute_values(e, t, w);
 }
 

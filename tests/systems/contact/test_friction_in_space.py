@@ -166,6 +166,122 @@ def test_a_puck_sticks_to_a_turning_table_and_slides_off(method):
         np.testing.assert_allclose(slopes, (sides[0] - sides[1]) / 2e-5, atol=3e-7)
 
 
+COIN = {"m": 0.5, "R": 0.1, "tilt": 0.3}
+#: Inertia of a thin disc about its diameters and its axis.
+ROUND = COIN["m"] * COIN["R"] ** 2 * np.array([0.25, 0.25, 0.5])
+
+
+def turned(q):
+    """Return the rotation matrix of a unit quaternion."""
+    w, v = q[0], np.asarray(q[1:])
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def rim(q, w):
+    """Return axes of a disc, the vector from its centre to its lowest point, and its rate."""
+    axes = turned(np.asarray(q) / np.linalg.norm(q))
+    n, up = axes[:, 2], np.array([0, 0, 1.0])
+    dn = np.cross(w, n)
+    u, du = up - n[2] * n, -dn[2] * n - n[2] * dn
+    size = np.linalg.norm(u)
+    return axes, -COIN["R"] * u / size, -COIN["R"] * (du / size - u * (u @ du) / size**3)
+
+
+def coin_rates(_, z):
+    """Return the rates of place, quaternion and angular velocity of a disc that rolls."""
+    q, w, m = z[3:7], z[7:], COIN["m"]
+    axes, r, dr = rim(q, w)
+    inertia = axes @ np.diag(ROUND) @ axes.T
+    cross = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
+    # The acceleration of the centre is r x w' - w x r', and the force m (a + g) acts at r.
+    force = m * np.cross(r, np.array([0, 0, G]) - np.cross(w, dr))
+    dw = np.linalg.solve(inertia - m * cross @ cross, force - np.cross(w, inertia @ w))
+    dq = 0.5 * np.array([-w @ q[1:], *(q[0] * w + np.cross(w, q[1:]))])
+    return [*-np.cross(w, r), *dq, *dw]
+
+
+def coin_start(spin):
+    """Return place, quaternion, velocity and angular velocity of a tilted disc that rolls."""
+    half = (COIN["tilt"] - np.pi / 2) / 2
+    q = np.array([np.cos(half), np.sin(half), 0, 0])
+    own = np.array([0.2, 1.0, spin])
+    w = turned(q) @ own
+    r = rim(q, w)[1]
+    return -r, q, -np.cross(w, r), w, own
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+def test_a_coin_that_rolls_on_its_rim_pivots_without_resistance(method):
+    spin, end = 8.0, 1.5
+    scene = cotree.Scene("coin", gravity=[0, 0, -G])
+    scene.parameter("spin", spin)
+    x, q, v, _, own = coin_start(spin)
+    slope = coin_start(spin + 1)[2] - v  # the speed of the centre is linear in the spin
+    names = ("x", "y", "z", "q0", "q1", "q2", "q3", "w1", "w2")
+    initial = dict(zip(names, map(float, (*x, *q, *own[:2])), strict=True)) | {"w3": "spin"}
+    for name, at, by in zip(("vx", "vy", "vz"), v, slope, strict=True):
+        initial[name] = f"{float(at)!r} + ({float(by)!r})*(spin - {spin})"
+    scene.edge("b", "rigid_body", "ground", "P", mass=COIN["m"], inertia=list(map(float, ROUND)),
+               initial=initial)  # fmt: skip
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=COIN["R"],
+               axis=[0, 0, 1], friction=0.9)  # fmt: skip
+    result = scene.compile(["spin"]).simulate((0, end), method=method, **TIGHT)
+    assert not any(row.t.size for row in result.events.values())
+
+    def place(spin):
+        x, q, _, w, _ = coin_start(spin)
+        start = [*x, *q, *w]
+        return solve_ivp(coin_rates, (0, end), start, "DOP853", rtol=1e-12, atol=1e-13).y[:3, -1]
+
+    places = ("b.x", "b.y", "b.z")
+    # Global errors of a run at 1e-10, over some hundred steps.
+    np.testing.assert_allclose([result[name][-1] for name in places], place(spin), atol=1e-9)
+    found = [result.sensitivity(name, "spin")[-1] for name in places]
+    np.testing.assert_allclose(found, (place(spin + 1e-4) - place(spin - 1e-4)) / 2e-4, atol=1e-7)
+
+
+def tipping(is_flat):
+    """Slide a tall box, whose friction tips it over its front edge; in the plane, or in space."""
+    a, b, h, mass = 0.2, 0.3, 0.8, 2.0
+    up = 1 if is_flat else 2
+    down = [0.0] * 3
+    down[up] = -h / 2
+    normal = [float(i == up) for i in range(3)]
+    scene = cotree.Scene("tips", gravity=[-G * n for n in normal])
+    scene.parameter("mu", 0.5)
+    scene.parameter("v", 1.5)
+    inertia = [
+        mass / 12 * (b * b + h * h),
+        mass / 12 * (a * a + h * h),
+        mass / 12 * (a * a + b * b),
+    ]
+    initial = {"y": h / 2, "x_dot": "v"} if is_flat else {"z": h / 2, "vx": "v"}
+    scene.edge("b", "rigid_body", "ground", "P", mass=mass,
+               inertia=inertia[1] if is_flat else inertia, initial=initial)  # fmt: skip
+    scene.edge("foot", "arm", "P", "B", vector=down)
+    own = {"normal": normal, "friction": "mu"}
+    if not is_flat:
+        scene.edge("c", "rigid_contact", "ground", "B", size=[a, b, 0], **own)
+    for side in (-1, 1) if is_flat else ():
+        end = "front" if side > 0 else "back"
+        scene.edge(f"to_{end}", "arm", "B", end, vector=[side * a / 2, 0, 0])
+        scene.edge(f"c_{end}", "rigid_contact", "ground", end, **own)
+    model = scene.compile(["mu", "v"])
+    result = model.simulate((0, 0.6), rtol=1e-10, atol=1e-12)
+    assert result.success, result.message
+    names = ["b.x", "b.y" if is_flat else "b.z"]
+    slopes = [result.sensitivity(name, by)[-1] for name in names for by in ("mu", "v")]
+    return [result[name][-1] for name in names], slopes
+
+
+@pytest.mark.slow
+def test_a_box_slides_tips_and_falls_in_space_as_in_the_plane():
+    (place, slopes), (flat, flat_slopes) = tipping(False), tipping(True)
+    np.testing.assert_allclose(place, flat, atol=1e-9)
+    np.testing.assert_allclose(slopes, flat_slopes, atol=1e-8)
+
+
 def plate(spin, velocity=(1.0, 0.5), mu=0.3):
     """Lay a plate on a plane, which it touches with its four corners."""
     scene = cotree.Scene("plate", gravity=[0, 0, -G])
