@@ -26,9 +26,6 @@ typedef struct cotree_solver {
     void *context;
 } cotree_solver;
 
-#if !COTREE_IDA
-#define BDF 2
-#endif
 #define ONE_STEP 2
 #if COTREE_SIMULTANEOUS
 #define SIMULTANEOUS 1
@@ -36,32 +33,21 @@ typedef struct cotree_solver {
 
 /* Results of an iteration: rates fail here but may succeed with a smaller step, rates fail
  * always, no convergence. The first number differs between versions of CVODE, which does not
- * stop after an unknown number: no convergence is returned instead. */
-#if COTREE_IDA
-#define RATES_AGAIN 1
-#else
-#define RATES_AGAIN 902
-#endif
+ * stop after an unknown number: no convergence is returned instead.
+ * OF: a function of the integrator by its name without the prefix.
+ * BLOCK: entries of a block: the states, with IDA also the algebraic unknowns. */
 #define RATES_FAIL (-8)
 #define NOT_CONVERGED 902
-#if !COTREE_IDA
-
-/* The flag of CVODE after too many of these. */
-#define NO_CONVERGENCE (-4)
-#endif
-
-/* A function of the integrator by its name without the prefix. */
 #if COTREE_IDA
+#define RATES_AGAIN 1
 #define OF(function) IDA##function
-#else
-#define OF(function) CVode##function
-#endif
-
-/* Entries of a block: the states, with IDA also the algebraic unknowns. */
-#if COTREE_IDA
 #define BLOCK(model) ((model)->n_states)
 #else
+#define RATES_AGAIN NOT_CONVERGED
+#define OF(function) CVode##function
 #define BLOCK(model) ((model)->n_states - (model)->n_algebraic)
+#define BDF 2
+#define NO_CONVERGENCE (-4) /* the flag of CVODE after repeated failures */
 #endif
 
 /* Factors of the slopes of the unknowns and of their rates in the equations of a step. */
