@@ -76,14 +76,12 @@ static void report(void)
 }
 
 #if COTREE_MAIN_TURNS
-/* Set how the times of kinks move with parameters. Return the memory of these numbers. */
-static cotree_real *set_slopes(void)
+/* Set the derivatives of the times of kinks by the parameters; slopes has space for these twice. */
+static void set_slopes(cotree_real *slopes)
 {
     static cotree_real tolerances[N_SENSITIVITIES];
     const size_t n = (size_t)job.n_corners * N_SENSITIVITIES;
-    cotree_real *const slopes = (cotree_real *)calloc(2 * n, sizeof(cotree_real));
     int i;
-    if (slopes == NULL) return NULL;
     job.slopes = slopes;
     job.spreads = slopes + n;
     for (i = 0; i < job.n_corners; ++i) {
@@ -95,7 +93,6 @@ static cotree_real *set_slopes(void)
         tolerances[i] = LEAST_SIZE * cotree_job_sensitivity_atol(&job, seeds[i]);
     }
     job.turn_tolerances = tolerances;
-    return slopes;
 }
 
 #endif
@@ -105,12 +102,10 @@ static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
     const size_t n_corners = (size_t)list_corners(t_end, NULL);
-    cotree_real *const corners = (cotree_real *)calloc(n_corners, sizeof(cotree_real));
+    const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
+    cotree_real *const corners = (cotree_real *)calloc(n_corners, width * sizeof(cotree_real));
 #else
     const cotree_real corners[2] = {COTREE_F(0.0), t_end};
-#endif
-#if COTREE_MAIN_TURNS
-    cotree_real *slopes;
 #endif
     int result = COTREE_JOB_MORE;
     job.n_corners = 2;
@@ -124,8 +119,7 @@ static int integrate(cotree_real t_end)
     job.is_end_sharp = cotree_is_breakpoint(&stops, t_end);
 #endif
 #if COTREE_MAIN_TURNS
-    slopes = set_slopes();
-    if (slopes == NULL) return fail("there is no memory");
+    set_slopes(corners + n_corners);
 #endif
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("there is no memory");
@@ -145,9 +139,6 @@ static int integrate(cotree_real t_end)
 #endif
     }
     free(job.memory);
-#if COTREE_MAIN_TURNS
-    free(slopes);
-#endif
 #if COTREE_MAIN_STOPS
     free(corners);
 #endif
