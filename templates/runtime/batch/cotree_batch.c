@@ -20,7 +20,7 @@
 #include <time.h>
 #endif
 
-/* Stages of the member at work. */
+/* Progress of a thread's present member. */
 enum { TAKEN, BEGUN, DONE, CLOSED };
 
 #define NOT_A_NUMBER ((double)NAN)

@@ -3,7 +3,7 @@
 #define COTREE_BOUNDS_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* or a file has vectors of numbers */
+#ifndef HOLDS /* else the file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 

@@ -64,8 +64,8 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
     return status;
 }
 
-/* Compute the effect of the roots of a steep kink at a point next to w: on the rates of the
- * states, in sum, and on the rate of the value. Its roots remain suppressed. */
+/* Compute the effect of the roots of a steep kink on the rates of the states (their sum) and on
+ * the rate of the value, at a point next to w. Its roots remain suppressed. */
 static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                           cotree_real far, cotree_real *value, cotree_real *effect)
 {

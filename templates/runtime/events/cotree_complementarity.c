@@ -338,12 +338,12 @@ static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int st
     return cotree_fail(e, PLACE(first < 0 ? from : first, SLIP), t, status);
 }
 
-/* Fail because the equations are singular in the first mode set. */
+/* Fail because the equations are singular in the first selection of modes. */
 static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     int k, n_idle = 0;
     for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
-    /* Sticking constraints share their forces, on which the loss of a gear depends. */
+    /* The loss of a gear depends on forces that several sticking constraints share. */
     if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
     return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_INDETERMINATE);
 }

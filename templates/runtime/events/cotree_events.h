@@ -95,17 +95,17 @@ typedef struct cotree_events {
     int n_kinks, n_branches;
     int has_steep;             /* 1: there are steep kinks */
     cotree_real branch_time;   /* time of the last selection of branches */
-    cotree_real history_error; /* of interpolation within the step, in tolerances */
+    cotree_real history_error; /* interpolation error within the step, in tolerances */
     cotree_real *mean_rate;    /* |change| of each event function per time in the last step */
     cotree_real rtol, atol, span;
     const cotree_real *atols;
     cotree_solution_function solution;
     void *context;
-    cotree_history refined;  /* of the step, recomputed in quarters */
+    cotree_history refined;  /* history of the step, recomputed in quarters */
     const cotree_history *h; /* interpolates within the step; NULL: solution is called */
     cotree_real t_before, t_after, t_end;
     const cotree_real *start, *end;
-    int n_given;       /* entries of the points at the ends of steps */
+    int n_given;       /* number of entries in the points at the ends of steps */
     int is_time_fixed; /* 1: the time does not follow from an event function */
     int is_fine;       /* 1: interpolation is as accurate as the steps */
     int is_coarse;     /* 1: interpolation is too inaccurate to measure scales */

@@ -13,8 +13,8 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Modes passed to the kernels in an impact: stops with an impulse have twice the side of their
- * limit, sticking friction there has a mode of its own. */
+/* Modes that kernels receive in an impact. A stop with an impulse has twice the sign of its limit;
+ * friction that sticks there has a mode of its own. */
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
@@ -344,8 +344,9 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_ENERGY_GAIN);
 }
 
-/* Reject an impact that changes the rate of a gap with a time of its own: the result depends on
- * the order of both, and sensitivities do not exist. Uses the speeds of the last trial. */
+/* Reject an impact that changes the rate of a gap that closes at a time of its own: the result
+ * depends on the order of the two impacts, so that sensitivities do not exist. Uses the speeds of
+ * the last trial. */
 static int check_independent(cotree_events *e, cotree_real t)
 {
     int k;
@@ -371,9 +372,9 @@ static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
            w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
 }
 
-/* Remove by an impulse the remaining slip at the end of sliding on a plane in space: its
- * direction is not resolved at the lowest speeds, so that the two components do not vanish at
- * the same time. */
+/* Remove the remaining slip at the end of sliding on a plane in space by an impulse. At the lowest
+ * speeds the direction of the slip is not resolved, and its two components do not vanish at the
+ * same time. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
     cotree_impulse s;

@@ -229,16 +229,16 @@ static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w
     return cotree_project(e, t + step, result);
 }
 
-/* Return whether a short step from w to other is stable: the change that follows from the rate at
- * its end is that of the step, to within its size and the tolerance. In a stiff equation it grows
- * with each stage. */
+/* Return whether a short step from w to other is stable: the rate at its end predicts the change
+ * in the step, with an error no larger than the change or the tolerance. In a stiff equation the
+ * error grows with each stage. */
 static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_real step)
 {
     int i;
     for (i = 0; i < e->n; ++i) {
         const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
         const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
-        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also if nan */
+        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also if it is nan */
     }
     return 1;
 }

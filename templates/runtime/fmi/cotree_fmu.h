@@ -106,7 +106,8 @@ typedef struct fmu_importer {
 
 typedef struct fmu fmu;
 
-/* Instances. fmu_instantiate returns NULL after an error is logged, and fmu_reject does so. */
+/* Make an instance; log an error and return NULL on failure. fmu_reject logs why and returns NULL.
+ */
 fmu *fmu_instantiate(const fmu_importer *importer, const char *token, int is_exchanged,
                      int returns_early);
 fmu *fmu_reject(const fmu_importer *importer, const char *why);

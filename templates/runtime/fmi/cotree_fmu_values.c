@@ -246,7 +246,7 @@ int fmu_size_of(const fmu *m, enum fmu_block block)
     return m->offsets[block + 1] - m->offsets[block];
 }
 
-/* Continuous states are as many as rates. */
+/* There are as many continuous states as rates. */
 int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n)
 {
     if (fmu_check_pointer(m, n) != 0) return 1;

@@ -20,7 +20,7 @@ cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree
                                    cotree_real t_end);
 
 /* Return the largest magnitude among t_end and the times from which later breakpoints are
- * computed: breakpoints have its rounding. */
+ * computed. Its rounding is that of the breakpoints. */
 cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end);
 
 /* Return whether t is a breakpoint. */

@@ -16,8 +16,8 @@ typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *c
 /* Callback after a rejected step, before a shorter one is tried. */
 typedef void (*cotree_rejection_function)(void *context);
 
-/* M y' = f(t, y) for implicit methods. M is diagonal: one, zero for algebraic unknowns.
- * Functions return like a rate function. */
+/* The equation M y' = f(t, y) for implicit methods. The diagonal matrix M has zeros for algebraic
+ * unknowns and ones elsewhere. Functions return the statuses of a rate function. */
 typedef struct cotree_implicit_equation {
     int n; /* entries of y */
     int n_algebraic;

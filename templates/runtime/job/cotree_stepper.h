@@ -58,7 +58,7 @@ struct cotree_stepper {
     /* Compute the solution at a time within the last step, as accurate as the steps if
      * is_careful is set. is_exact: t is the end of a step. The caller may change the values. */
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
-    /* Compute run->full: the point projected, with its algebraic unknowns. */
+    /* Project a point, solve for its algebraic unknowns, and store it in run->full. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);
     /* Find the entry that caused a status; may be NULL. */
     void (*blame)(cotree_job *job, int status);

@@ -123,7 +123,7 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
 }
 
 /* Divide rows and columns by the square roots of their sizes, and store the inverses. A row of
- * zeros, as of a constraint that no motion changes in one position, keeps the factor one. */
+ * zeros keeps the factor one: in some positions no motion changes a constraint. */
 static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
 {
     int i, j;

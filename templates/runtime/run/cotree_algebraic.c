@@ -274,8 +274,9 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
     return 1;
 }
 
-/* Solve for the algebraic unknowns of run->full, in place, from their values if is_near, else
- * from an extrapolation. is_wide: 1 if the rates left contain residuals. */
+/* Solve for the algebraic unknowns of run->full in place. The iteration starts from their values
+ * if is_near is set, else from an extrapolation. *is_wide: 1 if the rates
+ * left contain residuals. */
 int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near, cotree_real goal,
                           cotree_real near_zero, int *is_wide)
 {

@@ -1,8 +1,8 @@
 /* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process. */
 #include "cotree_least.h"
 
-/* Steps of inverse iteration, each of which brings the smallest singular value out by the square of
- * its ratio to the others. */
+/* Most steps of inverse iteration. Each reduces the error by the squared ratio of the smallest
+ * singular value to the next. */
 #define MOST_INVERSE 40
 
 /* Each projection is applied twice, which makes the remainder orthogonal to rounding. */

@@ -103,7 +103,7 @@ typedef struct cotree_run {
     int is_solving;  /* 1: these are solved for at each point, even if w contains them */
     int n_far;       /* points with integrated unknowns far from their solution, minus others */
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivots */
-    cotree_real bend; /* last correction / distance over which the equations are nearly linear */
+    cotree_real bend; /* last correction / radius within which the equations are nearly linear */
     cotree_real *newton, *found, *times;
     cotree_lu matrix; /* of the algebraic equations */
     int n_found;

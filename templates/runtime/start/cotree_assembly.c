@@ -469,7 +469,7 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
         direction[N_COORDINATES + i] += a->step[i] * cotree_assembly_unit_of_speed(a, i);
 }
 
-/* Return the rounding of the sum in a row that should vanish along a direction of the states. */
+/* Return the rounding error of a row's sum that should vanish along a direction of the states. */
 static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
 {
     const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);

@@ -35,7 +35,7 @@ typedef struct cotree_assembly {
     int column;         /* the sensitivity that does not exist */
     /* The rest is private. */
     int n_own, *places, *is_free;
-    int level; /* of an iteration */
+    int level; /* present level of the iteration */
     cotree_real left,
         smallest; /* its largest residual at the present point, and the smallest of those */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;

@@ -6,8 +6,8 @@
 #include "cotree_assembly_internal.h"
 
 #if COTREE_HAS_MENDING
-/* Given values that must change by more than FARTHEST contradict each other: in radians,
- * characteristic lengths, or shares of the largest speed. Changes above NOTICED are reported. */
+/* Given values that would have to change by more than FARTHEST contradict each other. Changes above
+ * NOTICED are reported. Units are radians, characteristic lengths, or the largest speed. */
 #define FARTHEST COTREE_F(0.1)
 #define NOTICED COTREE_F(1e-4)
 

@@ -6,8 +6,8 @@
 
 /* Rows are the constraints of coordinates, then those of speeds, then the conditions of a start. */
 typedef struct cotree_assembly_tables {
-    int n_coordinates;     /* the first states */
-    int n_speeds;          /* the next ones */
+    int n_coordinates;     /* coordinates are the first states */
+    int n_speeds;          /* speeds follow them */
     int n_values;          /* number of constraints of coordinates */
     int n_rows;            /* number of constraints of speeds, and rows of the gradient */
     const int *value_rows; /* n_values: the constraints of speeds that are their time derivatives */

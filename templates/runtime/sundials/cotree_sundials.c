@@ -414,7 +414,7 @@ static double known(const cotree_job *job, int is_last)
 #define FEW_MULTIPLICATIONS 8000.0
 
 #if COTREE_IDA
-/* The same with algebraic unknowns. */
+/* The same limit for models with algebraic unknowns. */
 #define MANY_MULTIPLICATIONS 3e7
 #endif
 

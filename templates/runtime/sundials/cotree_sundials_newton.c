@@ -153,7 +153,7 @@ COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, 
     for (i = first; i < end; ++i) b[i] = share * whole[places != NULL ? places[rows[i]] : rows[i]];
 }
 
-/* Return the ratio of the matrix's factors to the present ones. */
+/* Return the ratio of the factors with which the matrix was formed to the present ones. */
 static double share_ratio(const cotree_job *job, const cotree_system *s)
 {
     const cotree_shares *const old = &bdf_of(job)->shares;
