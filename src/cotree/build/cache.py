@@ -233,8 +233,8 @@ def building(key: str, time_limit: float) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            # A process that waits for the removed file then finds the library, and so does one that
-            # creates a new file. After a failed build they may build concurrently.
+            # Processes that wait for the removed file, or create a new one, then find the library.
+            # After a failed build they may build concurrently.
             with contextlib.suppress(OSError):
                 Path(lock.lock_file).unlink()
             lock.release()

@@ -55,9 +55,9 @@ NUMBER, VECTOR = 8, 64
 _LINK, _WORD = 16, 8
 #: Frames are multiples of this; arrays that are read as vectors are multiples of a vector.
 _ALIGNMENT = 16
-#: A register that a function with calls saves, and the padding of the alignment.
+#: Bytes for a register that a function with calls saves, and for padding.
 _SAVED = 16
-#: So many intermediate values wait for the results of other functions at most.
+#: Most intermediate values that wait for the results of other functions.
 _MOST_WAITING = 3
 
 # Stack use of the functions of every model by gcc 12 (-O0 -mno-red-zone -fstack-usage), in bytes.

@@ -144,7 +144,8 @@ def _even_reach(
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
-        # Sums of plus one at the start of a run and minus one after its end mark its places.
+        # Cumulative sums of +1 at the start of each run and -1 after its end count the runs that
+        # contain a row.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)

@@ -529,7 +529,7 @@ ARGUMENT = "argument"
 STEP = "step"
 #: An across variable in a field.
 MEASURED = "measured"
-#: Values of a map that all columns share, and those of one column.
+#: A value that all columns of a map share, and a value of one column.
 SHARED = "shared"
 COLUMN = "column"
 #: Change of the inputs of one column of a map, or weight of its results.

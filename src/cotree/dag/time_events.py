@@ -73,8 +73,8 @@ def find_restart_times(
     order = order[np.argsort(t[order], kind="stable")]
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
-    # An end is fixed, for any parameters. If a moving event coincides with it, its spread is the
-    # slope of that event.
+    # The ends of a run do not depend on parameters. If an event that does coincides with an end,
+    # its slope becomes the spread there.
     at_end = (at_low | at_high)[:, None]
     spreads = np.where(at_end, np.abs(slopes), 0.0)
     slopes = np.where(at_end, 0.0, slopes)

@@ -175,7 +175,7 @@ class Observer:
             known += [
                 *EDGE_VARIABLES,
                 *([DRIVE] if "motion" in system.edges[first].scalars else []),
-                # Of a contact, whose laws belong to networks.
+                # The variables of a contact belong to its network.
                 *(self.names.of_edge(first) if self.names is not None else ()),
             ]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"

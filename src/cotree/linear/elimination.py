@@ -109,7 +109,7 @@ def eliminate(
                 _set_entry(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _set_entry(rows[other], columns, other, k, updated)
-        # Only rows and columns of the pivot have other counts now.
+        # Only the counts of the pivot's rows and columns have changed.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)

@@ -66,7 +66,7 @@ class Core:
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
         # Scaled to a unit diagonal, so that entries are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
-        return dict(zip(self.places, found, strict=False))  # the rank follows them
+        return dict(zip(self.places, found, strict=False))  # the last entry of found is the rank
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def factorise(
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
-        # Certain pivots only: what `eliminate` leaves in `rows` is the core.
+        # Only pivots that cannot vanish are eliminated; the rows that remain form the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -143,7 +143,7 @@ class HeldFactors:
     """A factorised matrix, bordered by multipliers that are eliminated last."""
 
     dag: Dag  # the arena
-    inner: RankedSolver  # without the border
+    inner: RankedSolver  # the factorised matrix without the border
     border: tuple[tuple[Node, ...], ...]  # the rows of the multipliers, over the other unknowns
     responses: tuple[
         tuple[Node, ...], ...

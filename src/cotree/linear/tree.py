@@ -90,7 +90,7 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
     """Resolve an inertia in another basis."""
     return Spatial(
         vector.congruence(step, a.force),
-        # The coupling is not symmetric.
+        # The coupling is not symmetric: `congruence` does not apply.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(

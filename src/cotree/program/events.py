@@ -236,8 +236,8 @@ def form_impact(
             "system, on which its impact acts: set states instead"
         )
     assert equations.motion is not None  # it comes with the events
-    # The derivative along the motion is in terms of rates as symbols; only those of coordinates
-    # occur, since an impact needs an expression of positions.
+    # The derivative along the motion contains rates as symbols. Only those of coordinates occur,
+    # since the event function of an impact depends on positions.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):

@@ -191,7 +191,7 @@ def _balanced(kernel: Kernel) -> Kernel:
         if node.op in _SUMS and node not in inner:
             # If both are available at the same time, the sum stays as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # arguments first: each value in order
+        clock(made)  # called in order of evaluation, so that arguments are timed first
         return made
 
     return rewrite(kernel, set(order), form)

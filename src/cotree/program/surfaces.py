@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that have a value beyond any kink. In a quotient only the dividend may have kinks, and
-#: in a linear system the right-hand side.
+#: Functions that are defined on both sides of any kink of their arguments. Kinks may occur only in
+#: the dividend of a quotient, and in the right-hand side of a linear system.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
 _TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})

@@ -42,7 +42,7 @@ class ComponentMethods:
 
 
 for _type in sorted(OWN):
-    # A defect of the table, found at the first import: methods must not hide each other.
+    # Components must not hide methods. This checks the table of names when it is imported.
     assert not hasattr(ComponentMethods, _type)
     setattr(ComponentMethods, _type, ComponentMethod(_type))
 

@@ -205,7 +205,7 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give belong to inner nodes.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and "ground" in port.between:  # no species, nor the output of an amplifier
+        if head == tail and "ground" in port.between:  # not for species and outputs of amplifiers
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"

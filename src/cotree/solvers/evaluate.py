@@ -339,7 +339,7 @@ class Evaluator:
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
-        except SingularSystemError as error:  # of one configuration
+        except SingularSystemError as error:  # only this configuration is singular
             raise IntegrationStopError(FAILED, str(error)) from None
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:

@@ -128,8 +128,8 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     import scipy.sparse.linalg
 
     start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same at every run
-    # ARPACK's names for the smallest and the largest real parts: forwards in time modes with the
-    # smallest ones decay fastest, backwards those with the largest.
+    # SR and LR select the smallest and the largest real parts in ARPACK: forwards in time the modes
+    # with the smallest ones decay fastest, backwards those with the largest.
     which = "SR" if direction > 0 else "LR"
     try:
         found = scipy.sparse.linalg.eigs(
@@ -361,7 +361,7 @@ def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajecto
         z=np.hstack([first.z, z]),
         statistics=summed(first.statistics, second.statistics),
         drift=_joined_drift(first.drift, second.drift, skipped),
-        # Methods without events have no columns for events either.
+        # An array without events may have no columns, and cannot be stacked.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: Largest number of frames of an animation, and of frames times bodies.
 MOST_FRAMES, MOST_POSES = 2000, 300_000
-_FEWEST = 100  # frames, whatever the number of bodies
+_FEWEST = 100  # least limit of frames, also with many bodies
 
 # A run of a length between these is shown in real time; others take about the third, [s].
 _SHORTEST, _LONGEST = 2.0, 30.0

@@ -385,7 +385,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         return Attached(None, {}, {}, {}, {})
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
-    named = set(system.signals.measured)  # by fields of the mechanism
+    named = set(system.signals.measured)  # variables that fields of the mechanism use
     throughs = {
         name: system.signals.node(through_name(coupling.port))
         for name, coupling in couplings.items()

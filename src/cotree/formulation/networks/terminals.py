@@ -280,8 +280,8 @@ class Terminals:
         if self._is_swapped(name, base):
             return self._controlling(self.swaps[name], f"_{rate}" if rate else "")
         if name in self.stores and quantity in ("across", "through"):
-            # Contents by their laws minus the total that is the state: zero at the right voltages
-            # or currents.
+            # The residual: the contents that the laws give minus their total, which is a state. It
+            # vanishes at the right voltages or currents.
             parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
             return Sum((*parts, (-1, ("total", name))))
         if name in self.stores and quantity in ("across_rate", "through_rate"):

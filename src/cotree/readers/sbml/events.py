@@ -193,8 +193,8 @@ def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> f
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Refuse an event whose occurrence at the start would be wrong in a run."""
     value, is_known = _at_start(scene, event, begin)
-    # An event occurs at the start of a run if its value is zero and about to rise. That of a
-    # comparison with the time rises; of others this is not known here.
+    # An event occurs at the start of a run if its value is zero and about to rise. Comparisons with
+    # the time rise; for other values it is not known here.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:

@@ -263,7 +263,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
         pair: (place.scope.value(line.words[-1], line.at), line)
         for pair, line in coupled.couplings.items()
     }
-    # Only numbers can be complete; parameters may change.
+    # Only couplings given as numbers can be complete: parameters may change.
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None

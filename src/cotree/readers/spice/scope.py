@@ -124,7 +124,7 @@ class Instance:
     defined_in: Instance | None = None
     #: Edges by names of elements in lower case.
     edges: dict[str, str] = field(default_factory=dict)
-    #: Groups of coupled inductors, by name of each in lower case.
+    #: The group of each coupled inductor, by its name in lower case.
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
