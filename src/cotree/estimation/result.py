@@ -12,6 +12,7 @@ import numpy as np
 
 from cotree.arguments import check_names
 from cotree.errors import ParameterError, nearest
+from cotree.estimation.bands import Band, title_of
 from cotree.report import Report, Reported, Table, counted, frame, json_values, matrix
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from cotree.estimation.bands import Band
     from cotree.estimation.candidates import NextMeasurements
     from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
+    from cotree.plot.fits import Course, Residuals
+
 
 # Width of sentences, the smallest correlation that is listed, and the largest number of them.
 _WIDTH, _CORRELATED, _MOST_CORRELATED = 96, 0.5, 8
@@ -429,8 +431,6 @@ class FitResult(Reported):
 
     def plot(self) -> Figure:
         """Plot data and predictions with bands, residuals, and starts or correlations."""
-        from cotree.estimation.pictures import overview
-
         return overview(self)
 
     def plot_courses(self, *, noise: bool = False) -> Figure:
@@ -438,14 +438,12 @@ class FitResult(Reported):
 
         The bands include the measurement noise if ``noise`` is set.
         """
-        from cotree.estimation.pictures import courses
         from cotree.plot.fits import draw_courses
 
         return draw_courses(courses(self, noise=noise))
 
     def plot_residuals(self) -> Figure:
         """Plot residuals over time, measured against predicted values, and a probability plot."""
-        from cotree.estimation.pictures import residuals
         from cotree.plot.fits import draw_residuals
 
         return draw_residuals(residuals(self))
@@ -613,3 +611,64 @@ def _shown(number: float, form: str = "{:.6g}") -> str:
 
 def _wrapped(sentence: str, later: str = "") -> str:
     return textwrap.fill(sentence, _WIDTH, subsequent_indent=later)
+
+
+# Largest numbers of time plots in an overview and in a figure of their own; more are unreadable.
+_MOST_IN_OVERVIEW, _MOST = 6, 24
+
+
+def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> list[Course]:
+    """Return measured and computed values over time with bands, at most ``most`` of them."""
+    from cotree.plot.fits import Course
+
+    measured, found = result.problem.measured, result.predictions
+    parts = []
+    for condition, name, rows in _measured_parts(result)[:most]:
+        t = measured.t[rows]
+        run = result.problem.conditions[condition]
+        end = max(t.max(), run.t_start)
+        times = np.unique(np.concatenate([np.linspace(run.t_start, end, 301), t]))
+        band = result.bands(run.column(name), times, experiment=condition, noise=noise)
+        is_plain = not result.problem.likelihood.is_log[rows].any()
+        values = np.asarray(measured.value, dtype=float)[rows]
+        sigma = found.sigma[rows] if is_plain else None
+        parts.append(Course(title_of(run.name), band, t, values, sigma))
+    return parts
+
+
+def residuals(result: FitResult) -> list[Residuals]:
+    """Return the residuals of each quantity in each experiment."""
+    from cotree.plot.fits import Residuals
+
+    likelihood, values = result.problem.likelihood, result.residuals
+    computed = likelihood.transformed(result.predictions.values)
+    target = likelihood.transformed(likelihood.value)
+    has_several = len(result.problem.conditions) > 1
+    return [
+        Residuals(
+            f"{run.column(name)} · {title_of(run.name)}" if has_several else run.column(name),
+            result.problem.measured.t[rows],
+            values[rows],
+            target[rows],
+            computed[rows],
+        )
+        for condition, name, rows in _measured_parts(result)
+        for run in [result.problem.conditions[condition]]
+    ]
+
+
+def overview(result: FitResult) -> Figure:
+    """Plot time courses, residuals, and starts or correlations."""
+    from cotree.plot.fits import draw_overview
+
+    shown = courses(result, most=_MOST_IN_OVERVIEW)
+    return draw_overview(shown, residuals(result), result.starts, result.names, result.correlation)
+
+
+def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:
+    """Return the rows of each quantity in each experiment."""
+    measured = result.problem.measured
+    parts: dict[tuple[int, str], list[int]] = {}
+    for i, name in enumerate(measured.observable):
+        parts.setdefault((int(measured.condition[i]), name), []).append(i)
+    return [(c, name, np.array(rows)) for (c, name), rows in parts.items()]
