@@ -112,7 +112,7 @@ def fit_scene(
     """Estimate parameters of a scene from measurements, with their uncertainty."""
     from cotree.estimation.experiment import Experiment
     from cotree.estimation.fit import fit
-    from cotree.plot.figures import save_figure
+    from cotree.plot import save_figure
 
     # Arguments are checked before anything is compiled.
     check_picture(plot)

@@ -114,8 +114,8 @@ def sweep_scene(
     """Run a scene with many values of its parameters: a grid, samples, or a table."""
     from cotree.ensemble.dataset import check_dataset_file, check_xarray, write_dataset
     from cotree.ensemble.run import MemberError
+    from cotree.plot import save_figure
     from cotree.plot.ensembles import SUMMARIES, picture
-    from cotree.plot.figures import save_figure
     from cotree.solvers.engine import build_ahead
 
     # Arguments are checked before the scene is compiled.
