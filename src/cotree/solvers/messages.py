@@ -331,8 +331,11 @@ _STEEPER = 100.0
 # A slope by an unknown below this share of the largest one in its equation hardly determines it.
 _HARDLY = 1e-8
 
-# Most unknowns whose determinant is computed, and that a message names; distance of the points.
-_MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
+# Most unknowns whose determinant is computed, and that a message names.
+_MOST_UNKNOWNS, _MOST_NAMED = 50, 4
+
+# Distances of points beside a fold as shares of an unknown: folds of large gains are narrow.
+_BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
@@ -362,7 +365,7 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
     signs = set()
     # A kink may be near the last point.
     for i in range(n - m, n):
-        for aside in (-_ASIDE, _ASIDE):
+        for aside in _BESIDE_FOLD:
             there = y.copy()
             there[i] += aside * max(abs(y[i]), float(problem.state_atol[i]))
             slopes = np.asarray(problem.jacobian(t, there))[n - m :, n - m :]
