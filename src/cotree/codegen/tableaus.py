@@ -45,7 +45,7 @@ class Tableau:
 
     @property
     def probe_row(self) -> dict[int, str]:
-        """Weights of earlier stages in the probe."""
+        """Weights of earlier stages in the stage that tests for stiffness; see `probe`."""
         return self.stages[self.probe - 1]
 
     @property

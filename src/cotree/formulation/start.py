@@ -152,7 +152,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
             )
         rates = {n: unit for step in steps for n, unit in step.rates}
         units = {n: unit for step in steps for n, unit in step.coordinates} | rates
-        # Newton's method of the start needs derivatives of the measure: its pull has them.
+        # Newton's method needs the derivatives of the measure by the speeds.
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
         own = f"{edge.name}.{name}"

@@ -188,8 +188,8 @@ static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *
     return status == 0 ? cotree_compute_values(e, t, w) : status;
 }
 
-/* Select the branches of the motion that leaves a point. Those of values with zero rate stay
- * released, and those selected before at the same time. */
+/* Select the branches of the motion that leaves a point. A branch whose value has zero rate stays
+ * released, and so does one that an earlier call at the same time has selected. */
 int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);

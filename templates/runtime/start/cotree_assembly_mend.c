@@ -116,7 +116,8 @@ static int is_of(const cotree_assembly *a, int i, int value)
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute these parts for all values. Return the largest norm of a value. */
+/* Compute the parts that move_of returns, of all directions and conditions. Return the largest
+ * norm of those of one candidate. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);

@@ -252,7 +252,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* Zero: all agree, since redundant values follow a state's own initial value. */
+        /* The tolerance. Zero for a direction of an initial value: redundant values follow it. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);

@@ -305,7 +305,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    # A row of zeros is divided by it, so that the rank shows it.
+    # At least TINY: a row of zeros stays a row of zeros, which lowers the rank, and not nan.
     total = dag.constant(TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
