@@ -409,3 +409,30 @@ def test_members_without_states():
     a = 5.0 * math.sin(0.1 * math.pi)
     expected = [-g * a / (2 + g) for g in (10.0, 100.0)]
     assert found["o"].values[:, -1] == pytest.approx(expected, rel=1e-10)
+
+
+OTHER_BRANCH = "one point just before the fold is on the other branch"
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize(
+    ("gain", "method"),
+    [
+        pytest.param(20, "dop853", marks=pytest.mark.xfail(strict=True, reason=OTHER_BRANCH)),
+        *[(20, "dopri5"), (20, "rkf45"), (1000, "dop853"), (1000, "dopri5"), (1000, "rkf45")],
+    ],
+)
+def test_explicit_methods_stop_at_a_fold(gain, method):
+    """A comparator with hysteresis: beyond the fold only a solution of other sign is left."""
+    scene = cotree.Scene("schmitt")
+    scene.resistor("Rf", "o", "c", resistance=1e4)
+    scene.capacitor("C", "c", "ground", capacitance=1e-7, initial={"v": 0.5})
+    scene.resistor("r1", "o", "p", resistance=2e4)
+    scene.resistor("r2", "p", "ground", resistance=1e4)
+    scene.voltage_source("A", "o", "ground", voltage=f"10*tanh({gain}*(r2.v - C.v))")
+    model = scene.compile(optimize="-O0")
+    with pytest.warns(RuntimeWarning, match="have a fold"):
+        result = model.simulate((0, 2e-3), method=method)
+    # All values are on one branch, between the folds.
+    assert len(set(np.sign(result["A.v"]))) == 1
+    assert np.all(np.diff(result["C.v"]) * np.sign(result["A.v"][0]) >= 0.0)

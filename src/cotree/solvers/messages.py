@@ -353,15 +353,22 @@ def is_of_rounding(trajectory: Trajectory) -> bool:
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a fold of the algebraic equations at the end of a run, or empty.
+    """Return a sentence on a fold of the algebraic equations at the end of a run, or empty."""
+    if not trajectory.t.size:
+        return ""
+    return fold_at(problem, float(trajectory.t[-1]), trajectory.z[:, -1])
+
+
+def fold_at(problem: Problem, t: float, z: FloatArray) -> str:
+    """Return a sentence on a fold of the algebraic equations at a point, or empty.
 
     Two solutions meet at a fold and end: the determinant of the derivatives by the unknowns has
     different signs on either side of it.
     """
     m, n = problem.n_algebraic, problem.n_states
-    if not (0 < m <= _MOST_UNKNOWNS and trajectory.t.size) or problem.jacobian is None:
+    if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:
         return ""
-    t, y = float(trajectory.t[-1]), trajectory.z[:n, -1].copy()
+    y = z[:n].copy()
     signs = set()
     # A kink may be near the last point.
     for i in range(n - m, n):

@@ -18,6 +18,7 @@ from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.job import Job, job_kind
 from cotree.solvers.messages import (
     event_message,
+    fold_at,
     rest_note,
     singular_positions,
     stiffness_note,
@@ -189,8 +190,14 @@ class Attempt:
         """Integrate to the end; ``successor`` may take over if the problem is stiff."""
         job, problem, method = self.job, self.problem, self.row.name
         ended = _run(job, problem, method, successor, self.ended)
-        if isinstance(ended, Ended) and ended.status == FAILED and self.is_extended:
+        if (
+            isinstance(ended, Ended)
+            and ended.status == FAILED
+            and self.is_extended
+            and not fold_at(problem, float(job.job.t), job.z)
+        ):
             # Solving for the unknowns at each evaluation may succeed if their integration fails.
+            # At a fold it would continue with another solution.
             problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
             idle = _idle(self.row, problem, is_extended=False)
             job = self.job = idle or Job(job.engine, self.row, problem)

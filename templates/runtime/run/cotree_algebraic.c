@@ -196,6 +196,12 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20
 
+/* Integrated unknowns satisfy the error test. A projection that moves each by so many tolerances
+ * in the mean leads to another solution, as beyond a fold, unless pivots lost the digits. The step
+ * is then rejected, and points near the fold do not count as far. */
+#define OTHER_SOLUTION COTREE_F(1e3)
+#define NEAR_FOLD (-1000000)
+
 /* The largest extrapolation, in distances between the two known solutions. */
 #define MAX_EXTRAPOLATION COTREE_F(100.0)
 
@@ -377,7 +383,7 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
 {
     const cotree_real goal = COTREE_FMAX(ROUNDING, UNKNOWN_TOLERANCE * run->rtol);
     cotree_real moved = COTREE_F(0.0);
-    int i, is_wide, is_far, status = cotree_prepare_point(run, t, w);
+    int i, is_wide, is_far, is_lossy, status = cotree_prepare_point(run, t, w);
     if (status == 0)
         status = cotree_solve_unknowns(run, t, !run->is_solving, goal, run->atol, &is_wide);
     if (status != 0) return status;
@@ -387,8 +393,12 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
             COTREE_FABS(found - w[i]) / (run->rtol * COTREE_FABS(found) + run->atol + COTREE_MIN);
         w[i] = found;
     }
-    is_far = moved > FAR_TOLERANCES * (cotree_real)N_ALGEBRAIC ||
-             COTREE_EPSILON * run->pivot_growth > run->rtol;
+    is_lossy = COTREE_EPSILON * run->pivot_growth > run->rtol;
+    if (!run->is_solving && !is_lossy && moved > OTHER_SOLUTION * (cotree_real)N_ALGEBRAIC) {
+        run->n_far = NEAR_FOLD;
+        return 1;
+    }
+    is_far = moved > FAR_TOLERANCES * (cotree_real)N_ALGEBRAIC || is_lossy;
     run->n_far += is_far ? 1 : run->n_far > 0 ? -1 : 0;
     if (run->n_far > MAX_FAR) run->is_solving = 1;
     return 0;
