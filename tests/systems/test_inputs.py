@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.errors import ModelError
+from cotree.errors import ModelError, ParameterError
 
 pytestmark = pytest.mark.compiler
 
@@ -81,10 +81,10 @@ def test_what_a_function_raises_comes_out(mass, method, wrong):
 
 
 @pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode", "ida"])
-def test_a_function_without_a_number_is_a_type_error(mass, method):
+def test_a_function_without_a_number_is_named(mass, method):
     if method in ("cvode", "ida"):
         pytest.importorskip("sksundae")
-    with pytest.raises(TypeError):
+    with pytest.raises(ParameterError, match=r"input 'F' is None at t = \d"):
         mass.simulate((0, 5), inputs={"F": lambda t: None if t > 1.0 else 1.0}, method=method)
 
 
