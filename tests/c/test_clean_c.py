@@ -61,7 +61,7 @@ CASES = [(name, level) for name in COMPILERS for level in LEVELS_OF.get(name, ("
 
 #: Parts of C files, which define types or macros of theirs before they include them.
 INCLUDED_IN_C = ("_vectors.h", "cotree_sines.h", "cotree_sine_polynomials.h")
-INCLUDED_IN_C += ("cotree_interpolation.h",)
+INCLUDED_IN_C += ("cotree_interpolation.h", "cotree_systems.h")
 
 #: Without --campaign a compiler at a level takes every eighth text, of single precision as well.
 SHARES = 8
