@@ -66,7 +66,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _keep_one_with_clang(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Of tests that run what was compiled, run one case with clang: the others share most C."""
+    """Without --campaign run one case with clang of each test of compiled C: most C is shared."""
+    if config.getoption("--campaign"):
+        return
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         called = getattr(item, "callspec", None)
