@@ -159,7 +159,7 @@ _BRAKED = replace(
 
 
 def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
-    radius = value("radius", "m", "mean radius of the friction faces times their number")
+    radius = value("radius", "m", "mean radius times the number of friction interfaces")
     return (
         value(
             "normal_force",
