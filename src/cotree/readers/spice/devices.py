@@ -14,7 +14,7 @@ from cotree.components.electrical import WINDINGS, coupling_field
 from cotree.components.transistors import BASE_CHARGE
 from cotree.errors import ExpressionError, brief, nearest
 from cotree.readers.spice.models import DeviceModel, bulk_fields, channel_fields, device_fields
-from cotree.readers.spice.netlist import Line, settings, split_settings
+from cotree.readers.spice.netlist import Line, settings, split_settings, unquoted
 from cotree.readers.spice.scope import Coupled, Instance
 from cotree.readers.spice.sources import Source, edge_of, read_source
 from cotree.readers.spice.values import SpiceFormula, Value, is_zero, read_number, scaled, text_of
@@ -144,9 +144,7 @@ def has_signals(word: str) -> bool:
 
 def law_of(place: Instance, line: Line, text: str) -> str:
     """Convert an expression of voltages, currents, time and parameters to that of a scene."""
-    own = text.strip()
-    if own[:1] + own[-1:] in ("{}", "''"):
-        own = own[1:-1]
+    own = unquoted(text)
 
     def signal(letter: str, first: str, second: str | None) -> str:
         if letter == "v":

@@ -93,6 +93,12 @@ def _words(line: str, at: SourceLine) -> tuple[str, ...]:
     return tuple(found)
 
 
+def unquoted(text: str) -> str:
+    """Return an expression without the braces or quotes around it."""
+    text = text.strip()
+    return text[1:-1] if text[:1] + text[-1:] in ("{}", "''") else text
+
+
 def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
     """Read ``name = value`` from a sequence of words; names become lower case."""
     found: dict[str, str] = {}
@@ -269,9 +275,7 @@ class _Parser:
             raise line.at.error(f"there is a second .func '{brief(name)}'")
         if not all(_NAME.fullmatch(word) for word in arguments):
             raise line.at.error(f"arguments of .func '{brief(name)}' must be names")
-        body = match[3].strip()
-        body = body[1:-1] if body[:1] in ("{", "'") and body[-1:] in ("}", "'") else body
-        self.open[-1].functions[name.lower()] = UserFunction(arguments, body)
+        self.open[-1].functions[name.lower()] = UserFunction(arguments, unquoted(match[3]))
 
     def _global(self, line: Line) -> None:
         self.netlist.shared += [word.lower() for word in line.words[1:]]

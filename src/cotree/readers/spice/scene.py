@@ -125,11 +125,11 @@ class Writer(Sheet[_Scene]):
                 given[line.words[i - 1].lower()] = line.words[i + 1]
         for name, word in given.items():
             if name == "gmin":
-                self.gmin = scope.number(word, line.at)
+                self.gmin = self.number(word, scope, line.at)
                 if not self.gmin >= 0.0:
                     raise line.at.error("gmin must not be negative")
             elif name in ("temp", "tnom"):
-                if scope.number(word, line.at) != _ROOM_TEMPERATURE:
+                if self.number(word, scope, line.at) != _ROOM_TEMPERATURE:
                     raise line.at.error(
                         f"{name} must be 27: models are not scaled with temperature; give their "
                         "parameters at the temperature of the circuit"

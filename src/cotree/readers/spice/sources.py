@@ -123,8 +123,8 @@ def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
     # A single point is a constant.
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=isinstance(values[0], float))
-    known = [time for time in times if isinstance(time, float)]
-    if len(set(known)) == len(known) and not any(isinstance(number, str) for number in numbers):
+    is_plain = not any(isinstance(number, str) for number in numbers)
+    if is_plain and len(set(times)) == len(times):
         return Source("piecewise", {"times": times, "values": values})
     if len(times) > _MOST_PIECES:
         raise at.error(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, brief
 from cotree.readers.formulas import GROUP, Rewriter, python_text
+from cotree.readers.spice.netlist import unquoted
 from cotree.scene.expressions import FUNCTIONS, fill, parse, shared_tree
 
 if TYPE_CHECKING:
@@ -166,19 +167,12 @@ class Scope:
         number = read_number(word)
         if number is not None:
             return number
-        body = word[1:-1] if word[:1] in ("{", "'") else word
+        body = unquoted(word)
         try:
             check_point(body.strip())
             return self._expression(body)
         except ExpressionError as error:
             raise at.error(f"'{brief(word)}' {error}") from None
-
-    def number(self, word: str, at: SourceLine) -> float:
-        """Read a number; refuse expressions of parameters."""
-        value = self.value(word, at)
-        if isinstance(value, str):
-            raise at.error(f"'{brief(word)}' must be a number without parameters")
-        return value
 
     def _check_unit(self, word: str, at: SourceLine) -> None:
         """Note that simulators disagree on the letter a, which may be a unit or a factor."""
