@@ -364,6 +364,15 @@ static int check_independent(cotree_events *e, cotree_real t)
     return 0;
 }
 
+/* Apply an impulse as part of the last event; a failure names the first event of mode k. */
+static int apply_impulse(cotree_events *e, const cotree_impulse *s, cotree_real t, cotree_real *w,
+                         int k)
+{
+    return cotree_jumps_apply_impulse(&e->jumps, s, t, w) == 0
+               ? 0
+               : cotree_fail(e, PLACE(k, SLIP), t, COTREE_EVENTS_FAILED);
+}
+
 #if COTREE_HAS_DISCS
 /* Return whether friction on a plane in space has just ended its slip. */
 static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
@@ -395,9 +404,7 @@ int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
         e->impact_events[e->n_stops + k] = PLACE(i, SLIP);
         e->impact_events[e->n_stops + e->n_contact_friction + e->disc[i]] = PLACE(i, FORWARD_LIMIT);
     }
-    return cotree_jumps_apply_impulse(&e->jumps, &s, t, w) == 0
-               ? 0
-               : cotree_fail(e, PLACE(0, SLIP), t, COTREE_EVENTS_FAILED);
+    return apply_impulse(e, &s, t, w, 0);
 }
 #endif
 
@@ -426,25 +433,29 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
+/* Return whether a gap that was held until now has a rate. */
+static int has_residues(const cotree_events *e)
+{
+    int i;
+    for (i = 0; i < e->n_stops; ++i) {
+        if (e->was_holding[i] && e->opening_speed[i] != COTREE_F(0.0)) return 1;
+    }
+    return 0;
+}
+
 /* Remove by an impulse the rates of gaps that were held until t, and slips of contacts that stuck:
  * integration errors, since nothing but forces has acted. Otherwise a gap that opens at zero
  * acceleration closes again at the speed of the error. */
 static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
 {
+    const int first = cotree_first_stop(e);
     cotree_impulse s;
-    int k, is_needed = 0;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        const int own = k - cotree_first_stop(e);
-        e->restitution_event[own] = PLACE(k, REBOUND);
-        is_needed = is_needed || (e->was_holding[own] && e->opening_speed[own] != COTREE_F(0.0));
-    }
-    if (!is_needed) return 0;
+    int k;
     for (k = 0; k < e->n_modes; ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
+    for (k = first; k < e->n_modes; ++k) e->restitution_event[k - first] = PLACE(k, REBOUND);
     s = impact_of(e);
     s.is_residual = 1;
-    return cotree_jumps_apply_impulse(&e->jumps, &s, t, w) == 0
-               ? 0
-               : cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
+    return apply_impulse(e, &s, t, w, first);
 }
 
 /* Apply impacts at w until no closed gap has a negative rate. */
@@ -456,7 +467,7 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
         cotree_impulse s;
         int status = find_closed_gaps(e, t, w, fired);
-        if (status == 0 && round == 0 && is_of_forces) {
+        if (status == 0 && round == 0 && is_of_forces && has_residues(e)) {
             status = remove_residues(e, t, w);
             if (status == 0) status = find_closed_gaps(e, t, w, fired);
         }
@@ -470,9 +481,7 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
         if (status == 0) status = check_independent(e, t);
         if (status != 0) return status;
         s = impact_of(e);
-        if (cotree_jumps_apply_impulse(&e->jumps, &s, t, w) != 0) {
-            return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
-        }
+        if (apply_impulse(e, &s, t, w, cotree_first_stop(e)) != 0) return e->failure;
         mark_impact_events(e);
     }
     return 0;
