@@ -1,4 +1,4 @@
-"""Sensitivities of runs with contact against differences, where the sequence of events stays."""
+"""Checks of runs with contact: energy, gaps and forces; sensitivities against differences."""
 
 from __future__ import annotations
 
@@ -16,6 +16,19 @@ ENDS = ("grazes", "ever faster", "coincides")
 def sequence(result):
     """List the events of a run by name, in the order of their times."""
     return [name for _, name in sorted((t, k) for k, row in result.events.items() for t in row.t)]
+
+
+def check_contacts(result, places, friction):
+    """Check the outputs ``energy`` and, at each place, ``gap_``, ``N_`` and ``T_`` of a run."""
+    energy = result["energy"]
+    # Errors of some hundred steps, each a tolerance of 1e-9.
+    assert np.max(np.diff(energy), initial=0.0) <= 1e-6 * (1 + abs(energy[0]))
+    for place in places:
+        normal, along = result[f"N_{place}"], result[f"T_{place}"]
+        # A contact that holds is left by what the tolerance allows.
+        assert np.min(result[f"gap_{place}"]) >= -1e-6, place
+        assert np.min(normal) >= -1e-6, place
+        assert np.max(np.abs(along) - friction * normal) <= 1e-6, place
 
 
 def check_sensitivities(model, values, end, states):
