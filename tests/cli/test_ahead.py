@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -57,6 +58,19 @@ def test_the_method_of_a_file_is_read(begun, tmp_path, text, methods):
     file.write_text(text)
     ahead.begin_engine(["run", str(file)])
     assert begun == methods
+
+
+def test_a_program_may_end_while_engines_are_built(tmp_path):
+    """The thread ends silently when Python shuts down."""
+    script = "from cotree.solvers.engine import build_ahead; build_ahead('auto')"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
 
 
 def test_the_guess_imports_little():

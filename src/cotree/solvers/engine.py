@@ -188,7 +188,9 @@ def abandon_ahead() -> None:
 
 
 def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
-    with contextlib.suppress(Error):  # a run that needs the engine raises the same error
+    # A run that needs the engine raises the same error. RuntimeError: the program has ended, and
+    # pools of threads accept no more work.
+    with contextlib.suppress(Error, RuntimeError):
         # In sequence, since later engines take shared object files from the cache.
         for stepper in steppers:
             load_engine(stepper)
