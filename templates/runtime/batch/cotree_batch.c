@@ -20,7 +20,7 @@
 #include <time.h>
 #endif
 
-/* Progress of a thread's present member. */
+/* Stage of a worker's current member. */
 enum { TAKEN, BEGUN, DONE, CLOSED };
 
 #define NOT_A_NUMBER ((double)NAN)
@@ -48,7 +48,7 @@ int cotree_batch_most_threads(void)
 #endif
 }
 
-/* Prepare values and find the start of a member. */
+/* Compute the prepared values and the start of a member. */
 static int prepare_member(const cotree_batch *batch, int member, double *k, double *z,
                           int *is_dependent)
 {
@@ -80,7 +80,7 @@ int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, doubl
     return prepare_member(batch, member, k, z, &is_dependent);
 }
 
-/* Set what differs between members in the job; the rest is that of the pattern. */
+/* Write the data that differ between members to the job; the rest is copied from the pattern. */
 static int set_member_data(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -101,7 +101,7 @@ static int set_member_data(cotree_worker *w)
     return status;
 }
 
-/* Set up the job of the member at work. */
+/* Set up the job of the current member. */
 static int begin_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -113,14 +113,14 @@ static int begin_member(cotree_worker *w)
     job->records = w->records;
     job->most_records = w->most_records;
 #if COTREE_HAS_CONSTRAINTS
-    job->crossings = NULL; /* members share those of the pattern */
+    job->crossings = NULL; /* crossings are recorded in the pattern's array only */
 #endif
     job->memory = w->memory;
-    memset(w->memory, 0, batch->memory); /* no data of the previous member remain */
+    memset(w->memory, 0, batch->memory); /* removes data of the previous member */
     return batch->has_given_jobs ? 0 : set_member_data(w);
 }
 
-/* Evaluate the inputs at the points of a member, with those given in place of the scene's. */
+/* Evaluate the inputs at the stored points of a member; given inputs replace those of the scene. */
 static int evaluate_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
 {
     const cotree_batch *const batch = w->batch;
@@ -135,7 +135,7 @@ static int evaluate_inputs(cotree_worker *w, int n_points, const double *p, cons
     return status;
 }
 
-/* Copy the outputs that are kept. */
+/* Copy the selected outputs. */
 static void copy_outputs(const cotree_batch *batch, int n_rows, const double *all, double *kept)
 {
     const size_t n_all = (size_t)batch->pattern->model->n_outputs, n = (size_t)batch->n_outputs;
@@ -189,7 +189,8 @@ static void append_events(cotree_worker *w)
     const size_t width = COTREE_EVENTS_RECORD((size_t)n_states, (size_t)m);
     int i, j;
     for (i = 0; i < job->n_records; ++i, ++w->n_events) {
-        /* The pointer in the job may be older than the worker's last reallocation. */
+        /* record may have moved since the last reallocation: do not use the pointer stored in the
+         * job. */
         const double *const record = w->records + (size_t)i * width;
         double *const row = w->events + (size_t)w->n_events * (size_t)(3 + m);
         row[0] = (double)w->member;
@@ -199,7 +200,7 @@ static void append_events(cotree_worker *w)
     }
 }
 
-/* Store the counters of the job and how it ended. */
+/* Store the counters of the job and the code of its end. */
 static void store_counters(cotree_worker *w, int ended)
 {
     const cotree_batch *const batch = w->batch;
@@ -217,7 +218,7 @@ void cotree_batch_close(cotree_worker *w)
     w->stage = CLOSED;
 }
 
-/* Finish a member that has reached its end, if there is space for its events. */
+/* Finish a member that has reached its end, if its events fit into the worker's space. */
 static int finish_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -241,7 +242,8 @@ static int lacks_space(const cotree_job *job)
            job->most_records;
 }
 
-/* Return which budget is used up, in the order of a single run; 0: none. */
+/* Return the code of the exhausted budget, checked in the same order as in a single run; 0:
+ * none. */
 static int exceeded_budget(const cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -253,14 +255,14 @@ static int exceeded_budget(const cotree_worker *w)
     return 0;
 }
 
-/* Return the member to the caller, which decides how it continues. */
+/* Return control to the caller, which decides how the member continues. */
 static int return_member(cotree_worker *w, int ended)
 {
     store_counters(w, ended);
     return COTREE_BATCH_UNFINISHED;
 }
 
-/* Take some steps of the member at work. */
+/* Take some steps with the current member. */
 static int take_steps(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -287,7 +289,7 @@ static int take_steps(cotree_worker *w)
     return finish_member(w);
 }
 
-/* Start with another member. */
+/* Start another member. */
 static int take_member(cotree_worker *w)
 {
     cotree_batch_close(w);
@@ -299,7 +301,7 @@ static int take_member(cotree_worker *w)
     return w->batch->has_given_jobs ? COTREE_BATCH_PREPARE : COTREE_BATCH_AGAIN;
 }
 
-/* Take the next action; return COTREE_BATCH_AGAIN if more follow. */
+/* Perform the next action. Return COTREE_BATCH_AGAIN if more follow. */
 static int next_action(cotree_worker *w)
 {
     int ended;

@@ -1,8 +1,8 @@
-/* cotree_lanes.h: members of an ensemble in the lanes of vectors.
+/* cotree_lanes.h: several members of an ensemble at once, one in each lane of a vector.
  *
- * Each lane has steps and an error control of its own, and its results depend on no other lane.
- * A lane whose member ends takes the next one at once. A member that needs anything else than
- * steps leaves its lane, and is run alone from its start. */
+ * Each lane has its own steps and error control; its results do not depend on the other lanes. When
+ * a member ends, the next one takes its lane at once. A member that needs more than plain steps is
+ * removed from its lane and run again from its start by the scalar code. */
 #ifndef COTREE_LANES_H
 #define COTREE_LANES_H
 
@@ -12,8 +12,8 @@ struct cotree_worker;
 
 typedef struct cotree_lanes {
     int n_lanes;
-    size_t n_bytes; /* memory of each worker: zero at the start, aligned to 64 bytes */
-    int (*work)(struct cotree_worker *worker); /* the lanes of a cotree_batch */
+    size_t n_bytes; /* memory of each worker, zero at the start and aligned to 64 bytes */
+    int (*work)(struct cotree_worker *worker); /* runs members in lanes, see cotree_batch */
 } cotree_lanes;
 
 #endif

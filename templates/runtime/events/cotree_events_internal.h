@@ -12,24 +12,24 @@
 /* Each step is sampled at both ends and at three points between. */
 #define SAMPLES 5
 
-#define REFINE 2 /* a result: refine the step first */
+#define REFINE 2 /* status: the step must be refined first */
 
-/* Bound of the rounding of a speed that is a sum of large terms, in roundings of its own size. */
+/* Bound on the rounding error of a speed that is a sum of large terms, in units of its rounding. */
 #define TERM_ROUNDINGS COTREE_F(1e3)
 
-/* A rate below this share of the rate at the crossing counts as zero. */
+/* Rates below this fraction of the rate at the crossing count as zero. */
 #define ZERO_RATE_SHARE COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* A crossing whose depth is less than this many error tolerances is grazing: it may not exist. */
+/* Crossings shallower than this many error tolerances are grazing: they may not exist. */
 #define GRAZING_TOLERANCES COTREE_F(10.0)
 
-/* COTREE_EVENT_CROWD events of one kind within this share of the span are chatter. */
+/* COTREE_EVENT_CROWD events of one kind within this fraction of the span are chatter. */
 #define CHATTER_SHARE COTREE_SELECT(1e-9, 1.2e-04f)
 
-/* Events accumulate (Zeno behaviour) if their last SERIES_LENGTH intervals form a geometric
- * series, whose ratio varies by less than SERIES_RATIO_RTOL, and if the sum of its remainder is
- * below SERIES_REMAINDER_SHARE of the span. SHORT_SERIES_LENGTH intervals suffice to explain a
- * grazing failure. */
+/* Events accumulate (Zeno behaviour) if the last SERIES_LENGTH intervals between them form a
+ * geometric series, whose ratio varies by less than SERIES_RATIO_RTOL, and the remaining sum of the
+ * series is below SERIES_REMAINDER_SHARE of the span. SHORT_SERIES_LENGTH intervals suffice to
+ * explain a grazing failure. */
 #define SERIES_LENGTH 8
 
 #define SERIES_RATIO_RTOL COTREE_F(0.02)
@@ -38,12 +38,13 @@
 
 #define SHORT_SERIES_LENGTH 3
 
-/* Relative tolerance of the comparison of states, or of rates, on two paths to the same point. */
+/* Relative tolerance for the comparison of states or rates at one point, reached in two ways. */
 #define SAME_RTOL COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* The rates on both sides of a jump are compared at a second point, ASIDE_TOLERANCES error
- * tolerances away. It moves away by this factor, at most MAX_ASIDE_POINTS times, until the event
- * function there exceeds ASIDE_VALUE_RATIO times its value at the first point. */
+/* The rates on both sides of a jump are compared at the event and at a second point,
+ * ASIDE_TOLERANCES error tolerances away. The second point moves away by the same factor, at most
+ * MAX_ASIDE_POINTS times, until the event function there exceeds ASIDE_VALUE_RATIO times its value
+ * at the event. */
 #define ASIDE_TOLERANCES COTREE_F(100.0)
 
 #define ASIDE_VALUE_RATIO COTREE_F(10.0)
@@ -56,23 +57,23 @@
 
 #define MAX_HALVINGS 50
 
-/* Step of the forward difference for second derivatives, as a share of the span. */
+/* Step of the forward difference for second derivatives, as a fraction of the span. */
 #define CURVATURE_STEP_SHARE COTREE_SELECT(1e-7, 9.9e-04f)
 
-/* Numbers in a range: lower and upper bound of an event function, then of its rate. */
+/* Bounds stored for each range: lower and upper bound of an event function, then of its rate. */
 #define N_BOUNDS 4
 
-/* The largest depth of the bisection of an interval. */
+/* Maximum bisection depth. */
 #define MAX_DEPTH 40
 
-/* Results of the interval test: nothing known, a rate of one sign, or no zero. */
+/* Results of the interval test: undecided, the rate has one sign, or there is no zero. */
 enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 
-#define SHORTEN (-1) /* a result: repeat the step with a shorter length */
+#define SHORTEN (-1) /* status: the step must be repeated with a shorter length */
 
-/* Places of a mode: its state, then its events (the slip rate, the distances of the force to
- * both limits, the engagement of a clutch; on planes in space the angle of the direction of sliding
- * and the components of the impulse). -1: there is no such event. */
+/* Entries of a mode in places: its state, then its events: the slip rate, the distances of the
+ * force to both limits, the engagement of a clutch and, on planes in space, the angle of the
+ * sliding direction and the components of the impulse. -1: there is no such event. */
 enum {
     MODE_STATE,
     SLIP,
@@ -87,40 +88,40 @@ enum {
 
 #define PLACE(k, what) (e->places[(k)*N_PLACES + (what)])
 
-/* Accelerations below this share of those that friction causes count as zero; and a force at its
- * limit leaves it only if it would change by this share of the limits within the span. */
+/* Accelerations below this fraction of those caused by friction count as zero. A force at its limit
+ * leaves the limit only if it would change by this fraction of the limits within the span. */
 #define ACCELERATION_RTOL COTREE_F(1e-9)
 
-/* Safety factor on rounding: values below this many roundings count as zero. */
+/* Values below this many rounding errors count as zero. */
 #define ZERO_ROUNDINGS COTREE_F(64.0)
 
-/* Forces within this share of a limit count as at the limit. It exceeds their rounding, which is
- * that of the larger forces in the same system. */
+/* Forces within this fraction of a limit count as at the limit. It exceeds their rounding error,
+ * which is that of the larger forces in the same system. */
 #define LIMIT_RTOL COTREE_F(1e-10)
 
 /* A constraint that opens at zero acceleration separates if its acceleration changes within the
- * span by more than this share of the largest acceleration. */
+ * span by more than this fraction of the largest acceleration. */
 #define JERK_SHARE COTREE_F(1e-6)
 
-/* Rigid stops. The mode is 0 while the stop is open, and 1 or -1, the side of its limit, while
- * it is closed. An impact takes place if a gap is closed and its rate is negative. All closed
- * stops take part (Newton's law of impact as a complementarity problem, J. J. Moreau 1988): a
- * stop with an impulse leaves at the speed of restitution, or at rest below a threshold; a stop
- * without one leaves at least as fast. */
+/* Rigid stops. The mode is 0 while the stop is open, and 1 or -1, the side of its limit, while it
+ * is closed. An impact occurs if a gap is closed and its rate is negative. All closed stops take
+ * part (Newton's impact law as a complementarity problem, J. J. Moreau 1988): a stop with an
+ * impulse separates at the speed of restitution, or stays closed below the rest threshold; a stop
+ * without an impulse separates at least as fast. */
 
-/* Events of a stop, in the places of those of friction. */
+/* Events of a stop, stored where friction constraints have SLIP and the following entries. */
 enum { REBOUND = SLIP, UPPER_GAP, LOWER_GAP, CONTACT_FORCE };
 
-/* An impact gains energy if its work exceeds this share of impulse times speed. */
+/* An impact gains energy if its work exceeds this fraction of impulse times speed. */
 #define ENERGY_RTOL COTREE_F(1e-6)
 
-/* The largest number of mode sets that are enumerated if pivoting fails. */
+/* If pivoting fails, mode sets are enumerated if there are at most this many. */
 #define MAX_ENUMERATED 1000
 
 /* Relative tolerance of the sign of an impulse. */
 #define IMPULSE_RTOL COTREE_F(1e-9)
 
-/* The number of tried mode sets that are remembered. */
+/* Size of the ring buffer of mode sets that were tried. */
 #define N_TRIED_CODES 256
 
 /* cotree_events.c */

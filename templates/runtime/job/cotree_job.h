@@ -1,7 +1,7 @@
-/* cotree_job.h: an integration that its caller advances by some steps at a time.
+/* cotree_job.h: an integration that advances by a number of steps at each call.
  *
- * A job processes corners (its start, time events and its end), wanted points and events; a
- * stepper takes the steps in between. */
+ * A job processes breakpoints (its start, time events and its end), wanted points and events. A
+ * stepper takes the steps between them. In names, a corner is a breakpoint. */
 #ifndef COTREE_JOB_H
 #define COTREE_JOB_H
 
@@ -10,11 +10,12 @@
 #include "cotree_start_tables.h"
 #endif
 
-/* A method that takes the steps of a job, see cotree_stepper.h. */
+/* An integration method, see cotree_stepper.h. */
 typedef struct cotree_stepper cotree_stepper;
 
-/* Callback at the start of each segment between corners, before evaluations in it, with the time
- * and all states and sensitivities: values of tables may change. Return 0 to continue. */
+/* Callback at the start of each segment between breakpoints, before the segment is evaluated, with
+ * the time and all states and sensitivities. It may change the values of tables. Return 0 to
+ * continue. */
 typedef int (*cotree_reach)(cotree_real t, const cotree_real *z, void *context);
 
 typedef struct cotree_job {
@@ -22,67 +23,68 @@ typedef struct cotree_job {
     const cotree_model *model;
     const cotree_real *p;
     const cotree_real *k;
-    cotree_real *u; /* n_inputs */
+    cotree_real *u; /* n_inputs values, written by the job */
 #if COTREE_HAS_INPUTS
     int n_replaced;
     const cotree_table_input *replaced;
-    cotree_input_function input_function; /* NULL: none */
-    cotree_reach reach;                   /* NULL: none */
+    cotree_input_function input_function; /* inputs computed by the caller; NULL: none */
+    cotree_reach reach;                   /* called at the start of each segment; NULL: none */
     void *input_context;
 #endif
 #if COTREE_HAS_HELPER
-    const cotree_helper *helper; /* NULL: none */
-    int is_waiting; /* 1: the job returns if the problem is stiff and another method is likely to
-                     * be faster */
+    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
+    int is_waiting; /* 1: the job returns if the problem is stiff and another method is likely to be
+                       faster */
 #endif
     int has_sensitivities;
 #if COTREE_HAS_CONSTRAINTS
     int is_held;   /* 1: constraints are satisfied by projection */
-    int is_strict; /* 1: rates are evaluated on the constraints, as dependent ones require */
-    cotree_real correction; /* the largest correction, as a share of a state or of 1 */
-    /* Tables of the constraints, by which singular positions are detected; NULL: none are. */
+    int is_strict; /* 1: rates are evaluated at points projected onto the constraints, as dependent
+                      constraints require */
+    cotree_real correction; /* largest correction by a projection, relative to max(1, |state|) */
+    /* Tables of the constraints, for the detection of singular positions; NULL: not detected. */
     const cotree_assembly_tables *constraints;
-    /* Records of singular positions that were crossed: time and states where each stretch began.
-     * NULL: none are written. n_crossed counts all. */
+    /* Records of the singular positions crossed: the time and the states at the start of each
+     * stretch. NULL: not recorded. n_crossed counts all of them. */
     cotree_real *crossings;
     int most_crossings;
     int n_crossed;
 #endif
 #if COTREE_HAS_ALGEBRAIC
-    int is_extended; /* 1: algebraic unknowns are integrated */
+    int is_extended; /* 1: algebraic unknowns are integrated with the states */
 #endif
-    /* The method, and its data: the model's cotree_newton for implicit methods, a
-     * cotree_sundials for SUNDIALS. */
+    /* The method and its data: the model's cotree_newton for implicit methods, a cotree_sundials
+     * for SUNDIALS. */
     const cotree_stepper *stepper;
     const void *aid;
-    /* The problem. */
-    int n; /* entries integrated: without sensitivities that vanish, or that belong to algebraic
+    /* Problem. */
+    int n; /* number of integrated entries: without sensitivities that vanish or belong to algebraic
               unknowns */
     cotree_real rtol;
-    const cotree_real *atols; /* n */
-    cotree_real atol;         /* absolute tolerances of algebraic unknowns */
+    const cotree_real *atols; /* absolute tolerances of the n entries */
+    cotree_real atol;         /* absolute tolerance of algebraic unknowns */
     cotree_real max_step;
-    int n_corners; /* the start, time events, the end */
+    int n_corners; /* number of breakpoints: the start, time events, the end */
     const cotree_real *corners;
-    cotree_real scale; /* the largest time from which corners are computed: they round as it does */
+    cotree_real scale; /* largest time in the computation of breakpoints, for their rounding */
     int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
 #if COTREE_HAS_MOVING_CORNERS
-    /* Derivatives of the times of corners by the parameters, one row each, and the largest
-     * difference of these among coinciding events; NULL: zero. */
+    /* Derivatives of the breakpoint times by the parameters, one row each, and the largest
+     * difference of these derivatives among coinciding time events. NULL: zero. */
     const cotree_real *slopes;
     const cotree_real *spreads;
-    const cotree_real *turn_tolerances; /* absolute tolerances of sensitivities to each parameter */
-    int turned; /* the place in z of a sensitivity that does not exist after this time */
+    const cotree_real *turn_tolerances; /* absolute tolerances of the sensitivities, by parameter */
+    int turned; /* index in z of a sensitivity that is undefined after this time */
 #endif
     /* Stored points: at the wanted times, or after each step if n_wanted is 0. */
     int n_wanted;
     const cotree_real *wanted;
-    cotree_real *times;  /* space for one row more than steps, or for the wanted times */
-    cotree_real *values; /* all states and sensitivities in each row */
-    /* The present point. Fill z and set the rest to zero before the first call. */
+    cotree_real *times;  /* space for the number of steps plus one, or for n_wanted times */
+    cotree_real *values; /* one row for each time: all states and sensitivities */
+    /* The present point. Before the first call, write z and set the other fields to zero. */
     cotree_real *z; /* all states and sensitivities */
     cotree_real t;
-    int corner; /* the last one passed */
+    int corner; /* index of the last breakpoint passed */
     int is_begun;
     int n_kept;
     long n_steps;
@@ -90,36 +92,35 @@ typedef struct cotree_job {
     long n_evaluations;
     long n_jacobians;
     long n_factorisations;
-    int status; /* of a failure: a cotree_status or a cotree_events_status */
+    int status; /* status of a failure: a cotree_status or a cotree_events_status */
 #if COTREE_HAS_SUNDIALS
-    int flag;      /* of SUNDIALS, if status has no name for it */
+    int flag;      /* return value of SUNDIALS, if no status corresponds to it */
     int complaint; /* status of the last kernel called by SUNDIALS */
 #endif
-    int entry;       /* of a rate that was not finite, or -1 */
-    int row, column; /* of an entry of the Jacobian that was not finite, or -1 */
+    int entry;       /* index of a rate that was not finite, or -1 */
+    int row, column; /* position of a Jacobian entry that was not finite, or -1 */
 #if COTREE_HAS_EVENTS
-    int is_tested; /* 1: kinks that depend on the state are left to the error test */
-    /* Records of events, COTREE_EVENTS_RECORD numbers each. The job returns if there is no space
-     * for COTREE_EVENTS_AT_ONCE more. NULL: none are written. */
+    int is_tested; /* 1: state-dependent kinks are not located, only subject to the error test */
+    /* Records of events, COTREE_EVENTS_RECORD numbers each. The job returns if fewer than
+     * COTREE_EVENTS_AT_ONCE are free. NULL: not recorded. */
     cotree_real *records;
     int most_records;
     int n_records;
-    int most_events;          /* the job returns after so many records; 0: no limit */
-    int event;                /* the event that ended the run, or failed */
-    cotree_real event_time;   /* time of the failure */
-    cotree_real event_detail; /* see cotree_events.h */
+    int most_events;          /* the job returns after this number of records; 0: no limit */
+    int event;                /* index of the event that ended the run, or failed */
+    cotree_real event_time;   /* time at which the event failed */
+    cotree_real event_detail; /* detail of the failure, see cotree_events_status */
     const int *has_fired;
-    /* State of the events, COTREE_EVENTS_SAVED numbers, from the job before this one and for the
-     * next; NULL: none. is_continued: this job starts at the end of another one. is_changed:
-     * states or inputs may have changed there. */
+    /* History of the events, COTREE_EVENTS_SAVED numbers: read if the job continues another one,
+     * and written at its end. NULL: none. is_continued: the job starts where another one ended.
+     * is_changed: states or inputs may have changed there. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;   /* span of the whole run, if the job is a part of it; 0: that of its
-                         * corners */
-    cotree_real *own_k; /* own copy of k with the branches that steps hold; NULL: not needed */
+    cotree_real span;   /* time span of the whole run if the job is part of it; 0: of the job */
+    cotree_real *own_k; /* copy of k with the branches frozen during a step; NULL: not needed */
 #endif
-    void *memory; /* cotree_job_memory(...) bytes */
-    int is_stiff; /* stiffness as detected by explicit methods */
+    void *memory; /* work space of cotree_job_memory() bytes */
+    int is_stiff; /* 1: an explicit method has detected stiffness */
     cotree_real stiff_since;
     long n_stiff_steps;
     cotree_real last_step;
@@ -127,37 +128,40 @@ typedef struct cotree_job {
 
 #define COTREE_JOB_DONE 0
 #define COTREE_JOB_MORE 1
-#define COTREE_JOB_FAILED 2  /* z and t are the last good point */
-#define COTREE_JOB_STOPPED 3 /* by an event */
-#define COTREE_JOB_STIFF 4   /* stiff; may be continued */
+#define COTREE_JOB_FAILED 2  /* the job failed; z and t are the last valid point */
+#define COTREE_JOB_STOPPED 3 /* a terminal event ended the run */
+#define COTREE_JOB_STIFF 4   /* an explicit method found stiffness; the job may continue */
 
 COTREE_BEGIN_DECLS
 
-/* Set n, and the absolute tolerances to atol times the sizes of the states (NULL: 1), divided for a
- * sensitivity by the size of the parameter at its place in seeds (negative: 1). */
+/* Set n and the absolute tolerances: atol times the size of the state (1 if sizes is NULL). The
+ * tolerance of a sensitivity is divided by the size of its parameter, of index seeds[i]; if that is
+ * negative, by 1. */
 void cotree_job_set_tolerances(cotree_job *job, int is_implicit, const cotree_real *sizes,
                                const int *seeds, cotree_real *atols);
 
-/* Return the absolute tolerance of sensitivities to the parameter at a place, for factors of 1. */
+/* Return the absolute tolerance of the sensitivities to one parameter, for states of size 1. */
 cotree_real cotree_job_sensitivity_atol(const cotree_job *job, int seed);
 
-/* Return the bytes of the job's memory. The model, its stepper and n must be set. */
+/* Return the number of bytes of the job's memory. The model, the stepper and n must be set. */
 COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
 
-/* Take up to most_steps steps; the results do not depend on the number per call. */
+/* Take up to most_steps steps. The results do not depend on how the steps are divided among
+ * calls. */
 COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
-/* Start the first segment with its events, without a step, in place of the first call of run. */
+/* Start the first segment and apply its events, without a step. Optional, before the first run
+ * call. */
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif
-/* Write the present point of a job that is not finished; a finished or waiting job has written
- * it. */
+/* Update z and t of an unfinished job to the present point. Finished and waiting jobs are up to
+ * date. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 
 #if COTREE_HAS_SUNDIALS
-/* Free the resources that a stepper holds outside the memory; those of cotree hold none. */
+/* Free the resources of a stepper outside the job's memory. Only SUNDIALS has such resources. */
 COTREE_EXPORT void cotree_job_end(cotree_job *job);
 
 #endif

@@ -1,8 +1,9 @@
 /* cotree_run.h: a model in the form w' = f(t, w) for integrators.
  *
  * w holds the states, then their sensitivities by parameter without those that always vanish.
- * Algebraic unknowns are solved for at each point; if the model has rates for them, they may be
- * part of w (cotree_run_extend between init and narrow). Constraints are satisfied by projection.
+ * Algebraic unknowns are solved for at each point. If the model has rates for them, they may be
+ * integrated as part of w instead (call cotree_run_extend between init and narrow). Constraints are
+ * satisfied by projection.
  *
  *     cotree_run run;
  *     cotree_arena arena = {NULL, 0};
@@ -25,11 +26,11 @@
 
 COTREE_BEGIN_DECLS
 
-/* The number of stored solutions of the algebraic equations that serve as guesses, a power of
+/* Number of stored solutions of the algebraic equations, which serve as initial guesses; a power of
  * two. */
 #define COTREE_RUN_REMEMBERED 256
 
-/* A piecewise linear function that replaces an input, constant outside its range. */
+/* A piecewise linear function of time that replaces an input; constant outside its range. */
 typedef struct cotree_table_input {
     int input;
     int length;
@@ -37,26 +38,25 @@ typedef struct cotree_table_input {
     const cotree_real *u;
 } cotree_table_input;
 
-/* Write the inputs that are functions of the caller into u. Return a negative number to stop the
- * integration. */
+/* Callback that writes inputs to u. Return a negative number to stop the integration. */
 typedef int (*cotree_input_function)(cotree_real t, cotree_real *u, void *context);
 
-/* A solver of the caller, used if the iterations here fail. It gets all states x and returns 0 if
- * it changed the algebraic unknowns to a solution. */
+/* Solver provided by the caller, used if the iterations of this file fail. It receives all states
+ * x, writes a solution for the algebraic unknowns among them, and returns 0 if it found one. */
 typedef int (*cotree_find_unknowns)(cotree_real t, cotree_real *x, void *context);
 typedef struct cotree_helper {
     cotree_find_unknowns find_unknowns;
     void *context;
 } cotree_helper;
 
-/* An arena. While base is NULL, allocations are counted only, and return NULL. */
+/* A memory arena. If base is NULL, allocations only count bytes and return NULL. */
 typedef struct cotree_arena {
     char *base;
     size_t used;
 } cotree_arena;
 
-/* Linear systems of the algebraic equations g, if an implicit method provides them: linearise
- * factorises g_z at x; solve computes -g_z^-1 g. They return a status like kernels. */
+/* Linear solver for the algebraic equations g, which an implicit method may provide: linearise
+ * factorises g_z at x; solve computes -g_z^-1 g. Both return a kernel status. */
 typedef struct cotree_elimination {
     int (*linearise)(cotree_real t, const cotree_real *x, void *context);
     int (*solve)(const cotree_real *g, cotree_real *step, void *context);
@@ -65,47 +65,48 @@ typedef struct cotree_elimination {
 
 typedef struct cotree_run {
     const cotree_model *model;
-    const cotree_real *p, *k; /* parameters, prepared */
-    cotree_real *u;           /* n_inputs */
+    const cotree_real *p,
+        *k;         /* parameters, and values that the kernel prepare computes from them */
+    cotree_real *u; /* n_inputs values at the last time evaluated */
 #if COTREE_HAS_INPUTS
     int n_replaced;
     const cotree_table_input *replaced;
-    cotree_input_function input_function; /* NULL: none */
+    cotree_input_function input_function; /* inputs computed by the caller; NULL: none */
     void *input_context;
 #endif
 #if COTREE_HAS_HELPER
-    const cotree_helper *helper; /* NULL: none */
+    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
 #endif
 #if COTREE_HAS_CONSTRAINTS
-    int is_held;            /* 1, the default: constraints are satisfied by projection */
-    int is_strict;          /* 1: rates are always evaluated on the constraints, as dependent ones
-                             * require; 0: only after failed steps */
-    cotree_real correction; /* the largest change of a state by a projection, as a share of the
-                               state or of 1 */
+    int is_held;   /* 1, the default: constraints are satisfied by projection */
+    int is_strict; /* 1: rates are always evaluated at projected points, as dependent constraints
+                      require; 0: only after failed steps */
+    cotree_real correction; /* largest change of a state x by a projection, over max(1, |x|) */
 #endif
-    cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: to rounding */
+    cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: up to rounding */
     cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
-    cotree_real low, high; /* bounds of evaluations: the segment without its jumps */
-    cotree_real *full;     /* the last complete point */
-    int n;                 /* length of w */
-    int n_full;            /* entries of z: all states and sensitivities */
-    int n_packed;          /* entries of z without sensitivities that vanish */
+    cotree_real low, high; /* rates are evaluated at times from low to high only: the jumps at the
+                              ends of the segment lie outside */
+    cotree_real *full;     /* all states and sensitivities at the last completed point */
+    int n;                 /* number of entries of w */
+    int n_full;            /* number of entries of z, all states and sensitivities */
+    int n_packed;          /* number of entries of z without sensitivities that always vanish */
 #if COTREE_HAS_ALGEBRAIC
-    cotree_elimination elimination; /* its functions are NULL by default */
+    cotree_elimination elimination; /* optional linear solver; its functions are NULL by default */
 #endif
     /* The rest is private. */
     int n_blocks;
-    int n_rates; /* states without algebraic unknowns */
-    int n_lead;  /* entries of w before the sensitivities */
+    int n_rates; /* number of states without algebraic unknowns */
+    int n_lead;  /* number of entries of w before the sensitivities */
     cotree_real *rates, *held, *step;
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: w contains algebraic unknowns */
-    int is_solving;  /* 1: these are solved for at each point, even if w contains them */
-    int n_far;       /* points with integrated unknowns far from their solution, minus others */
-    cotree_real pivot_growth; /* growth of rounding errors by the planned pivots */
-    cotree_real bend; /* last correction / radius within which the equations are nearly linear */
+    int is_solving;  /* 1: unknowns are solved for at each point, even if w contains them */
+    int n_far;       /* counts points far from the algebraic solution, minus the other points */
+    cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
+    cotree_real bend; /* last correction divided by the radius of near-linearity of the equations */
     cotree_real *newton, *found, *times;
-    cotree_lu matrix; /* of the algebraic equations */
+    cotree_lu matrix; /* matrix of the algebraic equations */
     int n_found;
 #endif
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
@@ -117,113 +118,112 @@ typedef struct cotree_run {
 #endif
 } cotree_run;
 
-/* The jump of sensitivities at a time event that depends on parameters, with the rates f before
- * and after it: S+ = S- + (f- - f+) t_p. */
+/* Jump of the sensitivities at a time event that depends on parameters, with the rates f before and
+ * after the event: S+ = S- + (f- - f+) t_p. */
 typedef struct cotree_corner_sensitivity {
     cotree_real *w, *left, *right,
-        *work;                  /* run->n numbers each: a point, rates before and after it, work */
-    const cotree_real *slopes;  /* t_p: derivatives of the time by the parameters */
-    const cotree_real *spreads; /* the largest difference among coinciding events */
+        *work; /* run->n numbers each: a point, the rates before and after the event, work */
+    const cotree_real *slopes;     /* t_p: derivatives of the event time by the parameters */
+    const cotree_real *spreads;    /* largest difference of slopes among coinciding events */
     const cotree_real *tolerances; /* absolute tolerances of the sensitivities to each parameter */
-    cotree_real rtol;              /* relative tolerance */
-    cotree_real margin; /* distance from the event at which rates are evaluated, with the direction
-                           of time */
+    cotree_real rtol;              /* relative tolerance of the sensitivities */
+    cotree_real margin; /* signed distance from the event, in the direction of integration, at which
+                           the rates are evaluated */
 #if COTREE_HAS_CONSTRAINTS
     int is_constrained; /* 1: constraints are satisfied by projection */
 #endif
-    int undefined; /* the place in z of a sensitivity that does not exist after the event */
+    int undefined; /* index in z of a sensitivity that is undefined after the event */
 } cotree_corner_sensitivity;
 
-/* A result of cotree_run_jump_sensitivities: rates jump where events coincide that a parameter
- * moves apart. */
+/* Status of cotree_run_jump_sensitivities: rates jump at coinciding time events that a parameter
+ * would separate. */
 #define COTREE_RUN_TURNED 60
 
-/* Allocate bytes in an arena. While bytes are only counted, return spare. */
+/* Allocate bytes in an arena. If base is NULL, only count them and return spare. */
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare);
 cotree_real *cotree_arena_reals(cotree_arena *arena, int n);
 int *cotree_arena_ints(cotree_arena *arena, int n);
 
-/* Allocate and initialise. */
+/* Initialise a run; its arrays are allocated in the arena. */
 void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_real *p,
                      const cotree_real *k, cotree_real *u, int has_sensitivities,
                      cotree_arena *arena);
 
-/* Make the algebraic unknowns part of w. The model needs extended_rhs, or with sensitivities
- * extended_augmented_rhs, and no input may be replaced. */
+/* Make the algebraic unknowns part of w. The model needs the kernel extended_rhs, or
+ * extended_augmented_rhs with sensitivities, and no input may be replaced. */
 void cotree_run_extend(cotree_run *run);
 
-/* Copy z without the sensitivities that vanish, and back with zeros for them. */
+/* Copy z without the sensitivities that always vanish, and back with zeros for them. */
 void cotree_run_pack(const cotree_run *run, const cotree_real *z, cotree_real *packed);
 void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_real *z);
 
-/* Copy z in the form w: also without algebraic unknowns. */
+/* Copy z to the layout of w, without storing a guess. */
 void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_real *w);
 
-/* Copy z in the form w, and store the algebraic unknowns as a guess. */
+/* Copy z to the layout of w, and store the algebraic unknowns as a guess. */
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w);
 
-/* Convert between w and a point of a stepper, of n entries: run->n, or n_packed with algebraic
- * unknowns, which become guesses. */
+/* Convert between w and a point of a stepper, which has n entries: run->n, or n_packed with
+ * algebraic unknowns. The unknowns become guesses. */
 void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                            cotree_real *w);
 int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, int n,
                         cotree_real *point);
 
-/* Compute run->u, the inputs at a time. */
+/* Compute the inputs at a time into run->u. */
 int cotree_run_inputs(cotree_run *run, cotree_real t);
 
-/* Rate function for integrators; the context is the run. */
+/* Rate, projection and rejection functions for integrators. The context is the run. */
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context);
 int cotree_run_project(cotree_real t, cotree_real *w, void *context);
 void cotree_run_rejected(void *context);
 
-/* Compute the rates of all states and sensitivities, packed, at a time inside the segment;
- * residuals in the places of algebraic unknowns. */
+/* Compute the packed rates of all states and sensitivities at a time inside the segment. The
+ * entries of algebraic unknowns are residuals. */
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz);
 
-/* Project all states and sensitivities, algebraic unknowns included; the same for a packed
+/* Project all states and sensitivities, including algebraic unknowns, at a full or at a packed
  * point. */
 int cotree_run_project_all(cotree_run *run, cotree_real t, cotree_real *z);
 int cotree_run_project_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
-/* Solve for the algebraic unknowns of a packed point, near their solution, and for their
+/* Solve for the algebraic unknowns of a packed point that is near their solution, and for their
  * sensitivities. Return a positive number if Newton's method fails. */
 int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
-/* Return the point at which rates are evaluated: z, or its projection, valid until the next
- * call. */
+/* Return the point at which rates are evaluated, either z or its projection. It is valid until the
+ * next call. */
 const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_real *z);
 
 /* Compute the Jacobian of the states' rates with algebraic unknowns eliminated: n_rates rows. */
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context);
 
-/* Return whether there are constraints to project onto. */
+/* Return whether the model has constraints that the run satisfies by projection. */
 int cotree_run_is_constrained(const cotree_run *run);
 
-/* Return whether an integrator has to project. */
+/* Return whether integrators must call cotree_run_project after each step. */
 int cotree_run_is_projected(const cotree_run *run);
 
-/* Compute run->full, all states and sensitivities. */
+/* Compute all states and sensitivities at w into run->full. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* Compute run->full, all states and sensitivities; call the helper if the iterations here fail. */
+/* As cotree_run_complete; the helper is called if the iterations fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* Compute the states of run->full, without sensitivities; call the helper if the iterations here
- * fail. */
+/* As cotree_run_find, without sensitivities. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
-/* Compute the rates of the algebraic unknowns that keep the residuals zero, if these change at
- * rates g at the states x. */
+/* Compute the rates of the algebraic unknowns that keep their residuals zero. g: rates of the
+ * residuals at the states x for constant unknowns. */
 int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, const cotree_real *g,
                       cotree_real *rates);
 
-/* Compute the rates before a time event. After low and high are those of the next segment,
- * compute the rates after it, and apply the jump of the sensitivities. A point has n entries:
- * run->n, or n_packed. */
+/* Jump of the sensitivities at a time event, in two calls. First compute the rates before the
+ * event. Then, after low and high are set to the next segment, compute the rates after it and apply
+ * the jump. A point has n entries: run->n, or n_packed. */
 int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *point, int n,
                           cotree_corner_sensitivity *crossing);
 int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,

@@ -1,56 +1,58 @@
-/* cotree_start_tables.h: tables of a model for its consistent start. */
+/* cotree_start_tables.h: tables of a model for its consistent initial conditions. */
 #ifndef COTREE_START_TABLES_H
 #define COTREE_START_TABLES_H
 
 #include "cotree_abi.h"
 
-/* Rows are the constraints of coordinates, then those of speeds, then the conditions of a start. */
+/* Rows are numbered in this order: constraints on coordinates, constraints on speeds, conditions at
+ * the start. */
 typedef struct cotree_assembly_tables {
-    int n_coordinates;     /* coordinates are the first states */
-    int n_speeds;          /* speeds follow them */
-    int n_values;          /* number of constraints of coordinates */
-    int n_rows;            /* number of constraints of speeds, and rows of the gradient */
-    const int *value_rows; /* n_values: the constraints of speeds that are their time derivatives */
+    int n_coordinates;     /* number of coordinates, the first states */
+    int n_speeds;          /* number of speeds, the next states */
+    int n_values;          /* number of constraints on coordinates */
+    int n_rows;            /* number of constraints on speeds, and of rows of the gradient */
+    const int *value_rows; /* n_values: their time derivatives among the constraints on speeds */
     int n_quaternions;
-    const int *quaternions; /* the first state of each */
-    /* Conditions: initial values of variables that are not states. 0 and NULL after the start. */
+    const int *quaternions; /* first state of each quaternion */
+    /* Conditions: initial values of variables that are not states. After the start n_conditions is
+     * 0 and the pointers are NULL. */
     int n_conditions;
-    const int *is_rate; /* n_conditions: 1 if it constrains speeds, 0 coordinates */
-    int n_start;        /* results of the kernel start; conditions come first */
-    /* For units and messages; NULL: all rows have the same unit. */
+    const int *is_rate; /* n_conditions: 1 if on speeds, 0 if on coordinates */
+    int n_start;        /* number of results of the start kernel, conditions first */
+    /* Names and units of the rows, for scaling and messages. NULL: all rows have the same unit. */
     const cotree_quantity *rows;
     int n_groups;
-    const int *groups; /* n_rows + n_conditions: one number for each edge and unit */
+    const int *groups; /* n_rows + n_conditions: group of each row, one per edge and unit */
 } cotree_assembly_tables;
 
 typedef struct cotree_start_tables {
     const cotree_assembly_tables *assembly; /* NULL: no constraints and no conditions */
-    const int *given; /* n_states: 1 if the model prescribes the initial value */
-    const int *seeds; /* n_sensitivities: a parameter, or -1 less a state */
-    /* States of storages, each of which is computed from an algebraic unknown. */
+    const int *given; /* n_states: 1 if the model prescribes the initial value of the state */
+    const int *seeds; /* n_sensitivities: parameter i, or -1 - i for the initial value of state i */
+    /* States of storage elements, each of which is computed from an algebraic unknown. */
     int n_contents;
     const int *contents; /* n_contents states, then as many algebraic unknowns */
-    /* Redundant initial values: the last 2 n_redundant results of the kernel start are the
-     * values that follow from those of states, then the given values. */
+    /* Redundant initial values, which other initial values determine. The last 2 n_redundant
+     * results of the start kernel are the determined values, then the given ones. */
     int n_redundant;
     const cotree_quantity *redundant;
-    const int *redundant_starts; /* n_redundant + 1 */
-    const int *redundant_states; /* states from which each follows */
+    const int *redundant_starts; /* n_redundant + 1 offsets into redundant_states */
+    const int *redundant_states; /* the states that determine each redundant value */
 } cotree_start_tables;
 
-/* Report on given values that change if the constraints cannot be satisfied otherwise. Values
- * are states, then conditions; arrays are zero before a start. */
+/* Report on prescribed values that had to change to satisfy the constraints. The prescribed values
+ * are those of the states, then those of the conditions. Arrays must be zero before a start. */
 typedef struct cotree_start_report {
-    const int *ranks; /* values: those of higher ranks change first; 0: last */
+    const int *ranks; /* for each value: the highest rank changes first; 0 changes last */
     /* Results. */
-    int is_moved;                /* 1: values changed noticeably, or change with a parameter */
-    int level, column;           /* of a failure: 0 coordinates, 1 speeds; the sensitivity */
-    cotree_real length;          /* the characteristic length, [m] */
-    cotree_real *before, *after; /* n_states: as given, and after the projection */
-    /* Dimensionless changes: of given states, then of all rows. */
+    int is_moved;       /* 1: a value changed noticeably, or its change depends on a parameter */
+    int level, column;  /* of a failure: 0 coordinates, 1 speeds; index of the sensitivity */
+    cotree_real length; /* characteristic length of the mechanism, [m] */
+    cotree_real *before, *after; /* n_states: as prescribed, and after the projection */
+    /* Dimensionless changes of the prescribed states, then of all rows. */
     cotree_real *changes;
-    cotree_real *left; /* all rows: dimensionless residuals of a failure */
-    int *follows;      /* values of each sensitivity: 1 if they change with its parameter */
+    cotree_real *left; /* dimensionless residuals of all rows after a failure */
+    int *follows; /* for each sensitivity and value: 1 if the value changes with the parameter */
 } cotree_start_report;
 
 #endif

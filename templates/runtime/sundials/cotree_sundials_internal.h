@@ -7,7 +7,7 @@
 #include "cotree_lu.h"
 #include "cotree_stepper.h"
 
-/* The nonlinear solver of SUNDIALS. */
+/* Interface of a nonlinear solver, as SUNDIALS calls it. */
 typedef int (*cotree_solve)(void *solver, void *start, void *correction, void *weights,
                             double tolerance, int is_matrix_old, void *integrator);
 typedef struct cotree_solver_operations {
@@ -31,11 +31,11 @@ typedef struct cotree_solver {
 #define SIMULTANEOUS 1
 #endif
 
-/* Results of an iteration: rates fail here but may succeed with a smaller step, rates fail
- * always, no convergence. The first number differs between versions of CVODE, which does not
- * stop after an unknown number: no convergence is returned instead.
- * OF: a function of the integrator by its name without the prefix.
- * BLOCK: entries of a block: the states, with IDA also the algebraic unknowns. */
+/* Return values of an iteration. RATES_FAIL: the rates cannot be evaluated with any step size;
+ * RATES_AGAIN: a smaller step may succeed; NOT_CONVERGED. The value for a smaller step differs
+ * between versions of CVODE, which ignores unknown values, so that NOT_CONVERGED replaces it there.
+ * OF: name of a function of CVODE or IDA, given without its prefix.
+ * BLOCK: entries of a block: the states and, with IDA, the algebraic unknowns. */
 #define RATES_FAIL (-8)
 #define NOT_CONVERGED 902
 #if COTREE_IDA
@@ -47,17 +47,18 @@ typedef struct cotree_solver {
 #define OF(function) CVode##function
 #define BLOCK(model) ((model)->n_states - (model)->n_algebraic)
 #define BDF 2
-#define NO_CONVERGENCE (-4) /* the flag of CVODE after repeated failures */
+#define NO_CONVERGENCE (-4) /* return value of CVODE after repeated convergence failures */
 #endif
 
-/* Factors of the slopes of the unknowns and of their rates in the equations of a step. */
+/* Coefficients of the corrections and of the rates in the equations of a step, see
+ * cotree_system. */
 typedef struct cotree_shares {
     double of_own, of_rates;
 } cotree_shares;
 
-/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes, absolute
- * tolerances. Then work of the iteration; with COTREE_SENSITIVITIES also copies of the sensitivity
- * vectors, after those of the states. */
+/* Vectors of SUNDIALS: values, their derivatives, interpolated values, 1 for entries with a
+ * derivative (else 0), absolute tolerances. Then work space of the iteration and, with
+ * COTREE_SENSITIVITIES, copies of the sensitivity vectors behind those of the states. */
 enum {
     Y,
     SLOPES,
@@ -78,7 +79,7 @@ enum {
 };
 
 #if COTREE_SENSITIVITIES
-/* Vectors of SUNDIALS for each sensitivity, with entries for those that vanish. */
+/* Vectors of SUNDIALS for each sensitivity, including the entries that always vanish. */
 enum {
     OWN_VALUES,
 #if COTREE_IDA
@@ -90,38 +91,38 @@ enum {
 };
 
 #endif
-/* The data of the stepper. */
+/* Data of the stepper. */
 typedef struct cotree_bdf {
     const cotree_sundials_aid *aid;
     const cotree_sundials *sundials;
     double *vectors[N_VECTORS];
     double *ordered, *jacobian, *trial, *entries;
-    cotree_lu matrix;   /* its memory is entries */
-    int *rows, *firsts; /* the state of each entry of a vector; the start of each block */
+    cotree_lu matrix;   /* uses the memory of entries */
+    int *rows, *firsts; /* state index of each vector entry; first entry of each block */
     void *context;
     void *integrator;
     void *solver;
-    void *handles[N_HANDLES]; /* of the first vectors, for SUNDIALS */
-    double rtol;              /* set in the integrator */
+    void *handles[N_HANDLES]; /* SUNDIALS objects of the first vectors */
+    double rtol;              /* relative tolerance set in the integrator */
 #if COTREE_SENSITIVITIES
-    double *apart;      /* memory of the sensitivity vectors */
-    void **pointers;    /* the vectors themselves */
+    double *apart;      /* storage of the sensitivity vectors */
+    void **pointers;    /* SUNDIALS objects of the sensitivity vectors */
     void *follower;     /* nonlinear solver of staggered sensitivities */
-    int has_rates_next; /* 1: the next rates of the states are those just solved for */
+    int has_rates_next; /* 1: the next rates required are those at the solution just found */
     double time_of_rates;
 #endif
-    cotree_shares shares; /* that the matrix was formed with */
+    cotree_shares shares; /* coefficients with which the matrix was formed */
     double rates[2];      /* convergence rates of states and of sensitivities */
-    double size_before;   /* of the last correction */
-    double bend;          /* error after a correction, divided by the square of its size */
+    double size_before;   /* norm of the previous correction */
+    double bend;          /* error after a correction, divided by the square of its norm */
     double slowest;       /* convergence rate of the last iteration; 0 after a single correction */
-    int is_fresh;         /* 1: each step gets fresh matrices */
+    int is_fresh;         /* 1: the matrix is renewed at each step */
     int has_jacobian, has_matrix;
-    int has_failed; /* the last iteration */
-    int is_opposed; /* the last correction opposed the residual */
+    int has_failed; /* 1: the last iteration failed */
+    int is_opposed; /* 1: the last correction opposed the residual */
     long step_of_jacobian, step_of_matrix, step_of_solution;
-    double passed, reached; /* start and end of the last step, from the origin */
-    int is_idle;            /* 1: the segment is at rounding level and skipped */
+    double passed, reached; /* start and end of the last step, relative to the origin */
+    int is_idle;            /* 1: the segment is as short as rounding and is skipped */
 } cotree_bdf;
 
 static inline cotree_bdf *bdf_of(const cotree_job *job)
@@ -132,7 +133,7 @@ static inline cotree_bdf *bdf_of(const cotree_job *job)
 static inline size_t entries_of_jacobian(const cotree_model *model)
 {
     const int n = BLOCK(model);
-    const int is_dense_one = n < model->n_states; /* with algebraic unknowns eliminated */
+    const int is_dense_one = n < model->n_states; /* algebraic unknowns are eliminated */
     return is_dense_one ? (size_t)n * (size_t)n : (size_t)model->n_nonzeros;
 }
 
@@ -179,7 +180,7 @@ static inline int n_blocks_of(const cotree_job *job)
     return job->has_sensitivities ? 1 + job->model->n_sensitivities : 1;
 }
 
-/* Return the number of entries of a run's vector. */
+/* Return the number of entries of a run's solution vector. */
 static inline int length_of(const cotree_job *job, const cotree_run *run)
 {
     return run->n_blocks > 1 ? job->n : BLOCK(job->model);
@@ -195,27 +196,28 @@ static inline double *vector_of(const cotree_job *job, int which)
     return bdf_of(job)->vectors[which];
 }
 
-/* Entries of the state vector of SUNDIALS: without sensitivities if these have vectors of their
- * own. */
+/* Number of entries of the state vector of SUNDIALS. Sensitivities that have separate vectors are
+ * not counted. */
 #if COTREE_SENSITIVITIES
 #define VECTOR(job) BLOCK((job)->model)
 #else
 #define VECTOR(job) ((job)->n)
 #endif
 
-/* Return t from the time of SUNDIALS, which starts at zero after each restart. Late in a run the
- * rounding of t would accumulate over its steps, and exceed its first ones. */
+/* Return t for a time of SUNDIALS, which starts at zero after each restart: late in a run the
+ * rounding of t would exceed the first steps. */
 static inline double clock_at(const cotree_job *job, double since)
 {
     return cotree_engine_of(job)->origin + since;
 }
 
-/* The equations of a step: M (factor slopes + of_own e) = of_rates rates(t, start + e). */
+/* Equations of a step for the correction e: M (factor slopes + of_own e) = of_rates rates(t, start
+ * + e). */
 typedef struct cotree_system {
     double t;
     const double *start;
     const double *slopes;
-    double factor; /* of the slopes */
+    double factor; /* coefficient of the slopes */
     cotree_shares shares;
 } cotree_system;
 
