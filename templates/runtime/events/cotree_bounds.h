@@ -3,27 +3,28 @@
 #define COTREE_BOUNDS_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* else the file computes with vectors */
+#ifndef HOLDS /* otherwise the including file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 
-/* Set the bounds of quantity k of n over an interval, extended by a quarter of its second
- * difference: twice the distance of a parabola from its chord. */
+/* Set the bounds of quantity k of n over an interval, from its values at both ends. They are
+ * extended by a quarter of its second difference, which is twice the distance of a parabola from
+ * its chord. */
 static inline void cotree_set_bounds(REAL *box, int n, int k, REAL low, REAL high, REAL bend)
 {
     box[k] = low - COTREE_F(0.25) * bend;
     box[n + k] = high + COTREE_F(0.25) * bend;
 }
 
-/* Set the bounds of its rate, extended by its second difference over the interval. */
+/* Set the bounds of the rate of a quantity, extended by its second difference over the interval. */
 static inline void cotree_set_rate_bounds(REAL *box, int n, int k, REAL slow, REAL fast, REAL bend)
 {
     box[2 * n + k] = slow - bend;
     box[3 * n + k] = fast + bend;
 }
 
-/* Set both over a step from a to b, from the values in them and the mean rate of the previous
- * step. Return the mean rate of this step. */
+/* Set the bounds of a quantity and of its rate over a step, from the values a and b at its ends and
+ * the mean rate in the previous step. Return the mean rate in this step. */
 static inline REAL cotree_set_step_bounds(REAL *box, int n, int k, REAL a, REAL b, REAL step,
                                           REAL mean_rate)
 {
@@ -35,8 +36,8 @@ static inline REAL cotree_set_step_bounds(REAL *box, int n, int k, REAL a, REAL 
     return rate;
 }
 
-/* Bounds of an event function on one side of zero, times that side: the least value and the range
- * of the rate. */
+/* Bounds of an event function on one side of zero, all multiplied by the sign of that side: the
+ * smallest value and the range of the rate. */
 typedef struct cotree_side_range {
     REAL low, slow, fast;
 } cotree_side_range;
@@ -56,16 +57,16 @@ static inline MASK cotree_is_monotone(cotree_side_range r)
     return (r.slow >= COTREE_F(0.0)) | (r.fast <= COTREE_F(0.0));
 }
 
-/* Return a lower bound between the values a and b at both ends of an interval: where the steepest
- * lines through both meet. */
+/* Return a lower bound of an event function in an interval with the values a and b at its ends: the
+ * value at the intersection of the steepest lines through both ends. */
 static inline REAL cotree_lower_bound(cotree_side_range r, REAL a, REAL b, REAL width)
 {
     return a + r.slow * ((a - b + r.fast * width) / (r.fast - r.slow));
 }
 
-/* Return whether an event function with the values a and b at the ends of a step cannot reach
- * zero within it. Both values are at least `least` away from zero on the same side; the rate is
- * bounded by a multiple of the mean rates of this step and the previous one. */
+/* Return whether an event function with the values a and b at the ends of a step cannot reach zero
+ * within the step. Both values are at least `least` away from zero on the same side. The rate is
+ * assumed to be bounded by a multiple of the mean rates of this and the previous step. */
 static inline MASK cotree_is_out_of_reach(REAL side, REAL a, REAL b, REAL moved_before, REAL least)
 {
     const REAL moved = cotree_abs(b - a), distance = cotree_smaller(side * b, side * a);

@@ -1,15 +1,15 @@
-/* cotree_branches.c: branches of piecewise functions, held during a step.
+/* cotree_branches.c: branches of piecewise functions, frozen during a step.
  *
- * Absolute values, selections and tables are smooth within a branch and have kinks between two.
- * A step holds the branches that it starts on, and ends at the first kink. */
+ * Absolute values, selections and tables are smooth within a branch and have a kink between two
+ * branches. A step freezes the branches at its start and ends at the first kink. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Release all branches, so that each follows from its value. The band of a steep kink remains,
- * since it belongs to both sides. */
+/* Release all branches, so that each is selected by its argument. The band of a steep kink remains,
+ * since both sides use it. */
 void cotree_release_branches(cotree_events *e)
 {
     int i;
@@ -18,35 +18,35 @@ void cotree_release_branches(cotree_events *e)
     }
 }
 
-/* Return the distance from zero at which a value counts as at its kink. */
+/* Return the distance from zero within which an argument counts as at its kink. */
 static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 {
     return COTREE_FMAX(cotree_zero_band(e, i),
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
-/* The width of a band, as a multiple of a value within it, that suppresses the root there. */
+/* Half-width of a band, as a multiple of the argument, at which the root is suppressed. */
 #define SUPPRESSING_RATIO COTREE_SELECT(1e15, 1e10f)
 
-/* The width of a band, as a share of the tolerance, that keeps the slope at zero finite and has no
- * other effect. */
+/* Half-width of a band, as a fraction of the tolerance, that keeps the slope of a root finite at
+ * zero without other effects. */
 #define NARROW_SHARE COTREE_F(1e-8)
 
-/* Sweeps of the Gauss-Seidel method over the steep kinks whose values stay at zero. */
+/* Maximum number of Gauss-Seidel sweeps over the steep kinks whose arguments stay at zero. */
 #define MAX_SWEEPS 20
 
-/* Roots whose slopes are infinite on both sides drive a value to zero, away from it, or neither. */
+/* Effect of the roots of a steep kink on its argument: none, towards zero, or away from zero. */
 enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
 
-/* Write to point a point next to w, with the modes of jumps that belong to it. */
+/* Write a point next to w to `point`, with the modes of jumps that are valid there. */
 static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real far)
 {
     cotree_real share = COTREE_F(0.0);
     int k, is_known = 0, status;
     cotree_copy(e->n, w, e->point);
     for (k = 0; k < e->run->n_rates; ++k) {
-        /* By different shares (multiples of the golden ratio), so that differences of states
-         * change. */
+        /* Each state changes by a different fraction (multiples of the golden ratio), so that
+         * differences of states change, too. */
         share += COTREE_F(0.618034);
         if (share > COTREE_F(1.0)) share -= COTREE_F(1.0);
         e->point[k] += far * (COTREE_F(1.0) + share) * (e->rtol * COTREE_FABS(w[k]) + e->atol);
@@ -64,8 +64,8 @@ static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cot
     return status;
 }
 
-/* Compute the effect of the roots of a steep kink on the rates of the states (their sum) and on
- * the rate of the value, at a point next to w. Its roots remain suppressed. */
+/* Compute the effect of the roots of a steep kink on the rates of the states, and on the rate of
+ * the kink's argument, at a point next to w. The roots remain suppressed. */
 static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                           cotree_real far, cotree_real *value, cotree_real *effect)
 {
@@ -83,7 +83,8 @@ static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_r
     return status;
 }
 
-/* Compute what the roots of a steep kink do to its value, from points on both sides of w. */
+/* Classify the effect of the roots of a steep kink on its argument, from points on both sides of
+ * w. */
 static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_real *w, int *found)
 {
     int side, status = 0;
@@ -97,31 +98,32 @@ static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_r
     return status;
 }
 
-/* Return whether the value of a steep kink stays within its zero band over the span of the run at
- * its present rate. Roots are suppressed there. */
+/* Return whether the argument of a steep kink stays within its zero band over the rest of the span
+ * at its present rate. Roots are suppressed in that evaluation. */
 static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     return cotree_compute_curvature(e, t, w) == 0 &&
            e->span * COTREE_FABS(e->jumps.rates[i]) <= cotree_zero_band(e, i);
 }
 
-/* Set the band of a steep kink near zero: its roots are replaced within the tolerance if they
- * drive the value to zero from both sides. If they drive it away from a side, and no other term
- * of its rate does, the motion is not unique. */
+/* Set the band of a steep kink near zero. Its roots are regularised within the tolerance if they
+ * drive the argument to zero from both sides. The motion is not unique if they drive it away from
+ * zero on one side and no other term of its rate does. */
 static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int found, status = classify_roots(e, i, t, w, &found);
     if (status == 0 && found == DRIVES_AWAY && is_at_rest(e, i, t, w))
         return cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_ROOT);
-    e->failure = 0; /* equations may have no solution at this point */
+    e->failure = 0; /* the equations may have no solution at this point */
     e->branches[e->rows[i].branch] =
         (status == 0 && found == DRIVES_TO_ZERO ? COTREE_F(1.0) : NARROW_SHARE) *
         cotree_zero_band(e, i);
     return 0;
 }
 
-/* Move the sensitivities along the effect of the roots of a steep kink until its value depends on
- * no parameter: their infinite slope does so at once. */
+/* Change the sensitivities in the direction in which the roots of a steep kink change the states,
+ * until its argument depends on no parameter. The infinite slope of the roots would do so
+ * instantly. */
 static int settle_at(cotree_events *e, int i, cotree_real t, cotree_real *w)
 {
     cotree_real *const width = e->branches + e->rows[i].branch, band = *width;
@@ -134,8 +136,8 @@ static int settle_at(cotree_events *e, int i, cotree_real t, cotree_real *w)
     return cotree_jumps_move_sensitivities(&e->jumps, i, e->sum, effect, t, w);
 }
 
-/* Compute the sensitivities at the point of the last selection, if values of steep kinks stay at
- * zero there. */
+/* Update the sensitivities at the point of the last branch selection for steep kinks whose
+ * arguments stay at zero. */
 void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
@@ -175,7 +177,8 @@ static void freeze_branch(cotree_events *e, int i, cotree_real side)
     }
 }
 
-/* Compute the errors of the values of steep kinks by the tolerances of the states. */
+/* Compute the errors of the arguments of steep kinks that correspond to the tolerances of the
+ * states. */
 static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i, status;
@@ -188,8 +191,8 @@ static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *
     return status == 0 ? cotree_compute_values(e, t, w) : status;
 }
 
-/* Select the branches of the motion that leaves a point. A branch whose value has zero rate stays
- * released, and so does one that an earlier call at the same time has selected. */
+/* Select the branches of the motion that starts at a point. A branch whose argument has zero rate
+ * remains released, as does one already selected at the same time. */
 int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
@@ -209,7 +212,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
         e->is_near[i] = COTREE_FABS(g) <= band_at_kink(e, i, t);
         if (!e->is_near[i] && e->rows[i].direction == 0) freeze_branch(e, i, cotree_sign_of(g));
     }
-    /* The rate of a value may depend on the branches of earlier values. */
+    /* The rate of an argument may depend on the branches of earlier arguments. */
     for (i = first; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
         if (e->rows[i].kind == COTREE_STEEP_KINK) {
@@ -232,7 +235,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* Return whether only kinks were found and no modes have to be selected. */
+/* Return whether all events found are kinks and no modes have to be selected. */
 int cotree_are_only_kinks(const cotree_events *e)
 {
     int i;
@@ -242,7 +245,7 @@ int cotree_are_only_kinks(const cotree_events *e)
     return e->n_found > 0 && e->n_modes == 0;
 }
 
-/* Enter the next branches if no other event is due. */
+/* Enter the next branches, unless another event is due. */
 int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i;
@@ -259,7 +262,7 @@ int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Return whether a step ended in the band of a steep kink that it came to from one side. */
+/* Return whether a step that started outside the band of a steep kink ended within it. */
 int cotree_enters_band(const cotree_events *e, const cotree_real *g)
 {
     int i;
@@ -271,16 +274,17 @@ int cotree_enters_band(const cotree_events *e, const cotree_real *g)
     return 0;
 }
 
-/* A value leaves the band of a steep kink at this multiple of its width. */
+/* An argument leaves the band of a steep kink at this multiple of the half-width. */
 #define LEAVING_RATIO COTREE_F(4.0)
 
-/* Return whether a step ended beyond a frozen branch by more than the tolerance, or froze none. */
+/* Return whether a step ended beyond a frozen branch by more than the tolerance, or the branch was
+ * not frozen. */
 int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* A table that is not frozen is never beyond its branch. */
+        /* The argument of a table that is not frozen cannot be beyond its branch. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
         if (e->side[i] == COTREE_F(0.0) &&
             COTREE_FABS(g[i]) >
@@ -291,8 +295,8 @@ int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
     return 0;
 }
 
-/* Bound the quantities of nonlinear event functions over a step, from both ends and the mean
- * rates of the step before. */
+/* Bound the quantities of nonlinear event functions over a step, from their values at both ends and
+ * their mean rates in the previous step. */
 static int bound_quantities(cotree_events *e)
 {
     const cotree_real step = e->t_after - e->t_before;
@@ -307,8 +311,8 @@ static int bound_quantities(cotree_events *e)
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
-/* Test the end of the step only. Return REFINE if a kink may be reached, judged by the changes
- * in this step and the previous one. */
+/* Test the end of the step only. Return REFINE if the changes in this and the previous step
+ * indicate that a kink may be reached. */
 int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);

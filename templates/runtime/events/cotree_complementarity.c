@@ -1,19 +1,21 @@
 /* cotree_complementarity.c: selection of the modes of all unilateral constraints.
  *
- * The modes of dry friction, of rigid stops and contacts, and the signs of loads solve one
+ * The modes of dry friction, of rigid stops and of contacts, and the signs of loads, solve one
  * complementarity problem (F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral Contacts,
- * 1996). Friction that sticks and a stop that is closed have a force within limits; friction
- * that slides has its force at one of two limits, and a stop that is open at its only limit,
- * zero. A trial evaluates the forces and accelerations of one mode set. Forces move from their
- * present values towards those of the trial, up to the first limit: the constraint that reaches
- * it slides, or opens. If no limit is reached, a constraint whose acceleration violates its mode
- * sticks, or closes. Only slacks, the distances to the limits, are stored. With constant limits
- * each pivot lowers a convex quadratic function (primal active-set method: J. Nocedal, S. J.
- * Wright, Numerical Optimization, 2006, section 16.5).
+ * 1996). A friction element that sticks and a stop that is closed have a force within limits. If
+ * friction slides, its force is at one of two limits; if a stop is open, its force is at its only
+ * limit, zero.
  *
- * With limits that depend on forces, as in contacts with friction and gears with losses, nothing
- * is lowered, and there may be none or several solutions. Then no mode set is tried twice, and
- * after the last pivot small problems are enumerated. */
+ * A trial evaluates the forces and accelerations of one mode set. The forces move from their
+ * present values towards those of the trial until the first one reaches a limit: that constraint
+ * slides, or opens. If no force reaches a limit, a constraint whose acceleration violates its mode
+ * sticks, or closes. Only the slacks, the distances to the limits, are stored. If the limits are
+ * constant, each pivot decreases a convex quadratic function (primal active-set method: J. Nocedal,
+ * S. J. Wright, Numerical Optimization, 2006, section 16.5).
+ *
+ * If the limits depend on forces, as in contacts with friction and gears with losses, no such
+ * function exists, and the problem may have no solution or several. Therefore no mode set is tried
+ * twice; if pivoting fails, all mode sets of a small problem are enumerated. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -21,19 +23,21 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Slacks of a force to its forward and backward limit; a stop has the first one only. */
+/* Slacks of a force to its forward and backward limit. A stop has only the first one. */
 #define SLACK(k, is_backward) (e->slack[2 * (k) + (is_backward)])
 
-/* The step fraction of a constraint that reaches no limit: above 1, so that others change first. */
+/* Step fraction of a constraint that reaches no limit. It exceeds 1, so that others change
+ * first. */
 #define FRACTION_NO_LIMIT COTREE_F(2.0)
 
-/* Modulus of the numbers of mode sets: a prime, four times which cotree_real represents exactly. */
+/* Modulus of the codes of mode sets: a prime; cotree_real represents four times its value
+ * exactly. */
 #define CODE_MODULUS COTREE_SELECT(1125899906842597.0, 1048573.0f)
 
-/* The largest number of modes of one constraint. */
+/* The maximum number of modes of one constraint. */
 #define MAX_MODES 3
 
-/* Write the modes that a constraint may have, and return their number. */
+/* List the modes that a constraint may have. Return their number. */
 static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
 {
     int n = 0;
@@ -51,7 +55,8 @@ static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
     return n;
 }
 
-/* Return by how much a constraint violates its mode, as a share, and the mode that removes it. */
+/* Return the relative violation of the present mode of a constraint, and the mode that removes
+ * it. */
 static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     *new_mode = -e->modes[k];
@@ -64,7 +69,7 @@ static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree
                                             : cotree_friction_violation(e, k, t, new_mode);
 }
 
-/* Return the event whose limit the force is at in a mode, or -1. */
+/* Return the event whose limit the force is at in the given mode, or -1. */
 static int limit_event(const cotree_events *e, int k, cotree_real mode)
 {
     if (cotree_is_load(e, k)) return -1;
@@ -74,7 +79,7 @@ static int limit_event(const cotree_events *e, int k, cotree_real mode)
                                     : -1;
 }
 
-/* Return whether the slacks of a constraint change with the forces of the trial. */
+/* Return whether the slacks of a constraint change when the forces move. */
 static int has_moving_slack(const cotree_events *e, int k)
 {
     if (!cotree_may_change(e, k) || cotree_is_load(e, k)) return 0;
@@ -82,7 +87,8 @@ static int has_moving_slack(const cotree_events *e, int k)
     return e->modes[k] == COTREE_F(0.0) || cotree_is_contact_friction(e, k);
 }
 
-/* Start with friction forces midway between their limits and without forces of stops. */
+/* Initialise the slacks: friction forces are midway between their limits, and forces of stops are
+ * zero. */
 static void init_slack(cotree_events *e)
 {
     int k;
@@ -98,7 +104,8 @@ static void init_slack(cotree_events *e)
     }
 }
 
-/* Return the fraction of the step to the trial forces at which a constraint takes its new mode. */
+/* Return the fraction of the step to the trial forces at which a constraint changes to its new
+ * mode. */
 static cotree_real fraction_to_limit(const cotree_events *e, int k, cotree_real new_mode)
 {
     const int limit = limit_event(e, k, new_mode);
@@ -110,7 +117,7 @@ static cotree_real fraction_to_limit(const cotree_events *e, int k, cotree_real 
     return g < COTREE_F(0.0) ? left / (left - g) : COTREE_F(1.0);
 }
 
-/* Move the forces by a fraction of the step to those of the trial. */
+/* Move the forces by a fraction of the step to the trial forces. */
 static void partial_step(cotree_events *e, cotree_real share)
 {
     int k, side;
@@ -129,8 +136,8 @@ static void partial_step(cotree_events *e, cotree_real share)
     }
 }
 
-/* Return the mode of constraint i after constraint k has changed: friction at a contact follows
- * its stop. */
+/* Return the mode of constraint i after constraint k has changed. The friction at a contact changes
+ * with its stop. */
 static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotree_real mode)
 {
     if (i == k) return mode;
@@ -138,14 +145,14 @@ static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotre
     return mode == COTREE_F(0.0) ? COTREE_F(2.0) : e->slip_sign[i];
 }
 
-/* Set a mode of a trial, and the modes of the friction at its contact. */
+/* Set a mode in the trial, and the modes of the friction at its contact. */
 static void change_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
     for (i = 0; i < e->n_modes; ++i) e->modes[i] = mode_after_change(e, i, k, mode);
 }
 
-/* Set the mode of a constraint that has reached its limit, and its slack. */
+/* Set the mode of a constraint that has reached its limit, and reset its slack. */
 static void set_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
@@ -157,7 +164,8 @@ static void set_mode(cotree_events *e, int k, cotree_real mode)
     change_mode(e, k, mode);
 }
 
-/* Return a number that identifies a mode set, with one mode replaced unless other is -1. */
+/* Return a code that identifies the present mode set. If `other` is not -1, its mode is
+ * replaced. */
 static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode)
 {
     cotree_real number = COTREE_F(0.0);
@@ -169,14 +177,14 @@ static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode
     return number;
 }
 
-/* Record the mode set of this trial. */
+/* Store the code of the present mode set. */
 static void record_trial(cotree_events *e)
 {
     e->tried_codes[e->n_tried % N_TRIED_CODES] = mode_code(e, -1, COTREE_F(0.0));
     if (++e->n_tried >= 2 * N_TRIED_CODES) e->n_tried -= N_TRIED_CODES;
 }
 
-/* Return whether a mode set, with one mode replaced, has been tried. */
+/* Return whether the mode set with one mode replaced was tried before. */
 static int is_tried(const cotree_events *e, int k, cotree_real mode)
 {
     const cotree_real number = mode_code(e, k, mode);
@@ -187,7 +195,7 @@ static int is_tried(const cotree_events *e, int k, cotree_real mode)
     return 0;
 }
 
-/* Find a mode of a constraint that has not been tried with the present modes of the others. */
+/* Find a mode of a constraint that was not tried together with the present modes of the others. */
 static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
 {
     cotree_real modes[MAX_MODES];
@@ -200,7 +208,7 @@ static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
     return 0;
 }
 
-/* Find a constraint without violation whose change leads to an untried mode set. */
+/* Find a change of mode of any consistent constraint that leads to an untried mode set. */
 static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *to)
 {
     int k;
@@ -212,8 +220,8 @@ static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *
     return 0;
 }
 
-/* Compute the rounding of the forces of active constraints: that of the largest, since each
- * follows from the others. */
+/* Compute the rounding error of the forces of active constraints. It is that of the largest force,
+ * since the forces are coupled. */
 static void compute_force_noise(cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -227,7 +235,7 @@ static void compute_force_noise(cotree_events *e)
     e->force_noise = COTREE_SCAN_ROUNDING * largest;
 }
 
-/* Evaluate the trial: forces and accelerations, or impulses and speeds. */
+/* Evaluate the trial: forces and accelerations or, in an impact, impulses and speeds. */
 static int evaluate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
 #if COTREE_HAS_DISCS
@@ -250,8 +258,8 @@ static int evaluate_trial(cotree_events *e, cotree_real t)
     return cotree_compute_later_accelerations(e, t);
 }
 
-/* Find the constraint that changes its mode first, or -1 if all changes lead back to tried sets,
- * and take the step to it. Return whether any constraint is violated. */
+/* Find the constraint whose mode changes first, and take the step to its limit; -1 if all changes
+ * lead to mode sets that were tried. Return whether any constraint is violated. */
 static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real *to)
 {
     cotree_real first = COTREE_F(0.0), most = COTREE_F(0.0);
@@ -265,7 +273,7 @@ static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real
         is_wrong = 1;
         share = fraction_to_limit(e, k, new_mode);
         if (is_tried(e, k, new_mode)) {
-            /* Force-dependent limits can cycle; fall back to an untried mode. */
+            /* Limits that depend on forces can cause cycling: use an untried mode. */
             share = FRACTION_NO_LIMIT + COTREE_F(1.0);
             if (!find_untried_mode(e, k, &new_mode)) continue;
         }
@@ -294,13 +302,12 @@ static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
     return 1;
 }
 
-/* Set the mode set with a given number among all combinations. */
+/* Set the modes to the combination with the given number. */
 static void decode_modes(cotree_events *e, int code)
 {
     cotree_real modes[MAX_MODES];
     int k;
-    /* Stops come last in the order: set them first, since the friction at their contacts
-     * follows. */
+    /* Set the modes of stops, which come last, before those of the friction at their contacts. */
     for (k = e->n_modes - 1; k >= 0; --k) {
         int n;
         if (!cotree_is_variable(e, k)) continue;
@@ -310,7 +317,7 @@ static void decode_modes(cotree_events *e, int code)
     }
 }
 
-/* Enumerate all mode sets, if they are few. Return whether one is consistent. */
+/* Enumerate all mode sets if there are few. Return whether one is consistent. */
 static int enumerate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_real modes[MAX_MODES];
@@ -325,7 +332,7 @@ static int enumerate_modes(cotree_events *e, cotree_real t, const cotree_real *w
     return 0;
 }
 
-/* Fail, with the active constraints in a range as the events concerned. */
+/* Fail, and mark the active constraints in a range as the cause. */
 static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int status)
 {
     int i, k, first = -1;
@@ -338,17 +345,17 @@ static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int st
     return cotree_fail(e, PLACE(first < 0 ? from : first, SLIP), t, status);
 }
 
-/* Fail because the equations are singular in the first selection of modes. */
+/* Fail because the equations were singular in the first trial of the mode selection. */
 static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     int k, n_idle = 0;
     for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
-    /* The loss of a gear depends on forces that several sticking constraints share. */
+    /* The loss of a gear depends on forces that are shared by several sticking constraints. */
     if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
     return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_INDETERMINATE);
 }
 
-/* Fail because the equations are singular in the modes at the start. */
+/* Fail because the equations are singular with the modes at the start. */
 int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;
@@ -356,7 +363,7 @@ int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_indeterminate(e, t);
 }
 
-/* Close all active stops, or open them. Return whether any mode changed. */
+/* Close or open all active stops. Return whether any mode changed. */
 static int close_stops(cotree_events *e, int is_held)
 {
     int k, is_changed = 0;
@@ -369,8 +376,8 @@ static int close_stops(cotree_events *e, int is_held)
     return is_changed;
 }
 
-/* Pivot until the modes of n unilateral constraints are consistent. Return FOUND; NONE if
- * pivoting ends without a solution; or the failure of the first trial. */
+/* Change modes until those of n unilateral constraints are consistent. Return FOUND, NONE if
+ * pivoting ends without a solution, or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
     int round, is_begun = 0, is_lost = 0, changed = -1;
@@ -379,7 +386,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
     for (round = 0; round <= COTREE_FRICTION_ROUNDS(n); ++round) {
         record_trial(e);
         if (evaluate_modes(e, t, w) != 0) {
-            /* Singular trial (indeterminate forces): discard this mode set. */
+            /* The trial was singular (the forces are not unique): discard this mode set. */
             if (changed >= 0)
                 cotree_copy(e->n_modes, e->saved_modes, e->modes);
             else if (!close_stops(e, 0))
@@ -406,7 +413,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
     return COTREE_EVENTS_NONE;
 }
 
-/* Select the modes of all variable constraints: by pivots, then by enumeration. */
+/* Select the modes of all variable constraints by pivoting; if that fails, by enumeration. */
 int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status, n = 0;
@@ -421,8 +428,8 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_modes(e, t, 0, e->n_modes, COTREE_EVENTS_NO_MODES);
 }
 
-/* Reject a solution that is not unique, as strong friction allows (Painleve configurations): a
- * stop may then either hold or open. */
+/* Reject a solution that is not unique: with strong friction a stop may be able both to stay closed
+ * and to open (Painleve paradox). */
 static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;

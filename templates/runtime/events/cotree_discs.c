@@ -1,10 +1,10 @@
 /* cotree_discs.c: friction on planes in space.
  *
- * The friction of a contact on a plane has two components, whose sum of squares is limited. It has
- * one mode: both components stick, or the contact slides in the direction of its slip. At zero
- * slip a contact begins to slide in the direction d of its acceleration, which depends on d by the
- * friction itself: the mode that is tried includes the solution of that equation. In an impact d
- * is the direction of the slip after it. */
+ * The friction force of a contact on a plane has two components, whose magnitude is limited. The
+ * contact has one mode: it sticks, or it slides in the direction of its slip. At zero slip a
+ * contact starts to slide in the direction d of its acceleration, which itself depends on d. The
+ * trial of the sliding mode includes the solution for d. In an impact, d is the direction of the
+ * slip after the impact. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -12,13 +12,14 @@
 #include <stddef.h>
 
 #if COTREE_HAS_DISCS
-/* The largest number of iterations for the direction of sliding. */
+/* Maximum number of iterations for the direction of sliding. */
 #define MAX_TURNS 200
 
-/* The change of the direction below which it is found. */
+/* Convergence tolerance of the direction. */
 #define DIRECTION_TOL COTREE_SELECT(1e-14, 1e-6f)
 
-/* A direction that deviates from the slip by more than 60 degrees is set again. */
+/* Cosine below which the angle between direction and slip exceeds 60 degrees: the direction is then
+ * reset. */
 #define LEAST_COSINE COTREE_F(0.5)
 
 int cotree_count_discs(const cotree_hybrid *h)
@@ -28,7 +29,7 @@ int cotree_count_discs(const cotree_hybrid *h)
     return n;
 }
 
-/* Return the direction of sliding: two numbers. */
+/* Return the direction of sliding, two components. */
 static cotree_real *direction_of(const cotree_events *e, int k)
 {
     return e->directions + 2 * e->disc[k];
@@ -41,7 +42,7 @@ static cotree_real dot(const cotree_real *a, const cotree_real *b)
 
 static cotree_real length_of(const cotree_real *a) { return COTREE_SQRT(dot(a, a)); }
 
-/* Set a direction, unless its vector vanishes. */
+/* Set a direction to that of a vector, unless the vector is zero. */
 static void set_direction(const cotree_events *e, int k, const cotree_real *along)
 {
     const cotree_real length = length_of(along);
@@ -50,7 +51,7 @@ static void set_direction(const cotree_events *e, int k, const cotree_real *alon
     direction_of(e, k)[1] = along[1] / length;
 }
 
-/* List the friction on planes in space. */
+/* List the friction constraints on planes in space. */
 void cotree_list_discs(cotree_events *e)
 {
     int k, n = 0;
@@ -63,7 +64,7 @@ void cotree_list_discs(cotree_events *e)
     }
 }
 
-/* Copy the directions of sliding from the states, or to them. */
+/* Copy the directions of sliding from the states, or to the states. */
 void cotree_load_directions(cotree_events *e, const cotree_real *w)
 {
     int i;
@@ -76,28 +77,28 @@ void cotree_store_directions(const cotree_events *e, cotree_real *w)
     for (i = 0; i < 2 * e->n_discs; ++i) w[e->direction_states[i]] = e->directions[i];
 }
 
-/* Write both components of the slip, as computed last with all new values. */
+/* Write both components of the slip at the last evaluation of new values. */
 void cotree_slip_vector(const cotree_events *e, int k, cotree_real *slip)
 {
     slip[0] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
     slip[1] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, FORWARD_LIMIT));
 }
 
-/* Write both components of the acceleration of the slip, as computed last. */
+/* Write both components of the slip acceleration at the last evaluation. */
 static void slip_acceleration(const cotree_events *e, int k, cotree_real *rate)
 {
     rate[0] = -cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, SLIP));
     rate[1] = -cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, FORWARD_LIMIT));
 }
 
-/* Write both components of the impulse of friction that sticks in an impact. */
+/* Write both components of the friction impulse of a contact that sticks in an impact. */
 void cotree_friction_impulse(const cotree_events *e, int k, cotree_real *impulse)
 {
     impulse[0] = e->samples[PLACE(k, FIRST_IMPULSE)];
     impulse[1] = e->samples[PLACE(k, SECOND_IMPULSE)];
 }
 
-/* Return the slip speed, and set the direction of friction that slides. */
+/* Return the slip speed, and set the direction of friction if it slides. */
 cotree_real cotree_disc_speed(cotree_events *e, int k, cotree_real mode)
 {
     cotree_real slip[2], speed;
@@ -108,8 +109,8 @@ cotree_real cotree_disc_speed(cotree_events *e, int k, cotree_real mode)
     return speed;
 }
 
-/* Set the direction in which friction begins to slide: that of the force or impulse of the last
- * trial, in which it sticks. */
+/* Set the direction in which friction starts to slide: that of the force or impulse in the last
+ * trial, in which it stuck. */
 int cotree_begin_sliding(cotree_events *e, int k, cotree_real t)
 {
     cotree_real force[2];
@@ -125,7 +126,7 @@ int cotree_begin_sliding(cotree_events *e, int k, cotree_real t)
     return 0;
 }
 
-/* Turn the direction of one contact towards its slip. gain: the change of direction per unit of
+/* Turn the direction of one contact towards its slip. gain: change of the direction per unit of
  * slip. Return the magnitude of the change. */
 static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *slip)
 {
@@ -137,7 +138,7 @@ static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *s
     /* The direction changes by at most one. */
     limit = COTREE_F(1.0) / length;
     if (round > 0) {
-        /* The slip falls with the direction by at most the largest slope so far. */
+        /* The slip decreases with the direction by at most the largest slope so far. */
         const cotree_real moved[2] = {own[0] - last[0], own[1] - last[1]};
         const cotree_real way = length_of(moved), fall = length_of(change);
         if (fall * limit > way) limit = way / fall;
@@ -156,9 +157,9 @@ static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *s
     return length_of(change);
 }
 
-/* Turn the directions in which contacts begin to slide towards their accelerations, or in impacts
- * those in which they slide towards the slip after them. Return whether any has changed, so that
- * the trial has to be evaluated again. */
+/* Turn the directions of contacts that start to slide towards their accelerations or, in impacts,
+ * towards the slip after the impact. Return whether any direction has changed, so that the trial
+ * must be evaluated again. */
 int cotree_turn_discs(cotree_events *e, int round)
 {
     int k, is_changed = 0;

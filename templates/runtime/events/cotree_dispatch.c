@@ -1,25 +1,26 @@
-/* cotree_dispatch.c: application of the events at one time, and of those that they trigger. */
+/* cotree_dispatch.c: applies the events at one time, and the events that they trigger. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Return whether a crossing to a side has the direction of the event. */
+/* Return whether a crossing towards the given side is in the direction of the event. */
 int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 {
     const int direction = e->rows[i].direction;
     return direction == 0 || (cotree_real)direction == side;
 }
 
-/* Return a past time of an event; age 0 is the last one. */
+/* Return a past time of an event; age 0 is the most recent one. */
 static cotree_real recent_event_time(const cotree_events *e, int i, int age)
 {
     const int place = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
     return e->event_times[i * COTREE_EVENT_CROWD + place];
 }
 
-/* Reject an event whose last n intervals form a geometric series with a limit within a time. */
+/* Fail if the last n intervals of an event form a geometric series whose limit is less than
+ * `longest` ahead. */
 static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_real longest)
 {
     cotree_real last, ratio, left;
@@ -43,21 +44,21 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
-/* Return whether an event ends or begins a slip at a contact. */
+/* Return whether an event starts or ends slip at a contact. */
 static int is_contact_slip(const cotree_events *e, int i)
 {
     return e->rows[i].kind == COTREE_FRICTION_SLIP && e->rows[i].n_targets > 2;
 }
 
-/* Count an event, and reject accumulation and chatter. */
+/* Count an event. Fail if events accumulate or chatter. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
-    /* Keeps the count within the range of int. */
+    /* Keep the count within the range of int. */
     if (e->n_event_times[i] >= 2 * COTREE_EVENT_CROWD) e->n_event_times[i] -= COTREE_EVENT_CROWD;
     e->event_times[i * COTREE_EVENT_CROWD + e->n_event_times[i] % COTREE_EVENT_CROWD] = t;
     ++e->n_event_times[i];
-    /* Impacts at a stop end at rest, by the threshold of the stop, and slips at a contact with
-     * them. */
+    /* The rest threshold of a stop ends its series of impacts, and the series of slips at its
+     * contact. */
     if (!cotree_is_gap(e, i) && !is_contact_slip(e, i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
@@ -75,7 +76,7 @@ int cotree_fail_grazing(cotree_events *e, int i, cotree_real t)
     return cotree_fail(e, i, t, COTREE_EVENTS_GRAZING);
 }
 
-/* Find whether an event function depends on a parameter of sensitivity. */
+/* Find whether an event function depends on a parameter of the sensitivities. */
 static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *w,
                            int *is_dependent)
 {
@@ -83,7 +84,7 @@ static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *
     return e->kernel_status == 0 ? 0 : cotree_fail(e, i, t, COTREE_EVENTS_FAILED);
 }
 
-/* Reject a grazing crossing whose time depends on a parameter: its depth is below the error
+/* Fail if a crossing whose time depends on a parameter is grazing: its depth is below the error
  * tolerance. */
 static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
 {
@@ -122,7 +123,8 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     int k, status = count_event(e, i, t);
     if (status == 0 && e->run->n_blocks > 1 && !is_time_fixed) status = check_grazing(e, i, t, w);
     if (status != 0) {
-        /* If no rate jumps, neither the time nor the number of crossings matters. */
+        /* If the rates are continuous, the event time and the number of crossings have no
+         * effect. */
         if (status == COTREE_EVENTS_FAILED || !is_smooth) return status;
         is_time_fixed = 1;
         e->failure = 0;
@@ -149,8 +151,8 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     return 0;
 }
 
-/* Return whether an event, or the other event of the same jump, has just been applied: its
- * function is then zero within the error tolerance. */
+/* Return whether an event, or the opposite event of the same jump, was just applied: its function
+ * is then zero within the error tolerance. */
 static int has_just_fired(const cotree_events *e, int i)
 {
     int k;
@@ -171,15 +173,15 @@ void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way)
     }
 }
 
-/* Return whether an event function at zero has a second derivative above rounding, as computed
- * last. */
+/* Return whether the second derivative of an event function at zero exceeds rounding, at the last
+ * evaluation. */
 int cotree_has_curvature(const cotree_events *e, int i)
 {
     return COTREE_FABS(e->curvature[i]) * e->span > ZERO_RATE_SHARE * e->rate_before[i];
 }
 
-/* Write the side of zero of each event function to samples, at zero that of its rate. Jumps at
- * zero rate take the side of the second derivative. */
+/* Write the sign of each event function to samples. If a function is zero, its rate determines the
+ * sign; for jumps at zero rate the second derivative does. */
 static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i, is_known = 0, status = cotree_compute_values(e, t, w);
@@ -220,7 +222,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
     return status;
 }
 
-/* Apply the jumps that were found to a copy, in one order or the other. */
+/* Apply the jumps found to a copy of w, in forward or reverse order. */
 static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_reverse)
 {
     int k, status = 0;
@@ -232,8 +234,8 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     return status;
 }
 
-/* Reject simultaneous jumps that do not commute if a parameter moves their times apart: no
- * sensitivities exist. */
+/* Fail if simultaneous jumps do not commute and a parameter separates their times: no sensitivities
+ * exist. */
 static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, first = -1, are_apart = 0, is_dependent;
@@ -260,13 +262,13 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Apply the events that were found, each in the direction of its crossing. */
+/* Apply the events found, each in the direction of its crossing. */
 static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_fired = 0, status = check_order(e, t, w);
     if (status == 0) status = cotree_compute_values(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
-        /* A value at zero counts as crossed in either direction. */
+        /* A function that is zero counts as crossed in either direction. */
         if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i))
             e->side[i] = e->crossing_sign[i];
     }
@@ -292,8 +294,8 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
     return status;
 }
 
-/* Fail because events trigger each other without end: those of the last rounds. If all are
- * jumps, the motion slides along them. If no rate jumps, now and shortly afterwards, any mode is
+/* Fail because of an endless cascade, and mark the events of the last rounds. If all are jumps, the
+ * motion slides along a switching surface. If no rate jumps, now or shortly afterwards, any mode is
  * valid. */
 static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
 {
@@ -316,15 +318,15 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDING : COTREE_EVENTS_CASCADE);
 }
 
-/* Return whether the mode of a jump contradicts the side of its value: an event changed the
- * value, or the value leaves zero to that side. */
+/* Return whether the mode of a jump disagrees with the sign of its function, because an event
+ * changed the value or the value leaves zero. */
 static int is_mode_wrong(const cotree_events *e, int i)
 {
     return e->rows[i].kind == COTREE_JUMP && e->samples[i] == (cotree_real)e->rows[i].direction &&
            cotree_jumps_changes_value(&e->jumps, i);
 }
 
-/* Reject a value that leaves a jump at an undetermined time. */
+/* Fail if a value leaves a switching surface at a time that is not determined. */
 static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int k, is_timed = e->is_time_fixed || e->run->n_blocks == 1 || e->side[i] != COTREE_F(0.0);
@@ -344,7 +346,7 @@ static int has_fixed_time(const cotree_events *e)
     return is_decided;
 }
 
-/* Process cascaded events until no event function changes sign. */
+/* Apply triggered events until no event function changes sign. */
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, round, has_jumps = 0;
@@ -378,10 +380,10 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
     return fail_cascade(e, t, w);
 }
 
-/* Reject an event value left at zero with zero rate but nonzero acceleration through zero. */
+/* Fail if an event function stays at zero with zero rate but has a nonzero second derivative. */
 static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
-    /* The selection of modes covers its own event functions, and process_cascade covers jumps. */
+    /* The mode selection covers the event functions of modes, and process_cascade covers jumps. */
     if (e->side[i] != COTREE_F(0.0) || e->terminal_event >= 0 || cotree_stays_at_zero(e, i) ||
         cotree_is_of_friction(e, i))
         return 0;
@@ -392,14 +394,14 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
     return cotree_fail(e, i, t, COTREE_EVENTS_REST_AT_ZERO);
 }
 
-/* Apply the located events at w, then the events they trigger. slopes: the derivatives of the
- * time by the parameters if no event determines it; NULL: none. */
+/* Apply the located events at w, then the events that they trigger. slopes: derivatives of the time
+ * by the parameters if no event determines it; NULL: none. */
 int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_found,
                         const cotree_real *slopes)
 {
     int i, status = cotree_compute_rates(e, t, w);
     e->n_fired = e->is_mode_changed = 0;
-    /* A jump may move values to other branches. */
+    /* A jump may move arguments to other branches. */
     cotree_release_branches(e);
     for (i = 0; i < e->n_events; ++i) {
         e->has_fired[i] = 0;

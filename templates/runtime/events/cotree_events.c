@@ -5,12 +5,12 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Bounds of the interpolation error, in tolerances: above the first one a step is refined if an
- * event function comes close to zero, above the second one before a crossing is located. */
+/* Limits of the interpolation error, in tolerances. Above the first one, a step is refined if an
+ * event function comes close to zero; above the second one, before a crossing is located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)
 #define FINE_TOLERANCES COTREE_F(4.0)
 
-/* The same for kinks, where an error has effects of second order. */
+/* The corresponding limit for kinks, at which errors have second-order effects only. */
 #define KINK_TOLERANCES COTREE_F(100.0)
 
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
@@ -137,7 +137,7 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
             e->crossing_sign[i] = cotree_sign_of(e->curvature[i]);
         }
         e->side[i] = e->crossing_sign[i];
-        /* A closed gap starts with an impact, or at rest, in the selection of modes. */
+        /* The mode selection handles a gap that is closed at the start, by an impact or at rest. */
         e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
                          e->rows[i].direction != 0 &&
                          (cotree_real)e->rows[i].direction == e->crossing_sign[i];
@@ -240,12 +240,12 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from)
     cotree_copy(n * COTREE_EVENT_CROWD, from + 7 * n, e->event_times);
 }
 
-/* Find a crossing of event i in [a, b], where it has the values at_a and at_b: its time, and the
- * side before it. from: the side at a; it becomes that at b if there is no crossing. The bracket
- * starts where the value was on that side last, possibly before a, since the value at a may be
- * zero within rounding. A value that grazes zero, where sensitivities depend on whether it crosses,
- * is found with side zero. Return NONE, FOUND, a failure, or REFINE if the step has to be refined
- * first. */
+/* Find a crossing of event i in [a, b], where it has the values at_a and at_b. Write its time and
+ * the side before it. from: the side at a; without a crossing it becomes the side at b. The bracket
+ * starts at the last time at which the value was on that side. This may be before a, where the
+ * value may be zero within rounding. A value that grazes zero is found with side zero if
+ * sensitivities depend on whether it crosses. Return NONE, FOUND, a failure, or REFINE if the step
+ * must be refined first. */
 int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_real b,
                                  cotree_real at_a, cotree_real at_b, int is_turning,
                                  cotree_real *at, cotree_real *from)
@@ -278,7 +278,7 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     if (e->failure != 0) return e->failure;
     if (sign != COTREE_F(0.0) && side != COTREE_F(0.0) && sign != side &&
         cotree_is_in_direction(e, i, sign)) {
-        /* Interpolated speeds near zero are accurate to the tolerance of their terms only. */
+        /* Interpolated speeds near zero are accurate only to the tolerance of their terms. */
         const int is_close =
             e->is_fine || (cotree_is_kink(e, i) && e->history_error <= KINK_TOLERANCES);
         if (!is_close || (cotree_stays_at_zero(e, i) && !e->is_refined)) return REFINE;
@@ -289,7 +289,8 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     return COTREE_EVENTS_NONE;
 }
 
-/* Find the first crossing of one event function between the samples; return as above. */
+/* Find the first crossing of one event function between the samples. Return as
+ * cotree_find_crossing_between. */
 static int find_crossing(cotree_events *e, int i)
 {
     const cotree_real *const g = e->samples + i;
@@ -312,8 +313,8 @@ static int find_crossing(cotree_events *e, int i)
     return found;
 }
 
-/* Find the first crossing of all event functions; return as above, or SHORTEN if there is none
- * before `until` and later times are undecided. */
+/* Find the first crossing of all event functions. Return as find_crossing, or SHORTEN if there is
+ * none before `until` and later times are undecided. */
 static int find_crossings(cotree_events *e, int *first, cotree_real *until)
 {
     int i, status = COTREE_EVENTS_NONE;
@@ -337,7 +338,8 @@ static int find_crossings(cotree_events *e, int *first, cotree_real *until)
     return status == COTREE_EVENTS_NONE && *until < COTREE_INFINITY ? SHORTEN : status;
 }
 
-/* Find event functions whose value at the end of the step is zero within its time uncertainty. */
+/* Find the event functions that are zero at the end of the step, within the uncertainty of the
+ * time. */
 static int find_at_end(cotree_events *e, int *first)
 {
     const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
@@ -379,8 +381,8 @@ static int compute_margin(cotree_events *e, int i)
     return 0;
 }
 
-/* Add the events that cross zero at the same point: the end of a step may have one of two
- * simultaneous events just outside rounding, and the other within. */
+/* Add the events that cross zero at the same point. At the end of a step, one of two simultaneous
+ * events may be just outside the rounding band and the other one within it. */
 static int add_simultaneous(cotree_events *e)
 {
     int i;
@@ -398,7 +400,8 @@ static int add_simultaneous(cotree_events *e)
     return e->failure;
 }
 
-/* Return the point at an end of a step in the form w; its algebraic unknowns become guesses. */
+/* Return the point at an end of a step in the layout of w. Its algebraic unknowns become
+ * guesses. */
 static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const cotree_real *given,
                                         cotree_real *w)
 {
@@ -408,7 +411,7 @@ static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const c
 }
 
 /* Return whether a value that was zero has moved to a side that requires another mode. If rates
- * agree on both sides, the mode changes at the start of the step. */
+ * agree on both sides, the mode is changed at the start of the step. */
 static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
     int k;
@@ -464,7 +467,8 @@ static int find_first_event(cotree_events *e)
                 /* Sticking friction keeps the remaining speed, so that each slip must end
                  * separately. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));
-                /* The value may have crossed in the other direction before, without an event. */
+                /* The value may have crossed zero in the other direction before, without an
+                 * event. */
                 if (e->is_found[i]) e->side[i] = e->from_side[i];
             }
             if (add_simultaneous(e) != 0) return e->failure;
@@ -532,8 +536,9 @@ int cotree_events_apply(cotree_events *e)
         if (!e->is_found[i] || !is_first || cotree_is_kink(e, i)) continue;
         is_first = 0;
         if (!(e->crossing_sign[i] * e->side[i] > COTREE_F(0.0))) continue;
-        /* The value left zero by less than rounding. Modes of friction handle this; an impact
-         * leaves no speed; at a continuous jump the step determines the side. */
+        /* The value left zero by less than rounding. For friction, the mode selection handles this;
+         * after an impact, the gap has no speed; at a continuous jump the step determines the
+         * side. */
         if (cotree_is_gap(e, i))
             e->unresolved_gap = i;
         else if (cotree_is_continuous(e, i, e->t, e->w))

@@ -1,9 +1,9 @@
 /* cotree_friction.c: modes of dry friction.
  *
- * A friction constraint has the mode 0 while it sticks, 1 or -1 while it slides and 2 while it
- * is disengaged, and one event for each reason to change it. Constraints at zero slip rate are
- * active: each starts sticking. It slides if its force exceeds a limit, and sticks again if its
- * acceleration opposes its mode. cotree_complementarity.c selects all modes at once. */
+ * A friction constraint has mode 0 if it sticks, 1 or -1 if it slides, and 2 if it is disengaged,
+ * with one event for each reason to change the mode. Constraints with zero slip rate are active:
+ * each starts sticking, slides if its force exceeds a limit, and sticks again if its acceleration
+ * opposes its mode. cotree_complementarity.c selects all modes together. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -11,16 +11,16 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Growth of the zero level of a force at its limit, each time it crosses zero without
- * consequence. */
+/* Growth factor of the zero level of a force at its limit, applied each time the force crosses zero
+ * without effect. */
 #define ZERO_LEVEL_GROWTH COTREE_F(10.0)
 
-/* Slips below this speed end together with another one, [m/s]: ten times that below which the
- * direction of sliding on a plane is not resolved. */
+/* Slips below this speed, [m/s], end together with another slip: it is ten times the speed below
+ * which the direction of sliding on a plane is not resolved. */
 #define UNRESOLVED_SLIP COTREE_F(1e-6)
 
-/* List the modes whose first event is of one kind. Return their number; nothing is written if
- * places is NULL. */
+/* List the modes whose first event is of a kind. Return their number; if places is NULL, only count
+ * them. */
 int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
 {
     int i, k, n = 0;
@@ -133,7 +133,7 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
 }
 
-/* Evaluate the event functions and their rates with the trial modes. */
+/* Evaluate the event functions and their rates with the modes of the trial. */
 int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status;
@@ -152,8 +152,8 @@ int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* Return the side of zero of a value: the sign of its rate if it is zero within the uncertainty
- * of its time. */
+/* Return the sign of an event function. If it is zero within the uncertainty of its time, return
+ * the sign of its rate. */
 cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cotree_real size)
 {
     const cotree_real rate = e->jumps.rates[i], g = e->samples[i];
@@ -194,7 +194,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                              cotree_spacing(t) * COTREE_FABS(rate));
         near = COTREE_FMAX(near, cotree_rounding_band(e, i));
-        /* In mode -1 the slip rate has the other sign: the sum is the difference of the
+        /* In mode -1 the slip rate has the opposite sign: the sum is the difference of the
          * accelerations. */
         e->acceleration_scale[k] =
             COTREE_FMAX(COTREE_FABS(e->acceleration_scale[k] + rate),
@@ -202,20 +202,21 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
-        /* Slips of one body end together. */
+        /* The slips of one body end together. */
         if (is_end && cotree_is_disc(e, k)) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));
         e->is_active[k] = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
-        /* It sticks as its slip begins: the force reaches its limit, but does not exceed it. */
+        /* Friction sticks again when its slip starts: the force reaches its limit, but does not
+         * exceed it. */
         e->is_resticking[k] =
             i == fired && t - e->slide_start[k] <= COTREE_F(4.0) * cotree_spacing(t);
         if (grip >= 0 && cotree_moving_side(e, grip, t, e->value_scale[grip]) <= COTREE_F(0.0)) {
             e->is_active[k] = 0;
             e->modes[k] = COTREE_F(2.0);
         } else if (cotree_is_contact_friction(e, k)) {
-            /* The mode of friction follows that of its stop; a sliding contact keeps its direction.
-             */
+            /* The mode of contact friction changes with that of its stop. A sliding contact keeps
+             * its direction. */
             e->is_active[k] = e->is_active[k] || (mode == COTREE_F(2.0) &&
                                                   COTREE_FABS(v) <= cotree_closing_uncertainty(e));
             e->slip_sign[k] = e->is_active[k] ? COTREE_F(0.0) : cotree_sign_of(v);
@@ -232,16 +233,16 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
     return status;
 }
 
-/* Return the relative acceleration below which it counts as zero: a share of the accelerations
- * that friction causes, but at least the rounding of the largest rate, since it is a difference
- * of rates. */
+/* Return the relative acceleration below which it counts as zero: a fraction of the accelerations
+ * caused by friction, at least the rounding of the largest rate, since it is a difference of
+ * rates. */
 cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
 }
 
-/* Return by how much an active constraint violates its mode, as a share, and the new mode. */
+/* Return the relative violation of the mode of an active constraint, and the new mode. */
 cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int forward = PLACE(k, FORWARD_LIMIT), backward = PLACE(k, BACKWARD_LIMIT),
@@ -279,7 +280,7 @@ cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, co
     return COTREE_F(0.0);
 }
 
-/* Return 1 if the sign of a load is not that assumed by its laws, else 0. */
+/* Return 1 if the sign of a load differs from that assumed by its laws, else 0. */
 cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
 {
     const int i = PLACE(k, SLIP);
@@ -287,7 +288,7 @@ cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
                                                                           : COTREE_F(0.0);
 }
 
-/* Evaluate the change of accelerations, if a constraint opens at zero acceleration. */
+/* Evaluate the rates of change of accelerations if a constraint opens at zero acceleration. */
 int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
 {
     int k, is_needed = 0;
@@ -304,8 +305,8 @@ int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
     return cotree_compute_rates(e, t, e->trial);
 }
 
-/* Set whether a force stays at its limit, as it does between two limits of zero, or a load at
- * zero. Its zero level grows each time that it crosses without consequence. */
+/* Set whether a force stays at its limit. It does if both limits are zero, or for a load at zero.
+ * The zero level grows each time the force crosses zero without effect. */
 static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
                               int fired)
 {
@@ -319,7 +320,7 @@ static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back
     if (!e->stays_at_zero[i]) e->zero_level[i] = COTREE_F(0.0);
 }
 
-/* Set which event functions stay at zero with the modes selected. */
+/* Determine which event functions stay at zero with the selected modes. */
 static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
 {
     int k, what;
@@ -336,8 +337,8 @@ static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
     for (; k < e->n_modes; ++k) cotree_update_open_gaps(e, k);
 }
 
-/* Resolve impacts and select all modes at w, after an event or a jump of inputs. The modes
- * change as part of the last event. */
+/* Resolve impacts and select all modes at w, after an event or a jump of inputs. The changes of
+ * mode belong to the last event. */
 int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     int k, is_changed = 0, status;
@@ -391,8 +392,8 @@ int cotree_was_selected(const cotree_events *e, int i)
     return 0;
 }
 
-/* Set the sides of zero of the event functions of friction, and of gaps that are closed but
- * free. */
+/* Set the signs of the event functions of friction, and of gaps that are closed but free to
+ * open. */
 void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
 {
     int k;
@@ -408,7 +409,7 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
     for (; k < e->n_modes; ++k) {
         const int gap = cotree_closed_gap(e, k), is_free = w[PLACE(k, MODE_STATE)] == COTREE_F(0.0);
         if (e->closed_side[k - cotree_first_stop(e)] == COTREE_F(0.0)) continue;
-        /* The gap may be negative, within the tolerance of closed gaps. */
+        /* The gap may be negative within the tolerance of closed gaps. */
         if (e->stays_at_zero[gap] || (is_free && !e->is_stepped_over[gap]))
             e->side[gap] = COTREE_F(1.0);
     }

@@ -1,11 +1,11 @@
 /* cotree_impacts.c: impacts of rigid stops.
  *
- * An impact is one more complementarity problem, solved by cotree_complementarity.c: impulses
- * stand for forces, changes of speed for accelerations (J. J. Moreau 1988). A stop with an
- * impulse has the side of its limit as its mode, a stop without one has 0. Friction at its
- * contact sticks (0), slides in the direction of the slip after the impact (1 or -1), or has no
- * impulse (2). All other modes stay. Impacts follow one another until no closed gap has a
- * negative rate. */
+ * An impact is another complementarity problem, solved by cotree_complementarity.c with impulses
+ * instead of forces and changes of speed instead of accelerations (J. J. Moreau 1988). The mode of
+ * a stop is the side of its limit if the stop has an impulse, else 0. Friction at its contact
+ * sticks (0), slides in the direction of the slip after the impact (1 or -1), or has no impulse
+ * (2). All other modes are constant. Impacts are repeated until no closed gap has a negative
+ * rate. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -13,12 +13,12 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Modes that kernels receive in an impact. A stop with an impulse has twice the sign of its limit;
- * friction that sticks there has a mode of its own. */
+/* Modes passed to the kernels in an impact. A stop with an impulse has twice the sign of its limit;
+ * friction that sticks at its contact has the mode KERNEL_STICKS. */
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
-/* On planes in space friction in mode -1 has the direction of sliding that is stored. */
+/* On planes in space, friction in mode -1 slides in the stored direction. */
 #define KERNEL_SLIDES (-COTREE_F(1.0))
 
 /* Return whether a closed stop takes part in the impact. */
@@ -28,7 +28,7 @@ static int takes_part(const cotree_events *e, int k)
            e->impact_role[k - cotree_first_stop(e)] >= 0;
 }
 
-/* Return the impact in the form of cotree_jumps.h, with the trial modes. */
+/* Return the data of the impact for cotree_jumps.h, with the modes of the trial. */
 static cotree_impulse impact_of(cotree_events *e)
 {
     cotree_impulse s;
@@ -37,7 +37,7 @@ static cotree_impulse impact_of(cotree_events *e)
         const int own = k - cotree_first_stop(e);
         const cotree_real mode = e->modes[k];
         e->kernel_modes[k] = own >= 0 ? KERNEL_STRUCK * mode : mode;
-        /* The force of sticking friction elsewhere is finite: it has no impulse. */
+        /* The force of other sticking friction is finite: it has no impulse. */
         if (k < e->n_frictions && mode == COTREE_F(0.0))
             e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
         if (cotree_is_disc(e, k) && mode == COTREE_F(1.0)) e->kernel_modes[k] = KERNEL_SLIDES;
@@ -73,8 +73,8 @@ static cotree_impulse impact_of(cotree_events *e)
     return s;
 }
 
-/* Evaluate a trial impact: the speeds after it, and its impulses in place of forces. Return 0,
- * or another number if it has no solution. */
+/* Evaluate a trial of the impact: the speeds after it and its impulses. Return 0, or another number
+ * if it has no solution. */
 int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_impulse s = impact_of(e);
@@ -94,7 +94,7 @@ static cotree_real largest_impulse(const cotree_events *e)
     return largest;
 }
 
-/* Return by how much a closed stop violates the impact law, as a share, and its new mode. */
+/* Return the relative violation of the impact law by a closed stop, and its new mode. */
 cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), is_hit = e->modes[k] != COTREE_F(0.0);
@@ -124,7 +124,7 @@ static cotree_real slip_after_impact(const cotree_events *e, int k)
 }
 
 #if COTREE_HAS_DISCS
-/* Return the same as cotree_tangential_violation for a plane in space. */
+/* Return as cotree_tangential_violation, for a plane in space. */
 static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const cotree_real normal = e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)],
@@ -146,8 +146,8 @@ static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *ne
 }
 
 #endif
-/* Return by how much friction at a contact violates the impact law, as a share, and its new
- * mode: it sticks if its impulse is within the limits, and else slides in the direction of the
+/* Return the relative violation of the impact law by friction at a contact, and its new mode.
+ * Friction sticks if its impulse is within the limits; otherwise it slides in the direction of the
  * slip. */
 cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
@@ -179,13 +179,13 @@ static void find_slip(const cotree_events *e, int k, cotree_real *slip)
 #endif
 }
 
-/* Return whether a stop has an impulse that is not rounding, as that of an unresolved gap is. */
+/* Return whether the impulse of a stop exceeds rounding. That of an unresolved gap does not. */
 static int has_resolved_impulse(const cotree_events *e, int k)
 {
     return e->modes[k] != COTREE_F(0.0) && cotree_closed_gap(e, k) != e->unresolved_gap;
 }
 
-/* Return whether the impact gains energy, as Newton's law of impact allows with friction. */
+/* Return whether the impact gains energy, which Newton's impact law allows with friction. */
 static int gains_energy(const cotree_events *e)
 {
     cotree_real work = COTREE_F(0.0), size = COTREE_F(0.0);
@@ -216,8 +216,8 @@ static int gains_energy(const cotree_events *e)
     return work > ENERGY_RTOL * size;
 }
 
-/* Return a load that the impact changes, or -1. The laws of its losses hold for forces only,
- * since the slip of the teeth may reverse within the impact. */
+/* Return a load that the impact changes, or -1. The laws of gear losses apply to forces only: the
+ * slip of the teeth may reverse during the impact. */
 static int find_lossy_load(const cotree_events *e)
 {
     int k;
@@ -259,9 +259,9 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
     return status;
 }
 
-/* Set the role of each stop: 1 if the impact begins there, 0 if not. A closed gap takes no part
- * if it opens (-2), or if sensitivities have to distinguish the time at which it closes from
- * that of this event (-1). Return the number of stops with role 1. */
+/* Set the role of each stop: 1 if the impact starts there, 0 if not. A closed gap takes no part if
+ * it opens (-2), or if sensitivities distinguish the time at which it closes from that of this
+ * event (-1). Return the number of stops with role 1. */
 static int find_impact_roles(cotree_events *e, int fired)
 {
     const int is_own = e->run->n_blocks > 1 && fired >= 0 && cotree_is_gap(e, fired);
@@ -284,8 +284,8 @@ static int find_impact_roles(cotree_events *e, int fired)
     return n;
 }
 
-/* Select the events whose targets contain the changes of speed: those of restitution, or those
- * of rest if the rebound is below the threshold. */
+/* Select the events whose targets include the changes of speed: those of restitution or, if the
+ * rebound speed is below the threshold, those of rest. */
 static int select_restitution_events(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status;
@@ -304,7 +304,7 @@ static int select_restitution_events(cotree_events *e, cotree_real t, const cotr
     return status;
 }
 
-/* Start with impulses at all stops where the impact begins, whose friction sticks. */
+/* Initialise the trial: impulses at all stops where the impact starts, with sticking friction. */
 static void init_impact(cotree_events *e)
 {
     int k;
@@ -344,9 +344,9 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_ENERGY_GAIN);
 }
 
-/* Reject an impact that changes the rate of a gap that closes at a time of its own: the result
- * depends on the order of the two impacts, so that sensitivities do not exist. Uses the speeds of
- * the last trial. */
+/* Fail if an impact changes the rate of a gap that closes at a different time for other parameters:
+ * the result depends on the order of the two impacts, so that sensitivities do not exist. Uses the
+ * speeds of the last trial. */
 static int check_independent(cotree_events *e, cotree_real t)
 {
     int k;
@@ -364,7 +364,7 @@ static int check_independent(cotree_events *e, cotree_real t)
     return 0;
 }
 
-/* Apply an impulse as part of the last event; a failure names the first event of mode k. */
+/* Apply an impulse as part of the last event. A failure names the first event of mode k. */
 static int apply_impulse(cotree_events *e, const cotree_impulse *s, cotree_real t, cotree_real *w,
                          int k)
 {
@@ -374,14 +374,14 @@ static int apply_impulse(cotree_events *e, const cotree_impulse *s, cotree_real 
 }
 
 #if COTREE_HAS_DISCS
-/* Return whether friction on a plane in space has just ended its slip. */
+/* Return whether friction on a plane in space has just stopped slipping. */
 static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
 {
     return cotree_is_disc(e, k) && e->modes[k] == COTREE_F(0.0) &&
            w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
 }
 
-/* Remove the remaining slip at the end of sliding on a plane in space by an impulse. At the lowest
+/* Remove the slip that remains at the end of sliding on a plane in space by an impulse. At very low
  * speeds the direction of the slip is not resolved, and its two components do not vanish at the
  * same time. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
@@ -395,7 +395,7 @@ int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
     for (k = 0; k < s.n_edges; ++k) e->impact_events[k] = -1;
     for (k = 0; k < e->n_modes; ++k) {
         const int is_own = ends_slip(e, k, w);
-        /* Closed stops stay closed; all other speeds across edges that stick stay, too. */
+        /* Closed stops stay closed; all other speeds across sticking edges remain constant. */
         e->kernel_modes[k] = is_own ? KERNEL_STICKS : e->modes[k];
     }
     for (k = 0; k < e->n_contact_friction; ++k) {
@@ -420,7 +420,7 @@ static void mark_impact_events(cotree_events *e)
     }
 }
 
-/* Record the impacts, except for the event that is recorded by the caller. */
+/* Record the impacts, except for the event that the caller records. */
 void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
 {
     int i;
@@ -433,7 +433,7 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
-/* Return whether a gap that was held until now has a rate. */
+/* Return whether the rate of a gap that was closed until now is nonzero. */
 static int has_residues(const cotree_events *e)
 {
     int i;
@@ -443,9 +443,9 @@ static int has_residues(const cotree_events *e)
     return 0;
 }
 
-/* Remove by an impulse the rates of gaps that were held until t, and slips of contacts that stuck:
- * integration errors, since nothing but forces has acted. Otherwise a gap that opens at zero
- * acceleration closes again at the speed of the error. */
+/* Remove the rates of gaps that were closed until t, and the slips of contacts that stuck, by an
+ * impulse. They are integration errors, since only forces have acted. Otherwise a gap that opens at
+ * zero acceleration would close again at the speed of the error. */
 static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int first = cotree_first_stop(e);
@@ -461,7 +461,7 @@ static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
 /* Apply impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
-    /* Events of other kinds may set speeds. */
+    /* Events of the model itself, of kind 0, may set speeds; others cannot. */
     const int is_of_forces = fired >= 0 && e->rows[fired].kind != 0;
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
