@@ -1,4 +1,4 @@
-/* cotree_locate.c: zeros of event functions within a step, and the solution there. */
+/* cotree_locate.c: zeros of event functions within a step, and the solution at these times. */
 #include "cotree_events_internal.h"
 #include "cotree_classical.h"
 
@@ -26,8 +26,8 @@ void cotree_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Return the uncertainty of an event function: cotree_tolerance that of the error test,
- * cotree_rounding_band that of rounding. */
+/* Return the uncertainty of an event function: cotree_tolerance due to the error test,
+ * cotree_rounding_band due to rounding. */
 cotree_real cotree_tolerance(const cotree_events *e, int i)
 {
     return e->rtol * e->recent_scale[i] + e->atol;
@@ -38,13 +38,13 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
     const cotree_real rounding = COTREE_SCAN_ROUNDING * e->value_scale[i];
     if (e->n_modes == 0 || !e->stays_at_zero[i]) return rounding;
     if (e->zero_level[i] > COTREE_F(0.0)) return COTREE_FMAX(rounding, e->zero_level[i]);
-    /* A slip rate that has just left zero is as accurate as its terms, which may be large; a gap
-     * is as accurate as it was when its stop opened. */
+    /* A slip rate that has just left zero is as accurate as its terms, which may be large. A gap is
+     * as accurate as it was when its stop opened. */
     return COTREE_FMAX(TERM_ROUNDINGS * rounding,
                        COTREE_FMAX(cotree_tolerance(e, i), COTREE_F(2.0) * e->gap_at_release[i]));
 }
 
-/* Return whether an event function is one of dry friction or of a load. */
+/* Return whether an event function belongs to dry friction or to a load. */
 int cotree_is_of_friction(const cotree_events *e, int i)
 {
     return e->rows[i].kind >= COTREE_FRICTION_SLIP && e->rows[i].kind <= COTREE_FRICTION_LOAD;
@@ -56,8 +56,8 @@ int cotree_is_gap(const cotree_events *e, int i)
     return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
 }
 
-/* Return whether an event function stays at zero, as the slip rate of a constraint that has just
- * begun to slide: its sign is then a rounding error. */
+/* Return whether an event function stays at zero, so that its sign is a rounding error. An example
+ * is the slip rate of a constraint that has just started to slide. */
 int cotree_stays_at_zero(const cotree_events *e, int i)
 {
     return e->n_modes > 0 && e->stays_at_zero[i];
@@ -65,8 +65,8 @@ int cotree_stays_at_zero(const cotree_events *e, int i)
 
 int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind >= COTREE_KINK; }
 
-/* Return the magnitude above which an event function counts as nonzero. At a kink, or at a
- * continuous jump, errors within the tolerance have no effect. */
+/* Return the magnitude above which an event function counts as nonzero. At a kink or a continuous
+ * jump, errors within the tolerance have no effect. */
 cotree_real cotree_zero_band(const cotree_events *e, int i)
 {
     const cotree_real rounding = cotree_rounding_band(e, i);
@@ -74,16 +74,15 @@ cotree_real cotree_zero_band(const cotree_events *e, int i)
     return COTREE_FMAX(COTREE_FMAX(rounding, e->state_error[i]), cotree_tolerance(e, i));
 }
 
-/* Return the distance from zero below which extrema are examined; with sensitivities grazing
- * ones are included. */
+/* Return the distance from zero below which extrema are examined; with sensitivities, grazing ones
+ * are included. */
 cotree_real cotree_detection_level(const cotree_events *e, int i)
 {
     const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
     return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
 }
 
-/* Return the accuracy to which a kink is located: the remaining error has effects of second
- * order. */
+/* Return the accuracy to which a kink is located. The remaining error has second-order effects. */
 static cotree_real kink_band(const cotree_events *e, int i)
 {
     return COTREE_FMAX(cotree_rounding_band(e, i), COTREE_F(0.1) * cotree_tolerance(e, i));
@@ -128,8 +127,8 @@ int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
            e->rows[i].targets[0] == e->rows[k].targets[0];
 }
 
-/* Compute the changes of rates from one side of a jump to the other and their sizes, the changes
- * of all event functions, and the value of the jump's own. */
+/* Compute the changes of rates across a jump and their magnitudes, the changes of all event
+ * functions, and the value of the event function of the jump. */
 static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                          cotree_real *change, cotree_real *size, cotree_real *shift,
                          cotree_real *value)
@@ -137,7 +136,7 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const x = e->both_sides, *const held = x + 6 * e->run->n_full;
     const int n_pieces = e->branches == NULL ? 0 : e->n_branches;
     int k, status;
-    /* Branches belong to one side. */
+    /* The frozen branches apply to one side only. */
     cotree_copy(n_pieces, e->branches, held);
     cotree_release_branches(e);
     status = cotree_jumps_sides(&e->jumps, i, t, w, x, change, size);
@@ -153,15 +152,15 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     for (k = 0; k < e->n_events; ++k) {
         const int mode = e->rows[k].subtracts_mode ? e->rows[k].targets[0] : 0;
         shift[k] -= e->jumps.values[k];
-        /* A value less its mode changes with the mode. */
+        /* This function is a value minus its mode, and changes with the mode. */
         if (e->rows[k].subtracts_mode) shift[k] += x[mode] - w[mode];
     }
     *value = e->jumps.values[i];
     return status;
 }
 
-/* Return whether a change extrapolates to zero at the switching surface, from w and from a
- * second point: share is g / (g_aside - g). A nan counts as a jump. */
+/* Return whether a change extrapolates to zero at the switching surface, from its values at w and
+ * at a second point. share: g / (g_aside - g). A nan counts as a jump. */
 static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real share,
                                cotree_real least)
 {
@@ -170,9 +169,9 @@ static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_rea
            COTREE_FMAX(least, COTREE_FABS(aside) / ASIDE_TOLERANCES);
 }
 
-/* Return whether a jump is continuous at its switching surface near w: no rate and no other
- * jump's event function changes. The point aside moves away until its value dominates; if the
- * rates are not finite there, the change at w stands for that at the surface. */
+/* Return whether a jump is continuous at its switching surface near w: no rate and no event
+ * function of another jump changes. The second point moves away until its value of the event
+ * function dominates. If the rates are not finite there, the change at w is used. */
 int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     const int n = e->run->n_rates, stride = e->run->n_full;
@@ -187,8 +186,8 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     for (m = 0; m < MAX_ASIDE_POINTS && status == 0; ++m) {
         far *= ASIDE_TOLERANCES;
         for (k = 0; k < n; ++k) {
-            /* By different shares, so that differences of states change. A state without rate
-             * may be a mode. */
+            /* Each state changes by a different fraction, so that differences of states change,
+             * too. A state without a rate may be a mode. */
             const cotree_real known = e->rtol * COTREE_FABS(w[k]) + e->atol;
             point[k] =
                 size[k] == COTREE_F(0.0) ? w[k] : w[k] + far * (cotree_real)(1 + k % 7) * known;
@@ -218,7 +217,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     return status == 0 && is_same;
 }
 
-/* Take a short step, forwards or backwards, and project it. result must not be w. */
+/* Take a short step, forwards or backwards, and project its end. result must differ from w. */
 static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real step,
                            cotree_real *result)
 {
@@ -229,30 +228,30 @@ static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w
     return cotree_project(e, t + step, result);
 }
 
-/* Return whether a short step from w to other is stable: the rate at its end predicts the change
- * in the step, with an error no larger than the change or the tolerance. In a stiff equation the
- * error grows with each stage. */
+/* Return whether a short step from w to other is stable: the rate at its end predicts the change in
+ * the step, with an error within the change or the tolerance. In a stiff equation the error grows
+ * with each stage. */
 static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_real step)
 {
     int i;
     for (i = 0; i < e->n; ++i) {
         const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
         const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
-        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also if it is nan */
+        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* true for nan, too */
     }
     return 1;
 }
 
-/* Return the side of zero on which a value at zero is after a short step from w. Its rate at w
- * may be that of a branch that ends there; it counts if the value stays as close to zero, as at the
- * end of a span. */
+/* Return the sign of a value that is zero at w, after a short step from w. The rate at w may be
+ * that of a branch that ends there. That rate is used if the value remains near zero, as at the end
+ * of a span. */
 cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     cotree_real far, near, rate, step = CURVATURE_STEP_SHARE * e->span;
     if (cotree_compute_values(e, t, w) != 0 || cotree_compute_rates(e, t, w) != 0)
         return COTREE_F(0.0);
     near = COTREE_FMAX(COTREE_FABS(e->jumps.values[i]), cotree_rounding_band(e, i));
-    /* Beyond the rounding of the states, which the value may multiply. */
+    /* Larger than the rounding error of the states, which the event function may amplify. */
     far = COTREE_FMAX(COTREE_F(4.0) * near, cotree_tolerance(e, i));
     rate = e->jumps.rates[i];
     if (far < step * COTREE_FABS(rate)) step = far / COTREE_FABS(rate);
@@ -263,7 +262,7 @@ cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotr
                                                   : cotree_sign_of(rate);
 }
 
-/* Compute the second time derivatives of all event functions by differences; only their sizes
+/* Compute the second time derivatives of all event functions by differences. Only their magnitudes
  * matter. */
 int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w)
 {
@@ -277,7 +276,7 @@ int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real 
     return status;
 }
 
-/* Interpolate the states within the last step, without sensitivities if from the history. */
+/* Interpolate the states within the last step; the history contains no sensitivities. */
 int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int n = e->run->n_rates;
@@ -293,8 +292,8 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Return by how much an event function must cross zero: for a force at its limit, by more than
- * it changes there; for a slip that has not left zero beyond its error, by this error. */
+/* Return by how much an event function must cross zero to count: for a force at its limit, by more
+ * than it varies there; for a slip that has not left zero by more than its error, by this error. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
     if (e->n_frictions == 0 || !e->stays_at_zero[i]) return COTREE_F(0.0);
@@ -314,8 +313,8 @@ static cotree_real rate_at(cotree_events *e, int i, cotree_real t)
     return cotree_compute_rates(e, t, e->point) == 0 ? e->jumps.rates[i] : COTREE_F(0.0);
 }
 
-/* Return the value at a time, one short step from the start of the last step; the point is left
- * in other. */
+/* Return the value at a time, one short step from the start of the last step. The point is written
+ * to other. */
 static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
 {
     const cotree_real step = t - e->t_before;
@@ -324,9 +323,9 @@ static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
                                                       : COTREE_F(0.0);
 }
 
-/* Return the zero of sign times a function, positive at a and not at b: on b's side, within a
- * few roundings, or within the band of a kink. Illinois method (false position); each third
- * iteration halves the interval, which bounds the number of iterations. */
+/* Return the zero of sign times f between a, where it is positive, and b, where it is not. The
+ * result is on the side of b, accurate to a few roundings or to the band of a kink. Illinois method
+ * (false position); every third iteration bisects, which bounds the number of iterations. */
 static cotree_real find_root(cotree_events *e, value_function f, int i, cotree_real sign,
                              cotree_real a, cotree_real b)
 {
@@ -356,14 +355,14 @@ static cotree_real find_root(cotree_events *e, value_function f, int i, cotree_r
     return b;
 }
 
-/* Locate the zero of an event function between a, on one side of zero, and b. */
+/* Locate the zero of an event function between a, where its sign is `side`, and b. */
 cotree_real cotree_locate_root(cotree_events *e, int i, cotree_real a, cotree_real b,
                                cotree_real side)
 {
     const cotree_real least = cotree_rounding_band(e, i), at_a = side * value_at(e, i, a);
     cotree_real from = a, width = b - a, value = at_a;
     int n;
-    /* The sign of a value that starts at zero is rounding: move towards b. */
+    /* The sign of a value that starts at zero is a rounding error: move towards b. */
     for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
         if (value > least) return find_root(e, value_at, i, side, from, b);
         width *= COTREE_F(0.5);
@@ -380,8 +379,8 @@ cotree_real cotree_sample_time(const cotree_events *e, int k)
                                                 (e->t_after - e->t_before);
 }
 
-/* Update the scales of the event functions. A value less its mode has the rounding errors of the
- * mode. */
+/* Update the scales of the event functions. A function that is a value minus a mode has the
+ * rounding errors of the mode. */
 int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
                          const cotree_real *g)
 {
@@ -399,8 +398,8 @@ int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
     return 0;
 }
 
-/* Sample the event functions in the last step. An inaccurate interpolation, as in the first
- * short steps after a restart, does not update the scales. */
+/* Sample the event functions in the last step. The scales are not updated if interpolation is
+ * inaccurate, as in the first short steps after a restart. */
 int cotree_sample_step(cotree_events *e)
 {
     int k, status = 0;
@@ -440,7 +439,7 @@ int cotree_may_cross(const cotree_events *e)
     return 0;
 }
 
-/* Integrate the step again in quarters, and sample these. */
+/* Integrate the step again in four quarters, and sample their ends. */
 int cotree_refine_step(cotree_events *e)
 {
     const cotree_history *const h = e->h;
@@ -458,7 +457,8 @@ int cotree_refine_step(cotree_events *e)
             ++e->n_evaluations;
             status = cotree_run_rate(t, e->point, e->slope, e->run);
         }
-        if (status != 0) return cotree_sample_step(e); /* the coarse samples must suffice */
+        if (status != 0)
+            return cotree_sample_step(e); /* integration failed: use the coarse samples */
         cotree_history_add(&e->refined, t, e->point, e->slope);
     }
     cotree_history_add(&e->refined, h->t[last], e->end, h->rate[last]);
@@ -467,8 +467,8 @@ int cotree_refine_step(cotree_events *e)
     return cotree_sample_step(e);
 }
 
-/* Return the sample nearest to zero on one side, next to which an extremum may cross it, or
- * SAMPLES if none is near. */
+/* Return the sample nearest to zero on one side, near which an extremum may cross zero; SAMPLES if
+ * there is none. */
 int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
 {
     const cotree_real *const g = e->samples + i;
@@ -483,8 +483,8 @@ int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
     return low > COTREE_SCAN_REACH * (high - low) ? SAMPLES : nearest;
 }
 
-/* Find an extremum of a value on one side of zero between two times, and its distance from zero.
- * Return whether there is one that may reach zero. */
+/* Find an extremum of an event function between two times, and its distance from zero. Return
+ * whether there is an extremum that may reach zero. */
 int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, cotree_real before,
                          cotree_real after, cotree_real side, cotree_real *at, cotree_real *lowest)
 {
@@ -495,7 +495,7 @@ int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, 
     right = side * rate_at(e, i, b);
     if (!(left < COTREE_F(0.0) && right > COTREE_F(0.0))) return 0;
     /* The tangents at both ends bound a convex function from below: they must intersect below
-     * the least value. */
+     * `least`. */
     if ((before - least) / -left + (after - least) / right > b - a) return 0;
     if (!e->is_fine) return 1;
     *at = find_root(e, rate_at, i, -side, a, b);
@@ -513,7 +513,7 @@ int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
     return e->solution(t, w, e->context) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Return the rate of a value on one side of zero, one short step from w; the point is left in
+/* Return the rate of a value on one side of zero, one short step from w. The point is written to
  * result. */
 static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                                cotree_real step, cotree_real side, cotree_real *result)
@@ -523,9 +523,9 @@ static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cot
                                                           : COTREE_F(0.0);
 }
 
-/* Return whether a parameter moves the value of an extremum near w. One at a kink stays if the
- * zeros of the branches on both sides have the same derivatives of time, a smooth one if its
- * value has no derivatives. */
+/* Return whether a parameter moves the value at an extremum near w. The value at a kink does not
+ * move if the zeros on both sides have the same derivatives of time; that at a smooth extremum does
+ * not move if its derivatives are zero. */
 int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w, cotree_real side)
 {
     cotree_real low, high = COTREE_F(8.0) * cotree_spacing(t);
@@ -552,7 +552,8 @@ int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w
     return e->kernel_status != 0 || !is_same;
 }
 
-/* Polish a root by Newton's method, with short steps of the motion. Return whether it converges. */
+/* Refine a root by Newton's method, with short steps of the solution. Return whether it
+ * converges. */
 static int polish_root(cotree_events *e, int i, cotree_real side)
 {
     const cotree_real width = COTREE_F(0.1) * (e->t_after - e->t_before),
@@ -588,8 +589,8 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
     return 0;
 }
 
-/* Find a root so close to the start that interpolation does not resolve it. Return whether there
- * is one; where no short step resolves it, either, the integrator's solution remains. */
+/* Find a root so close to the start that interpolation does not resolve it. Return whether there is
+ * one. If no short step resolves it either, use the solution of the integrator. */
 static int find_root_near_start(cotree_events *e, int i, cotree_real side)
 {
     cotree_real width = e->t_after - e->t_before;
@@ -614,8 +615,8 @@ static int find_root_near_start(cotree_events *e, int i, cotree_real side)
     return 1;
 }
 
-/* Compute the time and solution at a crossing to the accuracy of the steps. Return whether the
- * motion crosses there. */
+/* Compute the time and the solution at a crossing to the accuracy of the steps. Return whether the
+ * event function crosses zero there. */
 int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side)
 {
     e->t = t;

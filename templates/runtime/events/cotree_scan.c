@@ -1,9 +1,9 @@
 /* cotree_scan.c: interval bounds of nonlinear event functions, and the search for their zeros.
  *
- * The kernel event_ranges bounds an event function and its rate over an interval, given bounds
- * of the quantities that it depends on. The intervals of a step are bisected until in each the
- * function has no zero, or its rate has one sign, so that its signs at both ends tell whether it
- * crosses. */
+ * The kernel event_ranges bounds an event function and its rate over an interval, given bounds of
+ * the quantities on which it depends. The intervals of a step are bisected until the function has
+ * no zero in each, or its rate has one sign, so that the signs at both ends show whether it crosses
+ * zero. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
@@ -12,7 +12,7 @@
 
 int cotree_has_range(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
 
-/* Return the quantities at the point of the last evaluation. */
+/* Return the quantities at the last evaluation. */
 const cotree_real *cotree_quantities_of(const cotree_events *e)
 {
     return e->jumps.values + e->n_events + e->n_branches;
@@ -31,15 +31,15 @@ static void set_bounds_between(cotree_events *e, const cotree_real *a, const cot
     }
 }
 
-/* Compute the ranges over an interval; constants in them are those of the last point evaluated. */
+/* Compute the ranges over an interval. Constants in them are those at the last evaluation. */
 int cotree_compute_ranges(cotree_events *e, cotree_real t)
 {
     const int status = e->kernel_status = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
     return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Classify an event function over an interval of a width, from its range and its values at both
- * ends. A nan is undecided. */
+/* Classify an event function over an interval of a given width, from its range and its values at
+ * both ends. A nan is undecided. */
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
@@ -51,19 +51,18 @@ int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotre
     return RANGE_UNDECIDED;
 }
 
-/* Largest number of bisections in a step. If it is exceeded, the step is repeated up to the end
- * of the decided intervals. */
+/* Maximum number of bisections in a step. If it is exceeded, the step is repeated up to the end of
+ * the intervals that are decided. */
 #define MAX_DIVISIONS 500
 
-/* At this depth an interval is short enough to locate a zero between two values of different
- * sign. */
+/* At this depth an interval is short enough to locate a zero between values of opposite sign. */
 #define LOCATABLE_DEPTH 16
 
-/* The smallest share of a step for which it is repeated. */
+/* A step is repeated only if it keeps at least this fraction of its length. */
 #define MIN_PROGRESS_SHARE COTREE_F(1e-3)
 
-/* An entry of the stack, one end of an interval: time, values, quantities, and their second
- * differences. */
+/* An entry of the stack describes one end of an interval: the time, the values, the quantities, and
+ * their second differences. */
 #define ENTRY(e, depth) ((e)->stack + (depth) * (1 + (e)->n_events + 2 * (e)->n_quantities))
 #define N_ENTRY(e) (1 + (e)->n_events + 2 * (e)->n_quantities)
 #define VALUES_OF(mark) ((mark) + 1)
@@ -78,8 +77,8 @@ static void set_entry(const cotree_events *e, cotree_real *mark, cotree_real t,
     cotree_copy(e->n_quantities, quantities, QUANTITIES_OF(e, mark));
 }
 
-/* Set the entry of a sample; its second differences are the largest at both ends of the interval
- * before it. */
+/* Set the entry of a sample. Its second differences are the larger ones of both ends of the
+ * interval before it. */
 static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
 {
     const cotree_real *const q = e->quantity_samples;
@@ -97,8 +96,8 @@ static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
     }
 }
 
-/* Set the entry of the midpoint of an interval. The second differences of both halves are a
- * quarter of those of the interval; they may fall faster, but to no less than a sixteenth. */
+/* Set the entry of the midpoint of an interval. The second differences of both halves are a quarter
+ * of those of the interval. They may decrease faster, but not below a sixteenth. */
 static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_real *right,
                             cotree_real *middle)
 {
@@ -116,8 +115,8 @@ static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_re
     return status;
 }
 
-/* List the event functions that may be zero within the step, from the bounds over all of it.
- * Return their number. */
+/* List the event functions that may be zero within the step according to their bounds over the
+ * whole step. Return their number. */
 static int list_candidates(cotree_events *e)
 {
     const cotree_real *const q = e->quantity_samples, *const last =
@@ -198,8 +197,8 @@ static int cross_interval(cotree_events *e, const cotree_real *left, const cotre
     return found;
 }
 
-/* Return whether all values are beyond the tolerance on the side from which they come: a step
- * may start there. */
+/* Return whether all values are beyond the tolerance on the side from which they come, so that a
+ * step may start there. */
 static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 {
     int i;

@@ -6,11 +6,12 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* The rounding of one force is that of the largest force, as a share of LIMIT_RTOL. */
+/* Smallest scale of a force, as a fraction of the largest force: its rounding is then below
+ * LIMIT_RTOL. */
 #define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
-/* Share of the states by which the terms of gaps are sampled; and the share by which it differs
- * from state to state. */
+/* Fraction by which states are changed to find the magnitude of the terms of gaps, and the fraction
+ * by which that change varies from state to state. */
 #define TERM_SHARE COTREE_SELECT(1e-7, 1e-3f)
 
 #define GOLDEN_SHARE COTREE_F(0.6180339887498949)
@@ -27,7 +28,7 @@ int cotree_count_contact_friction(const cotree_hybrid *h)
     return n;
 }
 
-/* List the friction at contacts with its stops, which must be listed already. */
+/* List the friction constraints at contacts, and their stops, which must be listed before. */
 static void list_contact_friction(cotree_events *e)
 {
     int i, k, n = 0;
@@ -87,7 +88,7 @@ int cotree_is_contact_friction(const cotree_events *e, int k)
     return e->n_contact_friction > 0 && k < e->n_frictions && e->normal_stop[k] >= 0;
 }
 
-/* Return whether friction acts along two directions, on a plane in space. */
+/* Return whether friction acts in two directions, on a plane in space. */
 int cotree_is_disc(const cotree_events *e, int k)
 {
     return k < e->n_frictions && PLACE(k, TURN) >= 0;
@@ -98,13 +99,13 @@ int cotree_is_load(const cotree_events *e, int k)
     return k >= e->n_frictions && k < cotree_first_stop(e);
 }
 
-/* Return whether a mode is variable in this selection. Loads keep their signs in impacts. */
+/* Return whether a mode is variable in this selection. In impacts, loads keep their signs. */
 int cotree_is_variable(const cotree_events *e, int k)
 {
     return cotree_is_load(e, k) ? !e->is_impact : e->is_active[k];
 }
 
-/* Return whether a mode may change while the others stay. */
+/* Return whether a mode may change while the others are constant. */
 int cotree_may_change(const cotree_events *e, int k)
 {
     /* Friction at a contact has no force while its stop is open. */
@@ -112,7 +113,7 @@ int cotree_may_change(const cotree_events *e, int k)
            (!cotree_is_contact_friction(e, k) || e->modes[e->normal_stop[k]] != COTREE_F(0.0));
 }
 
-/* Return the event of the gap that is closed. */
+/* Return the gap event of the side at which the stop is closed. */
 int cotree_closed_gap(const cotree_events *e, int k)
 {
     return PLACE(k,
@@ -126,7 +127,7 @@ cotree_real cotree_opening_speed(const cotree_events *e, int k)
            cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND));
 }
 
-/* Return the uncertainty of gap rates within the error tolerance. */
+/* Return the uncertainty of gap rates that corresponds to the error tolerance. */
 cotree_real cotree_closing_uncertainty(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -136,7 +137,7 @@ cotree_real cotree_closing_uncertainty(const cotree_events *e)
 }
 
 /* Return the gap rate below which it counts as zero: the rounding of the largest rate, or of the
- * acceleration over the span; for a stop that was closed, at least the error tolerance. */
+ * acceleration times the span; for a stop that was closed, at least the error tolerance. */
 cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -159,10 +160,11 @@ int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
     return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
 }
 
-/* Set the scales of gaps, of their rates and of slips by the sizes of their terms, at the start: a
- * gap of zero is a difference of lengths, and as accurate as these. States change by a small share,
- * each by its own, so that changes of equal terms do not cancel; the smallest scale of a gap is the
- * length at which the absolute tolerance replaces the relative one. */
+/* Set the scales of gaps, of their rates and of slips at the start to the magnitude of their terms:
+ * a gap of zero is a difference of lengths, and only as accurate as these. The terms are found by
+ * small changes of the states, which differ from state to state so that equal terms do not cancel.
+ * The smallest scale of a gap is the length at which the absolute tolerance exceeds the relative
+ * one. */
 int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real smallest = e->rtol > COTREE_F(0.0) ? e->atol / e->rtol : COTREE_F(0.0);
@@ -191,12 +193,12 @@ int cotree_set_term_scales(cotree_events *e, cotree_real t, const cotree_real *w
             e->value_scale[i] = COTREE_FMAX(e->value_scale[i],
                                             COTREE_FMAX(change, is_gap ? smallest : COTREE_F(0.0)));
     }
-    /* Without a value there the scales are those of the values at the start. */
+    /* If the changed point cannot be evaluated, use the values at the start. */
     e->failure = 0;
     return cotree_compute_values(e, t, w);
 }
 
-/* Reject a start with a negative gap. */
+/* Fail if a gap is negative at the start. */
 int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
 {
     int i;
@@ -207,8 +209,7 @@ int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
     return 0;
 }
 
-/* Return whether friction at the contact of a stop sticks: the normal force then has no limit
- * yet. */
+/* Return whether the friction at a stop sticks, so that its normal force has no limit yet. */
 int cotree_has_sticking_contact(const cotree_events *e, int k)
 {
     int i;
@@ -220,14 +221,15 @@ int cotree_has_sticking_contact(const cotree_events *e, int k)
     return 0;
 }
 
-/* Return the acceleration of a closed gap, from the rates evaluated last. */
+/* Return the acceleration of a closed gap, from the last evaluation of rates. */
 cotree_real cotree_separation_acceleration(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
            cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, REBOUND));
 }
 
-/* Find the active stops: closed, at zero gap rate. Open all, and update their accelerations. */
+/* Find the active stops: those that are closed with zero gap rate. Set their modes to open, and
+ * update their accelerations. */
 void cotree_find_active_stops(cotree_events *e)
 {
     int k;
@@ -237,7 +239,8 @@ void cotree_find_active_stops(cotree_events *e)
         e->is_active[k] = e->closed_side[own] != COTREE_F(0.0) &&
                           COTREE_FABS(e->opening_speed[own]) <= cotree_zero_opening_speed(e, k);
         e->modes[k] = COTREE_F(0.0);
-        /* The scale is the largest acceleration so far: forces may be small at this time only. */
+        /* The scale is the largest acceleration so far: at this time the forces may be small by
+         * chance. */
         rate = COTREE_FABS(cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, REBOUND)));
         e->acceleration_scale[k] = e->largest_acceleration[own] =
             COTREE_FMAX(e->largest_acceleration[own], rate);
@@ -255,7 +258,7 @@ static cotree_real largest_acceleration_scale(const cotree_events *e)
     return largest;
 }
 
-/* Return the gap acceleration below which it counts as zero: its rounding is that of the largest
+/* Return the gap acceleration below which it counts as zero: the rounding of the largest
  * acceleration. */
 cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
@@ -263,15 +266,15 @@ cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
                        ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING * largest_acceleration_scale(e));
 }
 
-/* Return whether a closed stop is open in this trial at zero acceleration, so that the change of
- * the acceleration decides. */
+/* Return whether a closed stop is open in this trial with zero acceleration, so that the rate of
+ * change of the acceleration decides. */
 int cotree_is_marginally_open(const cotree_events *e, int k)
 {
     return e->is_active[k] && e->modes[k] == COTREE_F(0.0) &&
            COTREE_FABS(cotree_separation_acceleration(e, k)) <= cotree_rest_tolerance(e, k);
 }
 
-/* Store the accelerations a little later, where compute_curvature evaluated them. */
+/* Store the accelerations a little later, at which compute_curvature evaluated them. */
 void cotree_store_later_accelerations(cotree_events *e)
 {
     int k;
@@ -304,7 +307,7 @@ static cotree_real largest_force(const cotree_events *e)
     return largest;
 }
 
-/* Return by how much an active stop violates its mode, as a share, and the new mode. */
+/* Return the relative violation of the mode of an active stop, and the new mode. */
 cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), force = PLACE(k, CONTACT_FORCE);
@@ -328,8 +331,8 @@ cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree
                                                                         : COTREE_F(0.0);
 }
 
-/* Return by how much friction at a contact violates its mode, as a share, and the new mode. Its
- * limits move with the normal force. */
+/* Return the relative violation of the mode of friction at a contact, and the new mode. Its limits
+ * depend on the normal force. */
 cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                               cotree_real *new_mode)
 {

@@ -1,10 +1,10 @@
-/* cotree_breakpoints.c: time events: times at which functions of time have a kink or a step. */
+/* cotree_breakpoints.c: time events, at which functions of time have a kink or a jump. */
 #include "cotree_breakpoints.h"
 
-/* Relative tolerance of times: a few roundings. */
+/* Relative tolerance of times: a few rounding errors. */
 #define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
 
-/* Return the row of one breakpoint. */
+/* Return the table row of a breakpoint series. */
 static const cotree_real *row_of(const cotree_breakpoints *breakpoints, int i)
 {
     return breakpoints->rows + i * (3 + 2 * breakpoints->n_sensitivities);
@@ -50,7 +50,8 @@ cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cot
     return largest;
 }
 
-/* Return whether a row has a breakpoint at t; *k is the number of periods since its first one. */
+/* Return whether a series has a breakpoint at t. *k is the number of periods since its first
+ * one. */
 static int is_at(const cotree_real *row, cotree_real t, cotree_real *k)
 {
     *k = COTREE_F(0.0);

@@ -1,4 +1,4 @@
-/* cotree_breakpoints.h: time events: times at which functions of time have a kink or a step. */
+/* cotree_breakpoints.h: time events, at which functions of time have a kink or a jump. */
 #ifndef COTREE_BREAKPOINTS_H
 #define COTREE_BREAKPOINTS_H
 
@@ -6,29 +6,29 @@
 
 COTREE_BEGIN_DECLS
 
-/* Rows of 3 + 2 * n_sensitivities numbers: the first time; the period, or zero; 1 if no breakpoint
- * comes before the first, -1 if none comes after it, 0 otherwise; then the derivatives of the first
- * time and of the period by each parameter of sensitivity. A row whose first time is not finite has
- * no breakpoints. */
+/* Series of breakpoints, one row of 3 + 2 * n_sensitivities numbers each: the first time; the
+ * period, or zero; 1 if there is no breakpoint before the first time, -1 if there is none after it,
+ * 0 otherwise; then the derivatives of the first time and of the period by each parameter of
+ * sensitivity. A row whose first time is not finite has no breakpoints. */
 typedef struct cotree_breakpoints {
     int n, n_sensitivities;
     const cotree_real *rows;
 } cotree_breakpoints;
 
-/* Return the next breakpoint after t towards t_end, or t_end. */
+/* Return the next breakpoint after t towards t_end, or t_end if there is none. */
 cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t,
                                    cotree_real t_end);
 
-/* Return the largest magnitude among t_end and the times from which later breakpoints are
- * computed. Its rounding is that of the breakpoints. */
+/* Return the largest magnitude among t_end and the times from which later breakpoints are computed.
+ * It determines their rounding errors. */
 cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end);
 
 /* Return whether t is a breakpoint. */
 int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t);
 
-/* Compute slopes, the derivatives of a breakpoint by the parameters, and spreads, the largest
- * differences among the rows that coincide there. The start of a run is fixed: its derivatives
- * are zero, and spreads are the differences from zero. */
+/* Compute slopes, the derivatives of a breakpoint time by the parameters, and spreads, the largest
+ * differences among the rows that coincide there. The start of a run is fixed: its derivatives are
+ * zero, and spreads are the differences from zero. */
 void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 

@@ -4,13 +4,13 @@
 
 #include "cotree_limits.h"
 
-/* Compute dy = y'. Return 0; a positive number if a smaller step may help; a negative one to
- * stop the integration. context is that passed to init. */
+/* Compute dy = y'. Return 0; a positive number if a smaller step may succeed; a negative number to
+ * stop the integration. context is the pointer passed to init. */
 typedef int (*cotree_rate_function)(cotree_real t, const cotree_real *y, cotree_real *dy,
                                     void *context);
 
-/* Project y onto the solutions possible at t. Return 0, or another number on failure: a smaller
- * step is then tried. context is that passed to init. */
+/* Project y onto the solutions that are admissible at t. Return 0, or another number on failure; a
+ * smaller step is then tried. context is the pointer passed to init. */
 typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *context);
 
 /* Callback after a rejected step, before a shorter one is tried. */
@@ -19,21 +19,22 @@ typedef void (*cotree_rejection_function)(void *context);
 /* The equation M y' = f(t, y) for implicit methods. The diagonal matrix M has zeros for algebraic
  * unknowns and ones elsewhere. Functions return the statuses of a rate function. */
 typedef struct cotree_implicit_equation {
-    int n; /* entries of y */
+    int n; /* number of entries of y */
     int n_algebraic;
-    const int *algebraic; /* n_algebraic: their places in y */
-    int is_autonomous;    /* f does not depend on t */
+    const int *algebraic; /* n_algebraic: indices of the algebraic unknowns in y */
+    int is_autonomous;    /* 1: f does not depend on t */
     cotree_rate_function rate;
     cotree_rate_function time_slope; /* derivatives of f by t; NULL: a finite difference is used */
-    /* Evaluate and store the derivatives of f at a point. */
+    /* Evaluate and store the Jacobian J of f at a point. */
     int (*linearise)(cotree_real t, const cotree_real *y, void *context);
     /* Factorise shift M - J. */
     int (*factorise)(cotree_real shift, void *context);
-    /* Solve in place, with all derivatives of f in place of J. */
+    /* Solve in place with the full Jacobian of f, including second derivatives for
+     * sensitivities. */
     int (*solve)(cotree_real *u, void *context);
-    /* If a projection solves for algebraic unknowns: follow computes their changes if the others
-     * change by u; is_bent returns whether the last projection moved them beyond the range in
-     * which the equations are nearly linear. Else NULL. */
+    /* For projections that solve for the algebraic unknowns; otherwise NULL. follow computes the
+     * changes of these unknowns if the others change by u. is_bent returns whether the last
+     * projection moved them beyond the range in which the equations are nearly linear. */
     int (*follow)(cotree_real *u, void *context);
     int (*is_bent)(void *context);
     void *context;
@@ -41,23 +42,23 @@ typedef struct cotree_implicit_equation {
 
 /* Stiffness detection of an explicit method. */
 typedef struct cotree_stiffness {
-    int n;             /* the first n unknowns are monitored; 0: none */
-    int is_found;      /* steps are limited by stability: an implicit method may take far fewer */
-    cotree_real since; /* the time from which on they are limited */
-    long n_steps;      /* approximate number of limited steps since detection */
+    int n;             /* number of unknowns that are monitored, from the first one; 0: none */
+    int is_found;      /* 1: stability limits the steps; an implicit method may need far fewer */
+    cotree_real since; /* time from which stability limits the steps */
+    long n_steps;      /* approximate number of limited steps since the detection */
     int n_stiff, n_soft, n_calm;
 } cotree_stiffness;
 
-/* Results of an integrator; cotree_status_message describes them. */
+/* Statuses of an integrator; cotree_status_message describes them. */
 typedef enum cotree_status {
     COTREE_OK = 0,
     COTREE_BAD_ARGUMENT = 1,
     COTREE_TOO_MANY_STEPS = 2,    /* max_steps were tried in one call of integrate */
-    COTREE_STEP_TOO_SMALL = 3,    /* the tolerances ask for steps below the resolution of t */
-    COTREE_RATE_FAILED = 4,       /* for any step size */
-    COTREE_RATE_NOT_FINITE = 5,   /* for any step size */
+    COTREE_STEP_TOO_SMALL = 3,    /* the tolerances require steps below the resolution of t */
+    COTREE_RATE_FAILED = 4,       /* the rates cannot be evaluated, with any step size */
+    COTREE_RATE_NOT_FINITE = 5,   /* a rate is not finite, with any step size */
     COTREE_RATE_STOPPED = 6,      /* the right-hand side returned a negative number */
-    COTREE_PROJECTION_FAILED = 7, /* for any step size */
+    COTREE_PROJECTION_FAILED = 7, /* the projection fails, with any step size */
 #if COTREE_HAS_SUNDIALS
     COTREE_NO_MEMORY = 8,
     COTREE_CANNOT_START = 12,
@@ -68,13 +69,13 @@ typedef enum cotree_status {
     COTREE_FLAGGED = 17,
 #endif
     COTREE_NOT_FINITE = 9,
-    COTREE_NOT_SOLVED = 10,   /* or a value that depends on the unknowns cannot be computed */
-    COTREE_NOT_PROJECTED = 11 /* at a point that is stored */
+    COTREE_NOT_SOLVED = 10, /* the algebraic equations, or a value that depends on their unknowns */
+    COTREE_NOT_PROJECTED = 11 /* the projection fails at a point to be stored */
 } cotree_status;
 
 COTREE_BEGIN_DECLS
 
-/* Return the meaning of a status, as the end of a sentence. */
+/* Return the description of a status, worded to end a sentence. */
 const char *cotree_status_message(cotree_status status);
 
 COTREE_END_DECLS

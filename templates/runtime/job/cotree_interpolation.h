@@ -1,8 +1,8 @@
 /* cotree_interpolation.h: factors of Hermite interpolation through the points of several steps.
  *
- * Points are in the order of their times. With l the Lagrange basis function of a point, the
- * polynomial through values and rates has the factor l^2 (1 - 2 (t - t[i]) slope) for the value
- * and l^2 (t - t[i]) for the rate; the polynomial through values has the factor l.
+ * Points are in the order of their times. With the Lagrange basis function l of point i, the
+ * polynomial through values and rates has the factor l^2 (1 - 2 (t - t[i]) slope) for the value and
+ * l^2 (t - t[i]) for the rate. The polynomial through values only has the factor l.
  *
  * The including file defines a structure cotree_points of n points, with arrays
  *
@@ -14,16 +14,16 @@
 #define COTREE_INTERPOLATION_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* else the file computes with vectors */
+#ifndef HOLDS /* otherwise the including file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 
-/* Weights of the values and rates of all points in an interpolated value. */
+/* Factors of the values and rates of all points in an interpolated value. */
 typedef struct cotree_portions {
     REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
 } cotree_portions;
 
-/* Remove the first point, in some lanes. */
+/* Remove the first point, in the lanes of a mask. */
 static inline void cotree_points_shift(cotree_points *p, MASK which)
 {
     int i, j;
@@ -35,7 +35,7 @@ static inline void cotree_points_shift(cotree_points *p, MASK which)
     }
 }
 
-/* Set the time of a point after the others, in some lanes. */
+/* Set the time of a point after the others, in the lanes of a mask. */
 static inline void cotree_points_set(cotree_points *p, MASK which, int last, REAL t)
 {
     int j;
@@ -46,7 +46,7 @@ static inline void cotree_points_set(cotree_points *p, MASK which, int last, REA
     }
 }
 
-/* Compute the weight of one of the first n points, and its slope if rates are used. */
+/* Compute the weight of one of the first n points and, if rates are used, its slope. */
 static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, int i)
 {
     REAL slope = ZERO, weight = ALL(COTREE_F(1.0));
@@ -81,11 +81,11 @@ static inline void cotree_find_portions(const cotree_points *p, int n, int uses_
     }
 }
 
-/* Compute the factors of the points in the difference between the polynomial through all points
- * and that without the farthest one: a divided difference of highest order, or of the two
- * highest with rates, in partial fractions. It is the product of the distances to the remaining
- * points, or of their squares, times the sum over i of weight[i] y[i], or of weight[i]^2 ((1 - 2
- * e slope[i]) y[i] + e rate[i]), e = (t[i] - t[far]) + (t - t[far]). */
+/* Compute the factors of the points in the difference between the polynomial through all points and
+ * the one without the farthest point. It is a divided difference of the highest order, or of the
+ * two highest orders with rates, written in partial fractions: the product of the distances to the
+ * remaining points (of their squares with rates) times the sum over i of weight[i] y[i], or of
+ * weight[i]^2 ((1 - 2 e slope[i]) y[i] + e rate[i]) with e = (t[i] - t[far]) + (t - t[far]). */
 static inline void cotree_find_differences(const cotree_points *p, int n, int uses_rates, REAL t,
                                            cotree_portions *found)
 {

@@ -1,18 +1,20 @@
-/* cotree_impulse.c: impulsive changes of states and sensitivities.
+/* cotree_impulse.c: changes of states and sensitivities in an impact.
  *
  * In an impact the equation of a constraint prescribes its change of speed instead of its
- * acceleration. The rates of all states, less those at a prescribed change of zero, then are the
- * changes in the impact: finite forces cancel. States without inertia have no such rate.
- * Sensitivities follow in the same way from their rates. */
+ * acceleration. The change of each state is the difference of two rates, evaluated with the
+ * prescribed change and with zero: finite forces cancel in the difference. States without inertia
+ * do not change. The changes of the sensitivities follow in the same way from their rates. */
 #include "cotree_jumps_internal.h"
 
-/* Return the place of the change of speed of an event among all new values: its last one. */
+/* Return the index of the change of speed of an event among all new values: the last value of the
+ * event. */
 static int speed_change_place(const cotree_jumps *j, int event)
 {
     return cotree_first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;
 }
 
-/* Write the prescribed changes of speed, and their sensitivities, to z; zeros if is_struck is 0. */
+/* Write the prescribed changes of speed and their sensitivities to z; if is_struck is 0, write
+ * zeros. */
 static void set_required_changes(cotree_jumps *j, const cotree_impulse *s, int is_struck,
                                  cotree_real *z)
 {
@@ -26,7 +28,7 @@ static void set_required_changes(cotree_jumps *j, const cotree_impulse *s, int i
         *own = at < 0 ? COTREE_F(0.0) : j->new_values[at];
         for (n = 0; n < N_SENSITIVITIES; ++n) {
             own += N_STATES;
-            /* The time of the impact depends on the parameters, too. */
+            /* The time of the impact also depends on the parameters. */
             *own = at < 0 ? COTREE_F(0.0)
                           : j->value_slopes[n * n_values + N_EVENTS + at] +
                                 j->rates[N_EVENTS + at] * t_p[n];
@@ -61,7 +63,8 @@ static int evaluate_response(cotree_jumps *j, const cotree_impulse *s, cotree_re
     return status;
 }
 
-/* Compute after from before, whose sensitivities are those at the time of the impact. */
+/* Compute the point `after` from `before`, whose sensitivities are those at the time of the
+ * impact. */
 static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real t)
 {
     cotree_run *const run = j->run;
@@ -87,7 +90,7 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
         for (i = 0; i < s->n_edges; ++i) {
             const int has_impulse = i < s->n_stops && s->speed_events[i] >= 0;
             const int at = s->impulse_states[i];
-            /* Unlike the forces here, impulses do not have the sign of the side. */
+            /* Impulses do not have the sign of the side, as the forces here do. */
             own[at] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
             if (s->is_residual) own[at] = j->before[n * N_STATES + at];
         }

@@ -1,11 +1,11 @@
 /* cotree_jumps.c: event functions, and the states and sensitivities after an event. */
 #include "cotree_jumps_internal.h"
 
-/* Relative rounding error of the derivatives of a time. */
+/* Relative rounding error of the derivatives of an event time. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
- * contact, three on a plane in space. */
+ * contact, three for friction on a plane in space. */
 static int count_impulse_forces(const cotree_hybrid *h)
 {
     int i, n = 0, n_loads = 0;
@@ -64,7 +64,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
 #endif
 }
 
-/* Compute all states at a point, and the inputs there; t is moved into the segment. */
+/* Compute all states and the inputs at a point; t is moved into the segment. */
 static int complete_point(cotree_run *run, cotree_real *t, const cotree_real *w)
 {
     int status;
@@ -87,7 +87,7 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, 
     return MODEL->event_ranges(t, run->full, box, run->u, run->p, run->k, ranges);
 }
 
-/* Compute state_rates, those of all states, and rates at a complete point. */
+/* Compute state_rates (of all states) and rates at a complete point. */
 int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
 {
     cotree_run *const run = j->run;
@@ -99,7 +99,7 @@ int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
 #if COTREE_HAS_ALGEBRAIC
     if (status != 0 || cut == N_STATES) return status;
-    /* Residuals stay zero along the motion: g_x x' + g_t + g_z z' = 0. */
+    /* Residuals stay zero along the solution: g_x x' + g_t + g_z z' = 0. */
     status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->state_rates + cut);
     if (status != 0) return status;
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
@@ -131,8 +131,8 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
 }
 #endif
 
-/* Complete the states and sensitivities after an event that has set its targets: project them
- * and add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
+/* Complete the states and sensitivities after an event that has set its targets: project them and
+ * add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
 int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
@@ -141,7 +141,7 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     int i, n, status;
 #if COTREE_HAS_CONSTRAINTS
     const int is_constrained = cotree_run_is_constrained(run);
-    cotree_real *const given = run->full; /* the states before projection */
+    cotree_real *const given = run->full; /* states before the projection */
     for (i = 0; i < N_STATES; ++i) given[i] = j->after[i];
     status = settle_states(j, row, t, j->after);
     if (status != 0) return status;
@@ -176,7 +176,7 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     return status;
 }
 
-/* Return the place of an event's first new value among those of all events. */
+/* Return the index of an event's first new value among those of all events. */
 int cotree_first_new_value(const cotree_jumps *j, int event)
 {
     int i, first = 0;
@@ -224,7 +224,7 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
     return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
 }
 
-/* Evaluate states, rates, and derivatives of the event functions before an event. */
+/* Evaluate the states, the rates, and the derivatives of the event functions before an event. */
 static int evaluate_before(cotree_jumps *j, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
@@ -279,13 +279,13 @@ int cotree_jumps_share_time(const cotree_jumps *j, int a, int b)
     return 1;
 }
 
-/* Compute the derivatives of the time of an event from those of its function. */
+/* Compute the derivatives of an event time from those of its event function. */
 static void set_time_sensitivity(cotree_jumps *j, int event)
 {
     int n;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         const cotree_real slope = j->value_slopes[n * (N_EVENTS + N_JUMPS) + event];
-        /* Without a dependence the derivative is zero even at a rate of zero. */
+        /* Without dependence the derivative is zero even if the rate is zero. */
         j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
     }
 }

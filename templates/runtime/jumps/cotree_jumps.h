@@ -1,11 +1,10 @@
 /* cotree_jumps.h: event functions of a model, and the jumps of states and sensitivities at its
  * events.
  *
- * With the rates f, the event function g, the states R(x) after the event, and - and + before
- * and after it, the time of the event has the derivatives t_p = -(g_x S- + g_p) / (g_x f- + g_t)
- * by the parameters, and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the model has
- * constraints, the states that the event sets are kept, and the others are projected with
- * minimum norm.
+ * With the rates f, the event function g, the states R(x) after the event, and - and + for before
+ * and after it, the derivatives of the event time by the parameters are t_p = -(g_x S- + g_p) /
+ * (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the model has constraints,
+ * the states that the event sets are kept, and the others are projected with minimum norm.
  *
  * w is the vector that a run integrates. Nothing is allocated. */
 #ifndef COTREE_JUMPS_H
@@ -19,19 +18,18 @@
 
 COTREE_BEGIN_DECLS
 
-/* Results in addition to those of kernels. */
-#define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
-#define COTREE_JUMPS_UNDERDETERMINED                                                               \
-    101 /* the projection is not unique, so that no sensitivities exist */
+/* Statuses in addition to those of kernels. */
+#define COTREE_JUMPS_CONTRADICT 100      /* the new values violate the constraints */
+#define COTREE_JUMPS_UNDERDETERMINED 101 /* the projection is not unique: no sensitivities */
 
 typedef struct cotree_jumps {
     cotree_run *run;
     const cotree_hybrid *hybrid;
-    cotree_real *values; /* event functions, branches, quantities of ranges */
+    cotree_real *values; /* event functions, then branches, then quantities of ranges */
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
     cotree_real *state_rates;
-    cotree_real *before, *after;   /* all states and sensitivities at the last event */
-    cotree_real *time_sensitivity; /* of the time of the event */
+    cotree_real *before, *after; /* all states and sensitivities before and after the last event */
+    cotree_real *time_sensitivity; /* derivatives of the event time by the parameters */
     /* The rest is private. */
     cotree_real *value_slopes, *new_values;
     /* Work space for impacts. */
@@ -42,37 +40,37 @@ typedef struct cotree_jumps {
 #endif
 } cotree_jumps;
 
-/* An impulse at several constraints. */
+/* An impulse at one or several constraints. */
 typedef struct cotree_impulse {
-    int is_residual; /* removes errors of speeds: impulse_states keep their values */
+    int is_residual; /* 1: removes errors of speeds; impulse_states keep their values */
     int n_modes, stride;
-    const int *places;        /* of the modes, at each stride-th place */
-    const cotree_real *modes; /* in the impact */
+    const int *places;        /* states of the modes: places[k * stride] for mode k */
+    const cotree_real *modes; /* the modes in the impact */
 #if COTREE_HAS_DISCS
-    int n_directions; /* numbers of directions of sliding on planes in space */
+    int n_directions; /* directions of sliding on planes in space */
     const int *direction_states;
-    const cotree_real *directions; /* in the impact */
+    const cotree_real *directions; /* the directions in the impact */
 #endif
-    int n_edges, n_stops;      /* stops, friction at their contacts, its second components */
-    const int *impulse_states; /* set to the change of speed */
-    const int *speed_events;   /* whose last new value is the change of speed; -1: none */
+    int n_edges, n_stops;      /* edges: stops, friction at their contacts, its second components */
+    const int *impulse_states; /* states that are set to the change of speed */
+    const int *speed_events;   /* events whose last new value is the change of speed; -1: none */
     int n_forces;
     const int *force_events; /* forces of stops, distances of friction from both limits, loads, and
-                              * second components of friction on planes in space */
+                                second components of friction on planes in space */
 } cotree_impulse;
 
-/* Initialise. The model must have events. */
+/* Initialise for a model that has events. */
 void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
 
-/* Compute values. */
+/* Compute values at w. */
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
-/* Compute bounds of event functions from those of quantities; constants in them are those of the
- * last point at which values were computed. */
+/* Compute bounds of the event functions from bounds of the quantities. Constants in them are those
+ * at the point at which values was last computed. */
 int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box,
                         cotree_real *ranges);
 
-/* Compute rates. */
+/* Compute rates at w. */
 int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
 /* Apply an event: change w, and write before, after and, unless the time is fixed,
@@ -80,7 +78,7 @@ int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w);
 int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                        int is_time_fixed);
 
-/* Set modes, at each stride-th place, as part of the last event. */
+/* Set modes as part of the last event. The state of mode k is places[k * stride]. */
 int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
                            const int *places, int stride, const cotree_real *modes);
 
@@ -88,7 +86,7 @@ int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n
 int cotree_jumps_apply_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
                                cotree_real *w);
 
-/* Compute the states after an impulse, without sensitivities, and its components in
+/* Compute the states after an impulse, without sensitivities, and write its components to
  * impulse_forces. */
 int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_real t,
                              const cotree_real *w, cotree_real *after);
@@ -96,27 +94,27 @@ int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_re
 /* Compute the new values of all events at w. */
 int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
-/* Return the first new value of an event, as computed last, and whether it differs from the
+/* Return the first new value of an event at the last evaluation, and whether it differs from the
  * present value. */
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event);
 int cotree_jumps_changes_value(const cotree_jumps *j, int event);
 
-/* Move the sensitivities in w along a direction of the states, along which an event function has
- * a slope, until it depends on no parameter. */
+/* Change the sensitivities in w along a direction of the states until an event function depends on
+ * no parameter. slope: derivative of the event function along the direction. */
 int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_real *direction,
                                     cotree_real slope, cotree_real t, cotree_real *w);
 
-/* Find whether an event function depends on a parameter of sensitivity. Return the status of the
- * kernels. */
+/* Find whether an event function depends on a parameter of the sensitivities. Return the status of
+ * the kernels. */
 int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                        int *is_dependent);
 
-/* Return whether the times of two events have the same derivatives by all parameters, at the
- * point of the last dependence. */
+/* Return whether the times of two events have the same derivatives by all parameters, at the last
+ * call of cotree_jumps_depends_on_parameters. */
 int cotree_jumps_share_time(const cotree_jumps *j, int a, int b);
 
-/* Find whether the time at which an event function is zero has the same derivatives by all
- * parameters at two points, by the values and rates there. Return the status of the kernels. */
+/* Find whether the zeros of an event function near two points have the same derivatives of time by
+ * all parameters, from the values and rates at these points. Return the status of the kernels. */
 int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                cotree_real t_other, cotree_real *w_other, int *is_same);
 
@@ -124,12 +122,12 @@ int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree
 int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *w,
                              cotree_real *rates);
 
-/* Compute the rates of the states at w, and those in the other mode of a jump. x: the states in
- * that mode. */
+/* Compute the rates of the states at w in both modes of a jump: the present one and the other one.
+ * x: the states in the other mode. */
 int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_real *w,
                        cotree_real *x, cotree_real *now, cotree_real *other);
 
-/* Return the new value of one of the targets of an event, as computed last. */
+/* Return the new value of one of the targets of an event at the last evaluation. */
 cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target);
 
 /* Return the last new value of an event, a change of speed, and its rate. */

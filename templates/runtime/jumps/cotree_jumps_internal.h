@@ -20,7 +20,7 @@ COTREE_PRIVATE int cotree_complete_event(cotree_jumps *j, const cotree_event *ro
                                          cotree_real *w);
 COTREE_PRIVATE int cotree_first_new_value(const cotree_jumps *j, int event);
 
-/* an event without targets */
+/* an event that sets no states */
 static const cotree_event no_event = {"", 0, 0, 0, 0, 0, 0, NULL, 0, -1};
 
 #endif
