@@ -257,10 +257,6 @@ class CompiledModel:
         """Raise ParameterError if a guard of the model rejects the parameters."""
         self._prepare(p)
 
-    def evaluate(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel with packed sensitivities; the result is its buffer."""
-        return self._kernels(name, t, x, s, u)
-
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         return self._kernel(name)(t, x, s, u).copy()
 

@@ -5,9 +5,8 @@ algebraic unknowns if C's iteration fails, and factorises large systems of them.
 contradict constraints, C changes the last of them or fails; :mod:`cotree.model.consistent` writes
 the messages.
 
-A ``cotree_model`` whose kernels are evaluated in Python replaces the compiled one if a program is
-only evaluated, and after a kernel has failed: C returns a status, Python an exception that names
-the cause.
+C returns a status if a kernel fails. Python then evaluates the kernels again, for an exception that
+names the cause.
 """
 
 from __future__ import annotations
@@ -20,11 +19,9 @@ from cotree.codegen.start_tables import start_tables
 from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
 from cotree.model.arrays import Array, CObjects
 from cotree.model.consistent import Report, Start
-from cotree.model.kernels import SINGULAR, build_engine, shared_code
+from cotree.model.kernels import NO_COMPILER, SINGULAR, build_engine, shared_code
 from cotree.model.unknowns import contradicting_jumps, of_model
-from cotree.program.kernels import KERNELS, KernelSpec
 from cotree.sharing import locked_cache
-from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,6 +53,12 @@ _TURNED_BACK = 105
 #: All states are found, but redundant values contradict each other, a value is not finite, or the
 #: start is at a jump whose time depends on a parameter.
 _COMPLETE = (0, 103, 106, 109)
+
+#: Kernels of a start that may solve linear systems.
+_LINEAR = (
+    *("initial", "inputs", "constraints", "start", "rhs", "jacobian", "events", "jumps"),
+    *("constraint_sensitivity", "start_sensitivity", "augmented_rhs", "event_sensitivity"),
+)
 
 
 class StartInC:
@@ -211,16 +214,14 @@ class StartCall(CObjects):
         self._starts, self._at, self._initial = starts, at, initial
         n, m = len(model.states), len(model.sensitivities)
         self.z = np.empty(n * (1 + m))
-        self._called: CalledModel | None = None
         self._search: UnknownsOfStart | None = None
         self.c = c = self.new("cotree_start_call *")
         c.tables, c.z = starts.tables, self.pointer(self.z)
         native = model.native(at.p)
         if native is None:
-            self._call_python()
-        else:
-            c.model = ffi.cast("cotree_model *", native.address)
-            c.p, c.k = map(self.pointer, (native.p, native.k))
+            raise SolveError(NO_COMPILER)
+        c.model = ffi.cast("cotree_model *", native.address)
+        c.p, c.k = map(self.pointer, (native.p, native.k))
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places
@@ -235,7 +236,6 @@ class StartCall(CObjects):
     def find(self) -> Start:
         """Return the start; see :meth:`StartInC.find`."""
         at, c = self._at, self.c
-        n, m = len(at.model.states), len(at.model.sensitivities)
         status, report = self._run(), None
         if status in (*_CONTRADICTIONS, _UNSOLVED):
             if at.model.layout.n_algebraic:
@@ -243,7 +243,7 @@ class StartCall(CObjects):
             if status in _CONTRADICTIONS:
                 report = Report(at, self.places, self)
             status = self._run()
-        y, s = self.z[:n].copy(), self.z[n:].reshape(m, n).T.copy()
+        y, s = self._found()
         if report is not None and status in _CONTRADICTIONS:
             report.refuse(y, is_of_derivatives=status == _CONTRADICTIONS[1])
         if status == _TURNED_BACK:
@@ -264,12 +264,10 @@ class StartCall(CObjects):
             raise self._search.errors[-1]
         if status in (_UNSOLVED, _UNDETERMINED):
             raise self._unsolved()
-        if self._called is None:
-            self._call_python()
-            self._run()
-        assert self._called is not None
-        unknown = SolveError(f"there is no start at t = {self._at.t:.10g}: memory may be short")
-        raise next(iter(self._called.errors), unknown)
+        y, s = self._found()
+        for name in _LINEAR:
+            self._at.call(name, y, s)  # raises the error of a singular matrix
+        raise SolveError(f"a kernel fails near the start at t = {self._at.t:.10g}")
 
     def _unsolved(self) -> SolveError:
         """Return the error of algebraic equations that cannot be solved."""
@@ -294,16 +292,12 @@ class StartCall(CObjects):
         return self._search
 
     def _run(self) -> int:
-        status = int(self._starts._lib.cotree_start_once(self.c))
-        if self._called is not None and status < 0:
-            raise self._called.errors[-1]
-        return status
+        return int(self._starts._lib.cotree_start_once(self.c))
 
-    def _call_python(self) -> None:
-        """Call kernels in Python, whose exceptions are stored."""
-        self._called = CalledModel(self._ffi, self._at.model)
-        self.c.model = self._called.address
-        self.c.p = self.pointer(np.array(self._at.p, dtype=float))
+    def _found(self) -> tuple[Array, Array]:
+        """Return the states and sensitivities that C has reached."""
+        n = len(self._at.model.states)
+        return self.z[:n].copy(), self.z[n:].reshape(-1, n).T.copy()
 
     def _set_inputs(self) -> None:
         """Return the inputs that replace the scene's as tables of one point."""
@@ -345,106 +339,3 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
     """Return the search for starts of a model in C; None without a compiler."""
     library = load_start()
     return None if library is None else StartInC(model, library)
-
-
-#: The kernels that the search for a start calls.
-_KERNELS = (
-    "prepare",
-    "initial",
-    "initial_sensitivity",
-    "inputs",
-    "rhs",
-    "jacobian",
-    "augmented_rhs",
-    "constraints",
-    "constraint_sensitivity",
-    "gradient",
-    "start",
-    "start_gradient",
-    "start_sensitivity",
-    "events",
-    "jumps",
-    "event_sensitivity",
-)
-
-_NONE: Array = np.zeros(0)
-
-
-class CalledModel(CObjects):
-    """A ``cotree_model`` with callbacks to a model's kernels in Python.
-
-    Parameters
-    ----------
-    ffi : FFI
-        The FFI of a library that declares the structure.
-    model : CompiledModel
-        The model.
-
-    Attributes
-    ----------
-    address : cdata
-        The structure.
-    """
-
-    def __init__(self, ffi: Any, model: CompiledModel) -> None:
-        super().__init__(ffi)
-        self._model = model
-        self.address = self._structure()
-
-    def _structure(self) -> Any:
-        layout, c = self._model.layout, self.new("cotree_model *")
-        c.abi_version, c.name = ABI_VERSION, self.new("char[]", layout.name.encode())
-        c.n_nonzeros, c.n_algebraic = len(layout.row_indices), layout.n_algebraic
-        for name in ("states", "parameters", "inputs", "sensitivities", "constraints"):
-            setattr(c, f"n_{name}", len(getattr(layout, name)))
-        for name in ("states", "parameters", "inputs"):
-            setattr(c, name, self.quantities(getattr(layout, name)))
-        for name in ("column_starts", "row_indices", "sensitivity_starts", "sensitivity_rows"):
-            setattr(c, name, self.ints(getattr(layout, name)))
-        for name in _KERNELS:
-            spec, n_results = KERNELS[name], self._model.traits.n_results.get(name)
-            if n_results is not None:
-                setattr(c, spec.field, self._kernel(spec, n_results))
-        if layout.events or layout.corners:
-            c.hybrid = self._hybrid()
-        return c
-
-    def _hybrid(self) -> Any:
-        layout, c = self._model.layout, self.new("cotree_hybrid *")
-        c.n_events = len(layout.events) + len(layout.corners)
-        c.n_branches, c.n_quantities = layout.n_pieces, layout.n_quantities
-        # Kinks are the last events; they set no targets.
-        c.events = rows = self.new("cotree_event[]", c.n_events)
-        for row, own in zip(layout.events, rows, strict=False):
-            own.name, own.direction = self.new("char[]", row.name.encode()), row.direction
-            own.kind, own.n_targets = row.part or int(row.is_jump), len(row.targets)
-            own.targets = self.ints(row.targets)
-            c.n_jumps += len(row.targets)
-        return c
-
-    def _kernel(self, spec: KernelSpec, n_results: int) -> Any:
-        """Make the C function of a kernel: it stores exceptions and returns a status."""
-        layout, buffer = self._model.layout, self._ffi.buffer
-        n, m = len(layout.states), len(layout.sensitivities)
-        packed = len(layout.sensitivity_rows) if spec.is_packed else n * m
-        sizes = {"x": n, "s": packed, "u": len(layout.inputs), "p": len(layout.parameters)}
-
-        def array(pointer: Any, size: int) -> Array:
-            return np.frombuffer(buffer(pointer, 8 * size)) if size else _NONE
-
-        def call(*arguments: Any) -> int:
-            known: dict[str, Any] = {"t": 0.0, "x": _NONE, "s": _NONE, "u": _NONE}
-            for key, value in zip(spec.arguments, arguments, strict=False):
-                if key != "k":
-                    known[key] = value if key == "t" else array(value, sizes[key])
-            try:
-                self._model.set_parameters(known.pop("p").copy())
-                if n_results and spec.name != "prepare":
-                    found = array(arguments[-1], n_results)
-                    found[:] = self._model.evaluate(spec.name, **known)
-            except SingularSystemError as error:
-                self.errors.append(error)
-                return SINGULAR
-            return 0
-
-        return self.callback(spec.type, call)
