@@ -214,11 +214,6 @@ def geometry_of(given: Given) -> Component:
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
-def directions_of(given: Given) -> int:
-    """Count the directions of slip of a point: two on a plane, three axes on a ball."""
-    return 2 if "normal" in given else 3
-
-
 #: Added to depths under a root, [m].
 _OFFSET = 1e-30
 
@@ -226,9 +221,10 @@ _OFFSET = 1e-30
 class _Pushing:
     """Laws of a point that may touch: a normal force while it penetrates, and friction."""
 
-    def __init__(self, exponent: Any, n_directions: int, has_friction: bool) -> None:
+    def __init__(self, exponent: Any, is_plane: bool, has_friction: bool) -> None:
         self._exponent = exponent
-        self._n_directions = n_directions
+        # Two directions of slip on a plane, the parts of three axes on a ball.
+        self._slips = ("slip1", "slip2") if is_plane else ("part1", "part2", "part3")
         self._has_friction = has_friction
 
     def _push(self) -> Any:
@@ -271,7 +267,7 @@ class _Pushing:
         return tuple(found)
 
     def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
-        names = tuple(slide_name(i, end) for i in range(self._n_directions))
+        names = tuple(slide_name(i, end) for i in range(len(self._slips)))
 
         def law(own: str) -> Law:
             return Law.formed_by(
@@ -285,9 +281,9 @@ class _Pushing:
                 name,
                 through=law(name),
                 is_passive=False,
-                touch=Touch(spot, f"slip{i + 1}"),
+                touch=Touch(spot, slip),
             )
-            for i, name in enumerate(names)
+            for name, slip in zip(names, self._slips, strict=True)
         ]
 
 
@@ -309,7 +305,7 @@ def _exponent(edge: str, given: Given) -> Any:
 
 def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
-    pushing = _Pushing(_exponent(edge, given), directions_of(given), has_friction)
+    pushing = _Pushing(_exponent(edge, given), "normal" in given, has_friction)
     own = replace(
         CONTACT,
         ports=pushing.ports(n_spots),
@@ -346,7 +342,7 @@ CONTACT = scalar(
     "contact",
     "elastic contact of two bodies, with friction",
     (*SHAPES, *_LAWS),
-    *_Pushing(1.5, 2, True).ports(1),
+    *_Pushing(1.5, True, True).ports(1),
     adapt=_adapt,
     geometry=GEOMETRY,
     measures=pushes(1),
@@ -430,11 +426,6 @@ def with_discs(component: Component) -> Component:
 
 def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
-    if has_friction and "ball" in given:
-        raise SceneError(
-            f"edge '{edge}' has friction on a ball, which rigid contact supports on planes "
-            "only: remove it, or use a compliant contact"
-        )
     own = replace(
         RIGID_CONTACT,
         ports=_ports(n_spots, has_friction),

@@ -63,7 +63,9 @@ class Touch:
     """The direction of a port of a contact, at one of the points that may touch."""
 
     spot: int  # the point, from 0 on
-    quantity: str  # ``gap``; or ``slip1``, ``slip2``, ...: a direction of slip
+    #: ``gap``; ``slip1`` or ``slip2``: one of two perpendicular directions of slip; ``part1`` to
+    #: ``part3``: the part of an axis that is tangential to a ball.
+    quantity: str
 
 
 @dataclass(frozen=True)

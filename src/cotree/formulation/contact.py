@@ -13,7 +13,7 @@ from cotree.formulation.measures import Carried, Ends, Pull, carried_by, chord_e
 
 if TYPE_CHECKING:
     from cotree.components.terminal import Touch
-    from cotree.dag.nodes import Node
+    from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion, View
 
@@ -117,6 +117,57 @@ class Tangent:
             vector.scale(vector.dot(n, self.axis), n_rate),
         )
         return vector.neg(turned)
+
+
+@dataclass(frozen=True)
+class Across:
+    """The direction perpendicular to a contact's direction and to an axis of the ancestor."""
+
+    facing: Facing
+    axis: Vector
+
+    def value(self, view: View) -> Any:
+        """Return n x e."""
+        return vector.cross(self.facing.value(view), self.axis)
+
+    def rate(self, view: View) -> Any:
+        """Return n' x e."""
+        return vector.cross(self.facing.rate(view), self.axis)
+
+
+@dataclass(frozen=True)
+class Tilted:
+    """An axis of the ancestor, turned by the shortest rotation from ``up`` to the normal.
+
+    Both are perpendicular unit vectors. No such rotation exists if the normal is -up.
+    """
+
+    facing: Facing
+    axis: Vector
+    up: Vector
+
+    def _parts(self, view: View) -> tuple[Any, Any, Any]:
+        """Return (n.e)/(1 + n.up), 1 + n.up, and n + up."""
+        n = self.facing.value(view)
+        height = 1.0 + vector.dot(n, self.up)
+        return vector.dot(n, self.axis) / height, height, vector.add(n, self.up)
+
+    def value(self, view: View) -> Any:
+        """Return e - (n.e)/(1 + n.up) (n + up)."""
+        share, _, between = self._parts(view)
+        return vector.sub(self.axis, vector.scale(share, between))
+
+    def rate(self, view: View) -> Any:
+        """Return its rate for constant axes."""
+        share, height, between = self._parts(view)
+        n_rate = self.facing.rate(view)
+        change = (vector.dot(n_rate, self.axis) - share * vector.dot(n_rate, self.up)) / height
+        return vector.neg(vector.add(vector.scale(change, between), vector.scale(share, n_rate)))
+
+
+#: Perpendicular unit vectors, times seven. The opposite of the last is a direction in which no body
+#: lies by symmetry.
+_SKEW = ((3, -6, 2), (6, 2, -3), (2, 3, 6))
 
 
 class Surface(Protocol):
@@ -331,29 +382,39 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])
     if touch.quantity == "gap":
         return Touching(ends, facing, surface, facing, rise)
-    along = _directions(motion, edge)[int(touch.quantity.removeprefix("slip")) - 1]
-    # No two fixed directions are perpendicular to that of the centres everywhere; the perpendicular
-    # parts of three axes always span the tangential plane.
-    direction: Facing = Tangent(facing, along)
-    if "normal" in edge.vectors:
-        direction = carried_by(motion, ends, 0, along)
+    direction = _direction(motion, edge, ends, facing, touch.quantity)
     return Touching(ends, facing, surface, direction, None)
 
 
-def _directions(motion: Motion, edge: BoundEdge) -> tuple[Vector, ...]:
-    """List the directions of slip: in a plane, or parts of the axes of a ball.
+def _direction(
+    motion: Motion, edge: BoundEdge, ends: Ends, facing: Facing, quantity: str
+) -> Facing:
+    """Return a direction of slip: one of two, or the part of an axis that is tangential to a ball.
 
-    The first two and the normal are right-handed. In a planar system the first is normal x e, with
-    e the axis across the plane of motion, and the second is against e.
+    The two and the normal are right-handed. In a planar system the first is normal x e, with e the
+    axis across the plane of motion, and the second is against e.
     """
-    axes = vector.identity(motion.system.dag)
-    if "normal" not in edge.vectors:
-        return tuple(axes)
-    normal, plane = edge.vectors["normal"], motion.system.plane
-    if not plane:
-        return plane_axes(normal)
-    first = vector.cross(normal, axes["xyz".index(plane)])
-    return first, vector.cross(normal, first)
+    dag, plane, index = motion.system.dag, motion.system.plane, int(quantity[-1]) - 1
+    axes = vector.identity(dag)
+    if "normal" in edge.vectors:
+        normal = edge.vectors["normal"]
+        along = plane_axes(normal)
+        if plane:
+            first = vector.cross(normal, axes["xyz".index(plane)])
+            along = first, vector.cross(normal, first)
+        return carried_by(motion, ends, 0, along[index])
+    if quantity.startswith("part"):
+        # The perpendicular parts of three axes always span the tangential plane.
+        return Tangent(facing, axes[index])
+    if plane:
+        return Across(facing, axes["xyz".index(plane)])
+    first, second, up = (_constants(dag, row) for row in _SKEW)
+    return Tilted(facing, (first, second)[index], up)
+
+
+def _constants(dag: Dag, sevenths: tuple[int, int, int]) -> Vector:
+    x, y, z = (dag.constant(entry / 7) for entry in sevenths)
+    return x, y, z
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:

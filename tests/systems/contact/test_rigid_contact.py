@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 
 import cotree
-from cotree.errors import SceneError
 
 # What a run at this tolerance leaves of its states is measured as 1e-11 and less.
 TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
@@ -253,12 +252,6 @@ def test_a_point_that_touches_is_marked_in_animations():
     drawing = rod(1.0, 0.3).compile(optimize="-O0").simulate((0, 0.1)).animate().drawing
     tip = [solid for solid in drawing.solids if solid.name == "c"]
     assert min(np.ptp(solid.mesh.points, axis=0).max() for solid in tip) <= 0.1
-
-
-def test_friction_on_a_ball_is_refused_by_name():
-    scene = cotree.Scene("space", gravity=[0, 0, -G])
-    with pytest.raises(SceneError, match="edge 'd' has friction on a ball"):
-        scene.edge("d", "rigid_contact", "ground", "P", ball=1.0, radius=0.1, friction=0.3)
 
 
 @pytest.mark.slow
