@@ -1,14 +1,14 @@
 /* cotree_fmi.h: functions that both versions of the Functional Mock-up Interface have.
  *
- * The file that includes it defines before: FMI_FUNCTION(name), the exported name of a function;
- * FMI_EITHER(of_2, of_3), one of two by version; FMI_STATUS, FMI_BOOLEAN and FMI_BYTE, types of the
- * version. Instances and saved states are pointers to void, and value references unsigned, in both
- * versions. */
+ * The including file defines FMI_FUNCTION(name), the exported name of a function; FMI_EITHER(of_2,
+ * of_3), the one of its arguments that belongs to the version; and the types FMI_STATUS,
+ * FMI_BOOLEAN and FMI_BYTE. In both versions, instances and saved states are pointers to void, and
+ * value references are unsigned. */
 #include "cotree_fmu.h"
 
 #include <math.h>
 
-/* The standards prescribe parameters that a unit of real variables does not read. */
+/* The standards prescribe parameters that a unit with only real variables does not use. */
 #if defined(__GNUC__) || defined(__clang__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -21,11 +21,11 @@
 #define COTREE_FMI_EXPORT
 #endif
 
-/* Functions have prefixes if several units are linked together. */
+/* Function names have prefixes if several units are linked together. */
 #define FMI_PASTE_NAMES(a, b) a##b
 #define FMI_PASTE(a, b) FMI_PASTE_NAMES(a, b)
 
-/* Define a function that is allowed in some modes: it returns the status of a call for the instance
+/* Define a function that is allowed in some modes. It returns the status of a call for the instance
  * m. */
 #define FMI_CALL(name, modes, call, ...)                                                           \
     COTREE_FMI_EXPORT FMI_STATUS FMI_FUNCTION(name)(__VA_ARGS__)                                   \
@@ -34,10 +34,11 @@
         return (FMI_STATUS)(m == NULL ? FMU_ERROR : fmu_status(m, call));                          \
     }
 
-/* Define a function of variables of a type that no variable has, or of n clocks. */
+/* Define a function for variables of a type that no variable has, or for n clocks. */
 #define FMI_NO_TYPE(name, ...) FMI_CALL(name, FMU_ANY, fmu_refuse_type(m, n), __VA_ARGS__)
 
-/* Define a function of an interface type, which is rejected if the unit is exported without it. */
+/* Define a function of an interface type. It is rejected if the unit was exported without this
+ * type. */
 #if COTREE_HAS_EXCHANGE
 #define FMI_EXCHANGE FMI_CALL
 #else

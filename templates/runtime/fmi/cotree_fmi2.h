@@ -34,7 +34,7 @@ typedef struct {
     double nextEventTime;
 } fmi2EventInfo;
 
-/* For cotree_fmi.h. */
+/* Definitions for cotree_fmi.h. */
 #ifndef FMI2_FUNCTION_PREFIX
 #define FMI2_FUNCTION_PREFIX
 #endif

@@ -40,7 +40,7 @@ typedef void (*fmi3IntermediateUpdateCallback)(void *environment, double time, f
                                                double *);
 typedef void (*fmi3PreemptionCallback)(void);
 
-/* For cotree_fmi.h. */
+/* Definitions for cotree_fmi.h. */
 #ifndef FMI3_FUNCTION_PREFIX
 #define FMI3_FUNCTION_PREFIX
 #endif

@@ -4,7 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-/* Allocate the state, in the order in which it is saved. */
+/* Allocate the arrays of the state, in the order in which it is saved. */
 static void lay_out_state(fmu *m, cotree_arena *arena)
 {
     const size_t begin = arena->used;
@@ -28,7 +28,8 @@ static void lay_out_events(fmu *m, cotree_arena *arena)
     m->g = cotree_arena_reals(arena, N_EVENTS + m->model->hybrid->n_quantities);
     m->records = cotree_arena_reals(arena, COTREE_EVENTS_AT_ONCE(N_EVENTS) *
                                                COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES));
-    /* No steps are searched for events: tolerances of points are not needed. */
+    /* The importer takes the steps, and they are not searched for events: no tolerances are
+     * needed. */
     cotree_events_init(&m->events, &m->run, m->run.n, m->tables->span, m->tables->rtol, NULL,
                        m->tables->atol, NULL, NULL, arena);
 }
@@ -111,7 +112,7 @@ static void find_offsets(fmu *m)
     for (i = 0; i < FMU_N_BLOCKS; ++i) m->offsets[i + 1] = m->offsets[i] + counts[i];
 }
 
-/* Reset the instance to its instantiation. */
+/* Reset the instance to its state after instantiation. */
 static void reset(fmu *m)
 {
     size_t i;
@@ -130,7 +131,7 @@ static void reset(fmu *m)
     fmu_enter(m, FMU_INSTANTIATED);
 }
 
-/* Return NULL if there is no memory. */
+/* Return a new instance, or NULL if there is no memory. */
 static fmu *new_instance(const fmu_importer *importer, const fmu_tables *tables)
 {
     cotree_arena arena = {NULL, 0};
@@ -191,10 +192,10 @@ void fmu_free(void *instance)
 
 /* Messages. */
 
-/* The log categories of the model description, by status. */
+/* Log categories of the model description, by status. */
 static const char *const categories[] = {"logEvents", NULL, "logStatusDiscard", "logStatusError"};
 
-/* Errors are logged even if logging is off, as the standards require. */
+/* Log a message. Errors are logged even if logging is off, as the standards require. */
 static void log_message(const fmu_importer *importer, int status, const char *message)
 {
     if (importer->callback == NULL || !(status == FMU_ERROR || importer->is_logging)) return;
@@ -336,16 +337,17 @@ int fmu_reset(fmu *m)
 
 /* Saved states. */
 
-/* Marks the head of a state, which another instance may read. */
+/* Identifies the header of a saved state when another instance reads it. */
 #define MAGIC 0x46746f63
 
 typedef struct fmu_state_head {
     unsigned magic, n;
-    unsigned long long checksum; /* of the bytes after it; set when the state is serialized */
+    unsigned long long
+        checksum; /* checksum of the bytes after it, set when the state is serialized */
     char token[64];
 } fmu_state_head;
 
-/* A state: its head, then n doubles. */
+/* A saved state: its header, then n doubles. */
 typedef struct fmu_state {
     fmu_state_head head;
     double values[];
@@ -372,8 +374,9 @@ static int is_state(const fmu *m, const fmu_state_head *head)
            strncmp(head->token, m->tables->token, sizeof(head->token) - 1) == 0;
 }
 
-/* Return the place of a saved state, or n_kept if there is none: pointers to other memory, such as
- * that of a freed state, are rejected before they are read. Recent states are used most often. */
+/* Return the index of a saved state, or n_kept if there is none. Other pointers, such as that of a
+ * freed state, are rejected without being dereferenced. The search starts with recent states, which
+ * are used most often. */
 static size_t find_state(const fmu *m, const void *own)
 {
     size_t i;
@@ -391,7 +394,7 @@ static int check_state(const fmu *m, const void *own)
                       m->function);
 }
 
-/* Append a new state to those that are kept. Return NULL if there is no memory. */
+/* Append a new state to the list of saved states. Return NULL if there is no memory. */
 static fmu_state *add_state(fmu *m)
 {
     fmu_state *const own = (fmu_state *)malloc(size_of_state(m));
@@ -409,7 +412,8 @@ static fmu_state *add_state(fmu *m)
     return own;
 }
 
-/* Write a pointer to a new state to *place, or check the saved state that it points to. */
+/* If *place is NULL, write a pointer to a new state to it; otherwise check the saved state that it
+ * points to. */
 static int take_state(fmu *m, void **place)
 {
     if (fmu_check_pointer(m, place) != 0) return 1;
@@ -431,7 +435,7 @@ int fmu_save_state(fmu *m, void **place)
     return 0;
 }
 
-/* Return whether an instance of this kind has a mode. */
+/* Return whether a number is a mode of instances of this interface type. */
 static int is_mode(const fmu *m, double mode)
 {
     int bit;

@@ -1,8 +1,9 @@
 /* cotree_fmu.h: an instance of a model as a functional mock-up unit, for all versions of the
  * interface.
  *
- * A function of FMI 2 or FMI 3 starts a call with its own name for messages, calls one of these and
- * returns the status of its result: 0, or 1 after an error is logged, unless noted. */
+ * A function of FMI 2 or FMI 3 first calls fmu_call with its name, for messages. It then calls one
+ * of these functions and returns the status of the result. Results are 0, or 1 after an error was
+ * logged, unless noted otherwise. */
 #ifndef COTREE_FMU_H
 #define COTREE_FMU_H
 
@@ -10,19 +11,19 @@
 
 #include <stddef.h>
 
-/* Statuses, with the numbers of both standards. */
+/* Statuses, with the numbers that both standards assign. */
 #define FMU_OK 0
-#define FMU_DISCARD 2 /* values cannot be computed; others, or a smaller step, may succeed */
+#define FMU_DISCARD 2 /* values cannot be computed; a smaller step or other values may succeed */
 #define FMU_ERROR 3
 
-/* Modes of an instance, as bits of a mask. */
+/* Modes of an instance, one bit each. */
 #define FMU_INSTANTIATED 1
 #define FMU_INITIALIZATION 2
 #define FMU_EVENT 4
 #define FMU_CONTINUOUS 8
 #define FMU_STEP 16
 #define FMU_TERMINATED 32
-#define FMU_FAILED 64 /* after a step of Co-Simulation that was discarded, in FMI 2 */
+#define FMU_FAILED 64 /* after a discarded step of Co-Simulation, in FMI 2 */
 #define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
 #define FMU_ANY (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING | FMU_TERMINATED | FMU_FAILED)
 #define FMU_SETTABLE (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING)
@@ -30,75 +31,77 @@
 #define FMU_WITH_STATES (FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED)
 #define FMU_WITH_PROGRESS (FMU_STEP | FMU_FAILED | FMU_TERMINATED)
 
-/* Blocks of variables; each has consecutive value references. */
+/* Blocks of variables. The value references of a block are consecutive. */
 enum fmu_block {
     FMU_TIME,
     FMU_STATES,
     FMU_RATES,
     FMU_PARAMETERS,
-    FMU_INPUTS,  /* set by the importer */
-    FMU_SIGNALS, /* inputs of the scene that are functions of time and parameters */
+    FMU_INPUTS,  /* inputs that the importer sets */
+    FMU_SIGNALS, /* inputs that the scene defines as functions of time and parameters */
     FMU_OUTPUTS,
     FMU_INDICATORS,
     FMU_OUTPUT_SLOPES, /* sensitivities of outputs, by parameter */
     FMU_STATE_SLOPES,  /* sensitivities of states, by parameter */
     FMU_N_BLOCKS,
-    FMU_NOMINALS = FMU_N_BLOCKS /* of continuous states, which are no variables */
+    FMU_NOMINALS =
+        FMU_N_BLOCKS /* nominal values of continuous states, which have no value references */
 };
 
-/* A sparse matrix, compressed by columns. */
+/* A sparse matrix in compressed columns. */
 typedef struct fmu_pattern {
     int n_rows, n_columns;
     const int *starts;
     const int *rows;
 } fmu_pattern;
 
-/* The tables of a model for its unit. */
+/* Tables of a model for its functional mock-up unit. */
 typedef struct fmu_tables {
     const char *token;
     const cotree_model *(*model)(void);
     const struct cotree_stepper *(*stepper)(void);
-    const void *(*aid)(void); /* data of the stepper; NULL: none */
+    const void *(*aid)(void); /* data of the stepper, see cotree_job; NULL: none */
     int has_sensitivities;
-    int is_exchangeable; /* offers Model Exchange */
+    int is_exchangeable; /* 1: offers Model Exchange */
     int is_implicit, is_strict, is_extended;
-    int n_inputs;         /* set by the importer */
-    const int *inputs;    /* their places among the model's */
-    const double *values; /* their values until they are set */
-    const int *signals;   /* the other inputs */
-    const double *start;  /* states at the start, at the default parameters */
-    int is_found;   /* 1: states without a prescribed initial value start from those in start */
-    int is_at_rest; /* 1: the start is an operating point, found at the defaults */
-    const double *sizes;     /* factors of absolute tolerances; NULL: 1 */
-    double rtol, atol, span; /* defaults */
-    long most_steps;         /* budgets of one step of Co-Simulation */
+    int n_inputs;         /* number of inputs that the importer sets */
+    const int *inputs;    /* their indices among the model's inputs */
+    const double *values; /* their values until the importer sets them */
+    const int *signals;   /* indices of the other inputs */
+    const double *start;  /* states at the start, for the default parameters */
+    int is_found;         /* 1: states without a prescribed initial value start from `start` */
+    int is_at_rest; /* 1: the start is an operating point, computed for the default parameters */
+    const double *sizes;     /* factors of the absolute tolerances; NULL: 1 */
+    double rtol, atol, span; /* default tolerances and time span */
+    long most_steps;         /* limits for one step of Co-Simulation: steps and events */
     long most_events;
-    int n_stops;            /* time events and their periods */
-    const int *stop_starts; /* n_stops: 1 if there is none before the first time */
-    int n_limits;           /* upper bounds of steps */
+    int n_stops;            /* number of time events and of their periods */
+    const int *stop_starts; /* n_stops: 1 if the series has no time event before its first time */
+    int n_limits;           /* number of upper bounds of the step size */
     const cotree_start_tables *start_tables;
-    /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs set
-     * by the importer, parameters and time. */
+    /* Derivatives of the rates and residuals, outputs, indicators and signals (rows) by states,
+     * inputs of the importer, parameters and time (columns). */
     fmu_pattern partials;
     cotree_state_kernel find_partials;
-    fmu_pattern initial; /* of the initial states by parameters */
+    fmu_pattern initial; /* derivatives of the initial states by the parameters */
     cotree_parameter_kernel find_initial;
-    fmu_pattern constraints; /* of constraints, then of conditions of the start, by all columns */
+    fmu_pattern constraints; /* derivatives of the constraints, then of the conditions of the start,
+                                by all columns */
     cotree_state_kernel find_constraints;
-    /* Upper bounds of steps; then the first time and period of each stop (a time event), and the
-     * derivatives of both by each parameter of sensitivity. */
+    /* Computes the upper bounds of the step size; then the first time and the period of each series
+     * of time events, and the derivatives of both by each parameter of sensitivity. */
     cotree_parameter_kernel find_stops;
 } fmu_tables;
 
-/* The tables of the model. */
+/* Return the tables of the model. */
 const fmu_tables *fmu_tables_of_model(void);
 
 /* The importer of an instance. */
 typedef struct fmu_importer {
-    int version; /* of the interface: 2 or 3 */
+    int version; /* version of the interface, 2 or 3 */
     const char *name;
     void *environment;
-    void (*callback)(void); /* its function for messages, which log calls; NULL: none */
+    void (*callback)(void); /* function of the importer that receives messages; NULL: none */
     void (*log)(const struct fmu_importer *importer, int status, const char *category,
                 const char *message);
     int is_logging; /* 0: only errors are logged */
@@ -106,38 +109,38 @@ typedef struct fmu_importer {
 
 typedef struct fmu fmu;
 
-/* Make an instance; log an error and return NULL on failure. fmu_reject logs why and returns NULL.
- */
+/* Create an instance, or log an error and return NULL. fmu_reject logs the reason and returns
+ * NULL. */
 fmu *fmu_instantiate(const fmu_importer *importer, const char *token, int is_exchanged,
                      int returns_early);
 fmu *fmu_reject(const fmu_importer *importer, const char *why);
 void fmu_free(void *instance);
 
-/* Start a call: return NULL without an instance, or after rejecting the call in a mode that does
- * not allow it. Return the status of a call from its result. */
+/* Start a call. Return NULL if there is no instance, or if its mode does not allow the call.
+ * fmu_status returns the status of a call from its result. */
 fmu *fmu_call(void *instance, const char *function, int modes);
 int fmu_status(const fmu *m, int result);
 
-/* Reject a call, or one for n variables of a type that none has. */
+/* Reject a call, or a call for n variables of a type that no variable has. */
 int fmu_refuse_call(fmu *m, const char *why);
 int fmu_refuse_type(fmu *m, size_t n);
 
 int fmu_set_logging(fmu *m, int is_logging, size_t n, const char *const categories[]);
 
-/* Modes. */
+/* Changes of mode. */
 int fmu_set_up(fmu *m, const double *tolerance, double t, double end);
 int fmu_enter_initialization(fmu *m);
 int fmu_exit_initialization(fmu *m);
 int fmu_terminate(fmu *m);
 int fmu_reset(fmu *m);
 
-/* Variables: n references, and as many values. */
+/* Values of variables, given by n references. */
 int fmu_get(fmu *m, const unsigned *references, size_t n, double *values, size_t n_values);
 int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values, size_t n_values);
 int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n);
 
-/* Saved states: copy the present one to that of *place, or to a new one if *place is NULL;
- * restore one; free one; compute its number of bytes; write it to bytes, or read it. */
+/* Saved states. Save the present state to *place, or to a new one if *place is NULL; restore a
+ * state; free it; return its size in bytes; write it to bytes; read it from bytes. */
 int fmu_save_state(fmu *m, void **place);
 int fmu_restore_state(fmu *m, const void *from);
 int fmu_free_state(fmu *m, void **place);
@@ -145,8 +148,8 @@ int fmu_measure_state(fmu *m, const void *from, size_t *n);
 int fmu_write_state(fmu *m, const void *from, void *bytes, size_t n);
 int fmu_read_state(fmu *m, const void *bytes, size_t n, void **place);
 
-/* Derivatives. Directional: the seed belongs to the knowns, and the result to the unknowns;
- * adjoint: the other way round. */
+/* Directional derivatives: the seed belongs to the knowns, and the result to the unknowns. Adjoint
+ * derivatives: the other way round. */
 typedef struct fmu_direction {
     const unsigned *unknowns;
     size_t n_unknowns;
@@ -160,7 +163,7 @@ typedef struct fmu_direction {
 int fmu_directional(fmu *m, const fmu_direction *d);
 int fmu_adjoint(fmu *m, const fmu_direction *d);
 
-/* Report of an update of Event Mode and of a step of Co-Simulation. */
+/* Results of an update in Event Mode, and of a step of Co-Simulation. */
 typedef struct fmu_event_info {
     int terminates, are_states_changed, has_next;
     double next;
@@ -170,7 +173,7 @@ typedef struct fmu_progress {
     int is_early, terminates;
 } fmu_progress;
 
-/* Model Exchange. The blocks of numbers are states, rates, indicators and nominals. */
+/* Model Exchange. Blocks of numbers: states, rates, indicators and nominal values. */
 int fmu_set_time(fmu *m, double t);
 int fmu_set_states(fmu *m, const double *x, size_t n);
 int fmu_get_numbers(fmu *m, enum fmu_block block, double *values, size_t n);
@@ -179,11 +182,12 @@ int fmu_enter_event_mode(fmu *m);
 int fmu_update(fmu *m, fmu_event_info *news);
 int fmu_leave_event_mode(fmu *m);
 
-/* Co-Simulation. A step reaches a time, and may end early, at an event, or the simulation. */
+/* Co-Simulation. A step ends at the requested time or, earlier, at an event or at the end of the
+ * simulation. */
 int fmu_step(fmu *m, double t, double step, fmu_progress *progress);
 
-/* Write the time that the last step has reached, or whether the simulation has ended, in FMI 2.
- * Discard if is_known is 0: there is no other status, since steps are never pending. */
+/* FMI 2: write the time that the last step reached, and whether the simulation has ended. If
+ * is_known is 0, discard the call: steps are never pending, so that no other status exists. */
 int fmu_get_progress(fmu *m, int is_known, double *reached, int *has_ended);
 
 #endif

@@ -1,11 +1,11 @@
 /* cotree_fmu_derivatives.c: directional and adjoint derivatives of an instance.
  *
- * With the rates f, the residuals g of the algebraic unknowns z, and any other unknown h, the
- * derivatives by the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During initialization,
- * states computed from parameters depend on these. */
+ * f are the rates, g the residuals of the algebraic unknowns z, and h any other unknown. The
+ * derivatives by the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During initialization the
+ * states that are computed from parameters contribute, too. */
 #include "cotree_fmu_internal.h"
 
-/* Return the column of a known, or -1. */
+/* Return the column of a known, or -1 if it has none. */
 static int column_of(const fmu *m, unsigned reference)
 {
     const fmu_tables *const tables = m->tables;
@@ -25,7 +25,7 @@ static int column_of(const fmu *m, unsigned reference)
     }
 }
 
-/* Return the row of an unknown, or -1; states are the last rows. */
+/* Return the row of an unknown, or -1 if it has none. States are the last rows. */
 static int row_of(const fmu *m, unsigned reference)
 {
     const int n_events = fmu_size_of(m, FMU_INDICATORS);
@@ -66,8 +66,8 @@ static int check_variables(const fmu *m, const fmu_direction *d)
     return 0;
 }
 
-/* Start a call: reject missing arrays, lengths of seed and result other than n_seed and n_result,
- * and variables without derivatives; then evaluate the partial derivatives. */
+/* Start a call: reject missing arrays, a seed or result whose length is not n_seed or n_result, and
+ * variables without derivatives. Then evaluate the partial derivatives. */
 static int begin(fmu *m, const fmu_direction *d, size_t n_seed, size_t n_result)
 {
     fmu_evaluate(m);
@@ -81,7 +81,7 @@ static int begin(fmu *m, const fmu_direction *d, size_t n_seed, size_t n_result)
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Factorise the matrix of the algebraic equations, or its transpose. */
+/* Factorise the matrix g_z of the algebraic equations, or its transpose. */
 static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -102,7 +102,7 @@ static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 
 #endif
 
-/* Add the columns from first to last, times a direction, to the rows. */
+/* Add the columns from first to last, multiplied by the seed, to the rows. */
 static void multiply(fmu *m, int first, int last, const double *seed)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -114,7 +114,7 @@ static void multiply(fmu *m, int first, int last, const double *seed)
     }
 }
 
-/* Return the sum of a column's entries with the weights of their rows. */
+/* Return the sum of a column's entries, multiplied by the weights of their rows. */
 static double weighted_column(const fmu *m, int column)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -125,7 +125,8 @@ static double weighted_column(const fmu *m, int column)
     return sum;
 }
 
-/* Add the derivatives of all rows along the algebraic unknowns, which follow m->seed, too. */
+/* Compute the derivatives of the algebraic unknowns along m->seed, and add their contributions to
+ * all rows. */
 static int propagate_unknowns(fmu *m)
 {
     cotree_lu lu;
@@ -202,7 +203,8 @@ int fmu_directional(fmu *m, const fmu_direction *d)
     return 0;
 }
 
-/* Compute adjoint derivatives during initialization, one known at a time. */
+/* Compute adjoint derivatives during initialization, by one directional derivative for each
+ * known. */
 static int adjoint_by_columns(fmu *m, const fmu_direction *d)
 {
     size_t i, k;

@@ -3,7 +3,7 @@
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_EXCHANGE
-/* Reject a call for n numbers of a block if there are not as many. */
+/* Reject a call unless n is the number of values of the block. */
 static int check_numbers(fmu *m, enum fmu_block block, const double *values, size_t n)
 {
     const int is_indicator = block == FMU_INDICATORS;
@@ -52,7 +52,7 @@ int fmu_set_states(fmu *m, const double *x, size_t n)
 /* States are projected if a residual of the constraints exceeds this many tolerances. */
 #define DRIFT_TOLERANCES 10.0
 
-/* Find whether the states have drifted from the constraints. */
+/* Find whether the states have drifted off the constraints. */
 static int find_drift(fmu *m, int *has_drifted)
 {
     double *const found = m->residual;
@@ -81,7 +81,7 @@ static int project(fmu *m)
 }
 #endif
 
-/* Request Event Mode if the states have drifted from the constraints: they may be projected
+/* Request Event Mode if the states have drifted off the constraints: states may change only
  * there. */
 int fmu_complete_step(fmu *m, int *enters_event_mode)
 {
@@ -94,7 +94,7 @@ int fmu_complete_step(fmu *m, int *enters_event_mode)
 #endif
 }
 
-/* Find the segment between time events: no evaluation may lie beyond either of them. */
+/* Find the segment between time events. Rates must be evaluated inside it. */
 static void find_segment(fmu *m)
 {
     const double t = m->numbers[FMU_NOW], next = cotree_next_breakpoint(&m->stops, t, HUGE_VAL);
@@ -118,7 +118,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     int i, status;
     fmu_hold(m, 1);
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_restore(e, m->event_history); /* zeros before the first update */
+    cotree_events_restore(e, m->event_history); /* all zero before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->stops, t)) {
@@ -182,7 +182,7 @@ int fmu_update(fmu *m, fmu_event_info *news)
     return fmu_check_pointer(m, news) != 0 ? 1 : update(m, news);
 }
 
-/* Leave Event Mode, after an update if there was none. */
+/* Leave Event Mode. If no update was requested, perform one first. */
 int fmu_leave_event_mode(fmu *m)
 {
     fmu_event_info news;

@@ -1,6 +1,6 @@
 /* cotree_fmu_internal.h: declarations shared by the sources of cotree_fmu.h.
  *
- * Functions return 0, or 1 after logging an error, unless noted. */
+ * Functions return 0, or 1 after an error was logged, unless noted otherwise. */
 #ifndef COTREE_FMU_INTERNAL_H
 #define COTREE_FMU_INTERNAL_H
 
@@ -47,28 +47,28 @@
 #define N_EVENTS 0
 #endif
 
-/* Numbers in the state of an instance, before its arrays. */
+/* Scalars in the saved state of an instance, before its arrays. */
 enum fmu_number {
     FMU_MODE,
     FMU_NOW,
     FMU_BEGIN, /* start time */
     FMU_END,   /* stop time, or infinity */
     FMU_TOLERANCE,
-    FMU_LOW, /* times between which rates have no kink */
+    FMU_LOW, /* times between which the rates have no kink */
     FMU_HIGH,
-    FMU_NEXT,       /* the next time event, or infinity */
+    FMU_NEXT,       /* next time event, or infinity */
     FMU_IS_STARTED, /* 1: the states are those of the start for the present parameters */
-    FMU_IS_CHOSEN,  /* 1: the start is one of several projections */
-    FMU_IS_BEGUN,   /* 1: events have been processed once */
+    FMU_IS_CHOSEN,  /* 1: the projection at the start is one of several */
+    FMU_IS_BEGUN,   /* 1: events were processed at least once */
     FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
-    FMU_IS_SOLVED,  /* 1: algebraic unknowns are known at the next number and the old states */
+    FMU_IS_SOLVED,  /* 1: algebraic unknowns are solved for `old` and the next number, the time */
     FMU_SOLVED_AT,
-    FMU_IS_SET_UP, /* 1: the times and the tolerance of the experiment are set */
+    FMU_IS_SET_UP, /* 1: the start and stop time and the tolerance are set */
     FMU_HAS_ENDED, /* 1: an event ended the simulation */
     FMU_N_NUMBERS
 };
 
-/* Bits of the values that are valid for the present state. */
+/* Bits of the values that are valid at the present state. */
 #define FMU_POINT 1
 #define FMU_HAS_RATES 2
 #define FMU_HAS_OUTPUTS 4
@@ -82,26 +82,26 @@ struct fmu {
     fmu_importer importer;
     int is_exchanged; /* 1: Model Exchange, 0: Co-Simulation */
     int returns_early;
-    int mode;             /* a copy of FMU_MODE */
-    const char *function; /* of the present call */
-    /* 1: the present call may discard a value that cannot be computed, so that the importer
-     * tries a smaller step; 1: it did. */
+    int mode;             /* a copy of FMU_MODE in numbers */
+    const char *function; /* name of the function called, for messages */
+    /* may_discard: 1 if the present call may discard a value that cannot be computed, so that the
+     * importer tries a smaller step. is_discarded: 1 if it did. */
     int may_discard, is_discarded;
-    int offsets[FMU_N_BLOCKS + 1]; /* the first value reference of each block */
-    /* The states that were saved and not freed. */
+    int offsets[FMU_N_BLOCKS + 1]; /* first value reference of each block */
+    /* States that were saved and not yet freed. */
     struct fmu_state **kept;
     size_t n_kept, n_places;
-    /* The state: numbers, then arrays, adjacent in memory. */
+    /* The state: numbers, then arrays, contiguous in memory. */
     size_t n_saved;
     double *saved;
     double *numbers;
     double *z; /* states, then sensitivities */
     double *p;
-    double *outside;    /* inputs */
+    double *outside;    /* values of the inputs */
     double *own_values; /* initial values set by the importer */
     double *is_own;
 #if COTREE_HAS_ALGEBRAIC
-    double *old; /* states at which algebraic unknowns were found last */
+    double *old; /* states for which algebraic unknowns were last solved */
 #endif
 #if COTREE_HAS_EVENTS
     double *event_history;
@@ -119,7 +119,7 @@ struct fmu {
 #endif
 #if COTREE_HAS_START
     double *moved, *residual;
-    int *set; /* states whose initial values are set */
+    int *set; /* 1: the initial value of the state is set */
     double *set_values;
     cotree_start start;
 #endif
@@ -128,17 +128,17 @@ struct fmu {
     double *records;
 #endif
 #if COTREE_HAS_BREAKPOINTS
-    double *limits; /* upper bounds of steps, then the rows of time events */
+    double *limits; /* upper bounds of the step size, then the rows of time events */
     cotree_breakpoints stops;
 #endif
 #if COTREE_HAS_EXCHANGE
-    double *before; /* the states before an update */
+    double *before; /* copy of the states before an update */
 #endif
 #if COTREE_HAS_STEPS
-    double *spare; /* the state before a step */
+    double *spare; /* copy of the state before a step */
     double *atols;
     double *corners;
-    size_t n_corners; /* allocated */
+    size_t n_corners; /* allocated length of corners */
     void *job_memory;
     size_t n_job_memory;
 #if COTREE_HAS_MOVING_CORNERS
@@ -149,19 +149,19 @@ struct fmu {
     char name[];
 };
 
-/* Modes. fmu_evaluate lets the present call discard values in Model Exchange, where the importer
- * chooses the step. */
+/* Modes. fmu_evaluate allows the present call to discard values in Model Exchange, where the
+ * importer chooses the step size. */
 COTREE_PRIVATE void fmu_evaluate(fmu *m);
 COTREE_PRIVATE const char *fmu_mode_name(const fmu *m);
 COTREE_PRIVATE void fmu_enter(fmu *m, int mode);
 
-/* Messages. fmu_refuse logs an error; fmu_discard logs that a value is discarded, if the present
+/* Messages. fmu_refuse logs an error. fmu_discard logs that a value is discarded, if the present
  * call may do so. Both return 1. fmu_check_pointer rejects a null pointer. */
 COTREE_PRIVATE int fmu_refuse(const fmu *m, const char *format, ...);
 COTREE_PRIVATE int fmu_discard(fmu *m, const char *format, ...);
 COTREE_PRIVATE int fmu_check_pointer(const fmu *m, const void *pointer);
 
-/* The state. */
+/* State. */
 COTREE_PRIVATE int fmu_restore(fmu *m, const double *from);
 
 /* Variables. fmu_find returns the block of a variable, or -1. */
@@ -174,20 +174,22 @@ COTREE_PRIVATE int fmu_prepare(fmu *m);
 COTREE_PRIVATE void fmu_set_up_run(fmu *m);
 COTREE_PRIVATE int fmu_refresh(fmu *m, int what);
 COTREE_PRIVATE void fmu_invalidate(fmu *m);
-COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context); /* set by the importer */
+COTREE_PRIVATE int
+fmu_write_inputs(double t, double *u,
+                 void *context); /* writes the inputs that the importer has set */
 
-/* Initialization. fmu_move_start completes a direction of prescribed states, inputs and
- * parameters by the other states. */
+/* Initialization. fmu_move_start computes the entries of a direction that are not prescribed from
+ * those of states, inputs and parameters that are. */
 COTREE_PRIVATE int fmu_start(fmu *m);
 COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
 
 COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 
-/* Events. fmu_events returns them with the present settings, without their history; fmu_hold sets
- * whether constraints are satisfied by projection, as they are while events are processed. */
+/* Events. fmu_events returns the events with the present settings and an empty history. fmu_hold
+ * sets whether constraints are satisfied by projection, as they are while events are processed. */
 COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
 COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);
 COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop time, or the default */
-COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* process the events at the start */
+COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* processes the events at the start */
 
 #endif

@@ -1,4 +1,5 @@
-/* cotree_fmu_start.c: initialization with a consistent start, and its derivatives. */
+/* cotree_fmu_start.c: initialization with consistent states, and derivatives of the initial
+ * states. */
 #include "cotree_fmu_internal.h"
 
 int fmu_set_up(fmu *m, const double *tolerance, double t, double end)
@@ -30,7 +31,7 @@ int fmu_enter_initialization(fmu *m)
     return 0;
 }
 
-/* Return whether a state that is not set starts at its value in the tables. */
+/* Return whether a state that the importer has not set starts from its value in the tables. */
 static int is_found(const fmu *m, int state)
 {
     const fmu_tables *const tables = m->tables;
@@ -58,8 +59,8 @@ static int write_initial_values(fmu *m, double *z)
     return 0;
 }
 
-/* List the states whose initial values are set: by the importer, or contents of storages, which are
- * not found again for other parameters. */
+/* List the states whose initial values are set: by the importer, or states of storage elements,
+ * which are not computed again for other parameters. */
 static void list_set(fmu *m, const double *initial)
 {
     const cotree_start_tables *const tables = m->tables->start_tables;
@@ -77,7 +78,7 @@ static void list_set(fmu *m, const double *initial)
     m->start.values = m->set_values;
 }
 
-/* Find states that satisfy all equations, near initial values. */
+/* Find states that satisfy all equations, near the initial values. */
 static int find_start(fmu *m, const double *initial)
 {
     cotree_start *const start = &m->start;
@@ -92,14 +93,14 @@ static int find_start(fmu *m, const double *initial)
                       cotree_start_culprit(start, status));
 }
 
-/* Select the modes of dry friction and rigid stops; the start may contain an impact. */
+/* Select the modes of dry friction and rigid stops. The start may contain an impact. */
 static int select_modes(fmu *m)
 {
     cotree_events *const e = fmu_events(m);
     const double t = m->numbers[FMU_NOW];
     int i, status;
     cotree_run_narrow(&m->run, t, m->z, m->work);
-    cotree_events_restore(e, m->event_history); /* without the history of an earlier run */
+    cotree_events_restore(e, m->event_history); /* removes the history of an earlier run */
     fmu_hold(m, 1);
     status = cotree_events_select_modes(e, t, m->work);
     fmu_hold(m, 0);
@@ -138,7 +139,7 @@ int fmu_start(fmu *m)
     m->run.low = m->numbers[FMU_LOW] = -HUGE_VAL;
     m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
     fmu_invalidate(m);
-    m->numbers[FMU_IS_STARTED] = 1.0; /* prevents recursion: refresh would call this function */
+    m->numbers[FMU_IS_STARTED] = 1.0; /* prevents recursion: fmu_refresh calls this function */
 #if COTREE_HAS_START
     status = write_initial_values(m, m->work);
     if (status == 0) status = find_start(m, m->work);
@@ -170,7 +171,7 @@ int fmu_exit_initialization(fmu *m)
     return status;
 }
 
-/* Complete a direction by the states of one level that are not prescribed. */
+/* Compute the entries of a direction that belong to states of one level that are not prescribed. */
 static int complete_direction(fmu *m, double *seed, int level)
 {
     const cotree_assembly_tables *const rows = m->start.tables->assembly;
@@ -181,7 +182,7 @@ static int complete_direction(fmu *m, double *seed, int level)
     for (i = 0; i < n; ++i) rates[i] = 0.0;
     for (j = 0; j < c->n_columns; ++j) {
         for (i = c->starts[j]; i < c->starts[j + 1]; ++i) {
-            /* Rows of quaternion norms lie between constraints and conditions. */
+            /* Rows of quaternion norms lie between those of constraints and of conditions. */
             const int row = c->rows[i], last = row - rows->n_quaternions;
             if (row >= n_held && row < n_held + rows->n_quaternions) continue;
             rates[row < n_held ? row : last] += m->moved[i] * seed[j];
@@ -196,7 +197,7 @@ static int complete_direction(fmu *m, double *seed, int level)
     return 0;
 }
 
-/* Complete a direction by the states that are not prescribed. */
+/* Compute the entries of a direction that belong to states that are not prescribed. */
 static int complete_directions(fmu *m, const int *is_known, double *seed)
 {
     cotree_assembly *const a = &m->start.assembly;
@@ -221,8 +222,9 @@ static int complete_directions(fmu *m, const int *is_known, double *seed)
     return status != 0 ? 1 : complete_direction(m, seed, 1);
 }
 
-/* Complete a direction of prescribed states, inputs and parameters by the other states.
- * is_known: states whose own entry is prescribed; NULL: only those that were set. */
+/* Compute the entries of a direction that belong to states that are not prescribed, from those of
+ * prescribed states, inputs and parameters. is_known: states whose entries are given; NULL: the
+ * states that were set. */
 int fmu_move_start(fmu *m, const int *is_known, double *seed)
 {
     const fmu_tables *const tables = m->tables;

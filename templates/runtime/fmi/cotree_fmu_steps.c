@@ -2,7 +2,7 @@
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_STEPS
-/* Relative tolerance of the start time of a step: importers accumulate rounding. */
+/* Relative tolerance of the start time of a step: importers accumulate rounding errors. */
 #define TIME_RTOL 1e-9
 
 static int reserve_corners(fmu *m, size_t n)
@@ -17,7 +17,7 @@ static int reserve_corners(fmu *m, size_t n)
     return 0;
 }
 
-/* Write the derivatives of the times of corners by the parameters. */
+/* Write the derivatives of the breakpoint times by the parameters. */
 static void write_slopes(fmu *m, cotree_job *job)
 {
     const int n_sensitivities = N_SENSITIVITIES, *const seeds = m->tables->start_tables->seeds;
@@ -40,7 +40,7 @@ static void write_slopes(fmu *m, cotree_job *job)
     job->turn_tolerances = m->turn_tolerances;
 }
 
-/* List the corners: the start, time events and the end. */
+/* List the breakpoints: the start, time events and the end. */
 static int list_corners(fmu *m, double t, double end, cotree_job *job)
 {
     size_t n = 0;
@@ -61,7 +61,7 @@ static int list_corners(fmu *m, double t, double end, cotree_job *job)
     return 0;
 }
 
-/* Return the longest step, which resolves all pulses. A limit of zero or nan is no limit. */
+/* Return the maximum step size, which resolves all pulses. A bound of zero or nan is ignored. */
 static double longest_step(const fmu *m)
 {
     double longest = DBL_MAX;
@@ -123,7 +123,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     set_up_events(m, job);
 #endif
     if (list_corners(m, t, end, job) != 0) return 1;
-    job->wanted = job->corners; /* not read: n_wanted is zero */
+    job->wanted = job->corners; /* unused, since n_wanted is zero */
     n_bytes = cotree_job_memory(job);
     if (n_bytes > m->n_job_memory) {
         free(m->job_memory);
@@ -131,12 +131,12 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
         m->n_job_memory = m->job_memory == NULL ? 0 : n_bytes;
         if (m->job_memory == NULL) return fmu_refuse(m, "there is no memory");
     }
-    memset(m->job_memory, 0, n_bytes); /* no data of the previous step remain */
+    memset(m->job_memory, 0, n_bytes); /* removes data of the previous step */
     job->memory = m->job_memory;
     return 0;
 }
 
-/* Log why a job failed. n_events: of the step. */
+/* Log why a job failed. n_events: number of events in the step. */
 static int log_failure(fmu *m, const cotree_job *job, long n_events)
 {
     if (job->status == COTREE_TOO_MANY_STEPS) {
@@ -166,7 +166,7 @@ static int log_failure(fmu *m, const cotree_job *job, long n_events)
                        cotree_status_message((cotree_status)job->status));
 }
 
-/* Log the events, except for jumps. Return their number. */
+/* Log the events except jumps. Return their number. */
 static int log_events(const fmu *m, cotree_job *job)
 {
     const int width = COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES);
@@ -181,7 +181,7 @@ static int log_events(const fmu *m, cotree_job *job)
     return n_logged;
 }
 
-/* Integrate to the end of the step, or to the first event, within the budgets. */
+/* Integrate to the end of the step or to the first event, within the limits on steps and events. */
 static int run_job(fmu *m, cotree_job *job, long *n_events)
 {
     int result = COTREE_JOB_MORE;
@@ -258,14 +258,15 @@ static int take_step(fmu *m, double t, double step, fmu_progress *progress)
         progress->is_early = m->returns_early;
         return 0;
     }
-    /* New inputs or parameters may move algebraic unknowns beyond the convergence of the
-     * integrator. */
+    /* New inputs or parameters may change the algebraic unknowns so far that the integrator does
+     * not converge: solve for them first. */
     if (m->numbers[FMU_IS_CHANGED] != 0.0 && fmu_refresh(m, FMU_POINT) != 0) return 1;
     if (set_up_job(m, &job, t, end) != 0) return 1;
     result = run_job(m, &job, &n_events);
     copy_results(m, &job, result);
     progress->reached = job.t;
-    progress->is_early = m->returns_early && job.t != end; /* else an event ended the simulation */
+    progress->is_early =
+        m->returns_early && job.t != end; /* otherwise an event ended the simulation */
     if (result != COTREE_JOB_FAILED) return 0;
     /* If a part of the step was computed, a shorter step succeeds. */
     m->may_discard = job.t > t;
@@ -286,7 +287,7 @@ int fmu_step(fmu *m, double t, double step, fmu_progress *progress)
         result = fmu_discard(m, "the simulation ends at t = %.10g", progress->reached);
     }
     if (m->is_discarded && m->importer.version == 2) {
-        /* The importer queries the time reached, and continues from a saved state or terminates. */
+        /* The importer queries the time reached, and then restores a saved state or terminates. */
         fmu_enter(m, FMU_FAILED);
     } else if (m->is_discarded) {
         /* The state is unchanged, so that a shorter step may follow. */

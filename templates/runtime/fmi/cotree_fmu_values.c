@@ -4,7 +4,7 @@
 void fmu_invalidate(fmu *m) { m->valid = 0; }
 
 #if COTREE_HAS_BREAKPOINTS
-/* Compute the rows of time events, with positive periods, or zero for a single time. */
+/* Compute the rows of time events. Their periods are positive, or zero for a single time event. */
 static int find_stops(fmu *m)
 {
     const int n_sensitivities = m->stops.n_sensitivities, width = 2 + 2 * n_sensitivities;
@@ -13,7 +13,7 @@ static int find_stops(fmu *m)
     if (m->tables->find_stops(m->p, m->k, m->limits) != 0) {
         return fmu_refuse(m, "the times of corners have no values");
     }
-    /* Backwards, since a row is longer than the kernel's result. */
+    /* From the last row to the first, since a row is longer than the kernel's result for it. */
     for (i = m->stops.n - 1; i >= 0; --i) {
         const double *const found = rows + i * width;
         double *const row = rows + i * (width + 1);
@@ -48,7 +48,7 @@ int fmu_prepare(fmu *m)
 #endif
 }
 
-/* Write the inputs that the importer has set over those of the scene. */
+/* Write the inputs that the importer has set; they replace those of the scene. */
 int fmu_write_inputs(double t, double *u, void *context)
 {
     const fmu *const m = (const fmu *)context;
@@ -79,13 +79,13 @@ void fmu_set_up_run(fmu *m)
 
 static double now(const fmu *m) { return cotree_run_inside(&m->run, m->numbers[FMU_NOW]); }
 
-/* Limits of the continuation of algebraic unknowns: number of points, and the least share of the
+/* Limits of the continuation of algebraic unknowns: number of points, and smallest fraction of the
  * path. */
 #define MAX_POINTS 1000
 #define MIN_SHARE 1e-9
 
-/* Continue the algebraic unknowns along the straight line from the point at which they were
- * found last. An importer may try steps too long for Newton's method. */
+/* Continue the algebraic unknowns along the straight line from the point at which they were last
+ * solved. An importer may try steps that are too long for Newton's method. */
 static int continue_unknowns(fmu *m)
 {
     const double from = m->numbers[FMU_SOLVED_AT];
@@ -106,7 +106,7 @@ static int continue_unknowns(fmu *m)
     return s < 1.0;
 }
 
-/* Solve for the algebraic unknowns, starting from the last ones. */
+/* Solve for the algebraic unknowns, starting from their last values. */
 static int solve_unknowns(fmu *m)
 {
     int i;
@@ -123,7 +123,7 @@ static int solve_unknowns(fmu *m)
     return 0;
 }
 
-/* Compute inputs and algebraic unknowns. */
+/* Compute inputs and algebraic unknowns at the present state. */
 static int compute_point(fmu *m)
 {
     fmu_set_up_run(m);
@@ -154,7 +154,7 @@ static int evaluate(fmu *m, int what)
     }
 }
 
-/* Discard rates and event indicators that are not finite: integrators would propagate them. */
+/* Discard rates and event indicators that are not finite; integrators would propagate them. */
 static int check_finite(fmu *m, int what)
 {
     const int is_rate = what == FMU_HAS_RATES;
@@ -254,11 +254,11 @@ int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n)
     return 0;
 }
 
-/* Compute what the values of a block need. Before initialization only variables that may be set
+/* Compute what the values of a block require. Before initialization, only variables that may be set
  * have values. */
 static int evaluate_block(fmu *m, int block, int index)
 {
-    /* In the order of blocks, nominals last. */
+    /* By block, nominal values last. */
     static const int needs[] = {0,
                                 FMU_POINT,
                                 FMU_HAS_RATES,
@@ -276,7 +276,7 @@ static int evaluate_block(fmu *m, int block, int index)
         return fmu_refuse(m, "variable %d has no value before Initialization Mode",
                           m->offsets[block] + index);
     }
-    /* After the end, values are those at the end. */
+    /* After the end of the simulation, values are those at the end. */
     return fmu_refresh(m, needs[block]);
 }
 
@@ -316,7 +316,7 @@ int fmu_get_value(fmu *m, int block, int index, double *value)
     return 0;
 }
 
-/* Reject arrays of variables that are missing or differ in length. */
+/* Reject missing arrays, and arrays of different lengths. */
 static int check_arrays(const fmu *m, const unsigned *references, size_t n, const double *values,
                         size_t n_values)
 {
@@ -348,11 +348,10 @@ static int check_set(const fmu *m, unsigned reference, double value)
     if (!(fabs(value) <= DBL_MAX))
         return fmu_refuse(m, "variable %u is set to no finite number", reference);
     if (block == FMU_INPUTS) return 0;
-    /* The standard allows changes of parameters in Event Mode only, and importers that follow it
-     * set them nowhere else. CasADi sets them at every evaluation, and integrates again for
-     * other values. */
+    /* The standard allows changes of parameters only in Event Mode, and most importers follow it.
+     * CasADi sets parameters at every evaluation, and integrates again for other values. */
     if (block == FMU_PARAMETERS) return 0;
-    /* Some importers set single states, like a state that may be reinitialized. */
+    /* Some importers set single states, like states that may be reinitialized. */
     if (block == FMU_STATES && index < N_RATES && (is_early || m->is_exchanged)) return 0;
     if (block == FMU_STATES && index < N_RATES) {
         return fmu_refuse(m, "state '%s' cannot be set in %s", m->model->states[index].name,

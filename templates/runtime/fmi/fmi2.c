@@ -7,7 +7,8 @@ COTREE_FMI_EXPORT const char *FMI_FUNCTION(GetTypesPlatform)(void) { return "def
 
 /* Instances. */
 
-/* A message is an argument, not a format: names in it may contain a percent sign. */
+/* The message is passed as an argument, not as the format: names in it may contain a percent
+ * sign. */
 static void log_message(const fmu_importer *importer, int status, const char *category,
                         const char *message)
 {

@@ -58,7 +58,7 @@ FMI_CALL(EnterInitializationMode, FMU_INSTANTIATED,
          void *handle, fmi3Boolean has_tolerance, double tolerance, double begin,
          fmi3Boolean has_end, double end)
 
-/* Variables, all of type Float64; none is an array, and dependencies are those of the model
+/* Variables, all of type Float64 without dimensions. Their dependencies are those of the model
  * description. */
 
 FMI_CALL(GetFloat64, FMU_ANY, fmu_get(m, references, n, values, n_values), void *handle,
@@ -108,7 +108,7 @@ FMI_CALL(GetVariableDependencies, FMU_ANY, fmu_refuse_type(m, 1), void *handle, 
 FMI_DERIVATIVE(GetDirectionalDerivative, fmu_directional)
 FMI_DERIVATIVE(GetAdjointDerivative, fmu_adjoint)
 
-/* Nothing can be configured, and there are no clocks. */
+/* No structural parameters and no clocks exist. */
 
 FMI_CALL(EnterConfigurationMode, 0, 0, void *handle)
 FMI_CALL(ExitConfigurationMode, 0, 0, void *handle)

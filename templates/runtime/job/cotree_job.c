@@ -1,4 +1,5 @@
-/* cotree_job.c: the loop over steps, time events, wanted points and events, for any stepper. */
+/* cotree_job.c: the integration loop over steps, time events, wanted points and events, for any
+ * stepper. */
 #include "cotree_job.h"
 #include "cotree_stepper.h"
 
@@ -70,11 +71,11 @@ static int has_events(const cotree_job *job)
     const cotree_hybrid *const hybrid = job->model->hybrid;
     if (hybrid == NULL) return 0;
     if (COTREE_EVENTS_OF(hybrid) > 0) return 1;
-    /* Kinks are located forwards in time only, as events are. */
+    /* Kinks, like events, are located only in forward time. */
     return !job->is_tested && job->corners[job->n_corners - 1] >= job->corners[0];
 }
 
-/* Copy the prepared values for this job if its steps hold branches. */
+/* Copy the prepared values for this job if branches are frozen during its steps. */
 static void copy_prepared(cotree_job *job, cotree_arena *arena)
 {
     const int n = job->model->n_prepared;
@@ -160,7 +161,7 @@ static void begin_job(cotree_job *job)
     STEPPER->open(job);
 }
 
-/* Return whether a step makes no progress: it is a few units in the last place. */
+/* Return whether a step makes no progress: its length is a few units in the last place. */
 static int is_short(cotree_real t_before, cotree_real t, cotree_real origin)
 {
     return COTREE_FABS(t - t_before) <=
@@ -172,8 +173,8 @@ cotree_real cotree_job_ahead(const cotree_job *job)
     return job->corners[job->n_corners - 1] > job->corners[0] ? COTREE_F(1.0) : -COTREE_F(1.0);
 }
 
-/* Return a few roundings of the times of two corners, and of the times from which these are
- * computed. */
+/* Return a bound on the rounding errors of two breakpoint times, and of the times from which they
+ * are computed. */
 static cotree_real margin_between(const cotree_job *job, cotree_real start, cotree_real end)
 {
     const cotree_real size =
@@ -182,8 +183,8 @@ static cotree_real margin_between(const cotree_job *job, cotree_real start, cotr
                        COTREE_F(0.25) * COTREE_FABS(end - start));
 }
 
-/* Restrict evaluations to times a few roundings inside both corners, so that no step evaluates
- * both sides of a jump, for any rounding of its time. */
+/* Restrict evaluations to times a few roundings inside both breakpoints. Then no step evaluates
+ * rates on both sides of a jump, for any rounding of its time. */
 static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 {
     const cotree_real start = job->corners[job->corner], end = job->corners[job->corner + 1];
@@ -196,7 +197,8 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
     run->high = COTREE_FMAX(first, last);
 }
 
-/* Store a point, projected and with its algebraic unknowns. is_exact: it is the end of a step. */
+/* Store a point after projecting it and solving for its algebraic unknowns. is_exact: the point is
+ * the end of a step. */
 static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const cotree_run *const run = ENGINE->run;
@@ -231,11 +233,11 @@ static int store_wanted(cotree_job *job, cotree_real t_end)
     return status;
 }
 
-/* Store the points that a step made available. */
+/* Store the points that the last step makes available. */
 static int store_step(cotree_job *job, int is_last)
 {
     if (job->wanted != NULL) return store_wanted(job, STEPPER->known(job, is_last));
-    /* Steps may be shorter than the rounding of t. */
+    /* A step may be shorter than the rounding of t. */
     if (job->n_kept > 0 && job->times[job->n_kept - 1] == job->t) return COTREE_OK;
     return store_at(job, job->t);
 }
@@ -268,7 +270,7 @@ static int fail(cotree_job *job, int status)
 #endif
     job->status = status;
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);
-    /* Store wanted points before the last good point. */
+    /* Store wanted points before the last valid point. */
     if (job->wanted != NULL && ENGINE->is_running) store_wanted(job, job->t);
     finish(job);
     return COTREE_JOB_FAILED;
@@ -291,7 +293,7 @@ static int is_worth_leaving(const cotree_job *job)
     return job->is_waiting && job->is_stiff && left > COTREE_MOST_STIFF_STEPS * job->last_step;
 }
 
-/* Return at a point from which another method, or this one, may continue. */
+/* Return to the caller, at a point from which this or another method can continue. */
 static int return_stiff(cotree_job *job)
 {
     const int status = job->wanted != NULL ? store_wanted(job, job->t) : COTREE_OK;
@@ -302,8 +304,8 @@ static int return_stiff(cotree_job *job)
 #endif
 
 #if COTREE_HAS_MOVING_CORNERS
-/* Return whether the derivatives of a corner's time, or of the times of coinciding corners, are
- * nonzero. */
+/* Return whether the derivatives of a breakpoint time, or of the times of coinciding breakpoints,
+ * are nonzero. */
 static int is_moving(const cotree_job *job, int corner)
 {
     const int m = job->model->n_sensitivities;
@@ -315,7 +317,7 @@ static int is_moving(const cotree_job *job, int corner)
     return 0;
 }
 
-/* Return the data of a corner, in memory that is unused between two segments. */
+/* Return the data of a breakpoint, in memory that is unused between two segments. */
 static cotree_corner_sensitivity corner_data(cotree_job *job, int corner)
 {
     const cotree_real start = job->corners[corner], end = job->corners[corner + 1];
@@ -338,7 +340,7 @@ static cotree_corner_sensitivity corner_data(cotree_job *job, int corner)
     return crossing;
 }
 
-/* Compute the rates at the end of a segment, before its corner. */
+/* Compute the rates at the end of a segment, before its breakpoint. */
 static int compute_left_rates(cotree_job *job)
 {
     cotree_corner_sensitivity crossing;
@@ -351,8 +353,8 @@ static int compute_left_rates(cotree_job *job)
                : 0;
 }
 
-/* Apply the jump of the sensitivities at a breakpoint; the point stored there is the one after
- * it. */
+/* Apply the jump of the sensitivities at a breakpoint. The point stored there is the one after the
+ * jump. */
 static int jump_sensitivities(cotree_job *job)
 {
     cotree_run *const run = ENGINE->run;
@@ -361,7 +363,8 @@ static int jump_sensitivities(cotree_job *job)
     int status = 0;
     if (!is_moving(job, job->corner)) return 0;
     crossing = corner_data(job, job->corner);
-    if (job->corner == 0) { /* no segment before: the rates before the start are evaluated here */
+    if (job->corner ==
+        0) { /* there is no previous segment: evaluate the rates before the start now */
         run->low = COTREE_FMIN(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         run->high = COTREE_FMAX(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         status = cotree_run_left_rates(run, job->t, ENGINE->w, job->n, &crossing);
@@ -381,7 +384,7 @@ static int jump_sensitivities(cotree_job *job)
 #endif
 
 #if COTREE_HAS_EVENTS
-/* Compute the solution within the last step, for the events. */
+/* Compute the solution within the last step, for the location of events. */
 static int interpolate(cotree_real t, cotree_real *w, void *context)
 {
     cotree_job *const job = (cotree_job *)context;
@@ -392,7 +395,7 @@ static int interpolate(cotree_real t, cotree_real *w, void *context)
     if (status != COTREE_OK) return status;
     if (job->n != run->n) {
         cotree_run_unpack(run, found, run->full);
-        cotree_run_leave_out(run, run->full, w); /* unknowns of polynomials are poor guesses */
+        cotree_run_leave_out(run, run->full, w); /* interpolated unknowns are poor guesses */
     } else {
         for (i = 0; i < job->n; ++i) w[i] = found[i];
     }
@@ -406,7 +409,8 @@ static int find_events(cotree_job *job, cotree_real start, cotree_real end)
     return cotree_events_find(&e->events, start, e->before, job->t, e->w, end, h);
 }
 
-/* Move the job to the point of the events, including algebraic unknowns if its points have them. */
+/* Move the job to the point of the events. Compute the algebraic unknowns if the job's points
+ * include them. */
 static int move_to_events(cotree_job *job, cotree_real t)
 {
     const cotree_events *const events = &ENGINE->events;
@@ -414,7 +418,7 @@ static int move_to_events(cotree_job *job, cotree_real t)
     return status == 0 ? COTREE_OK : COTREE_NOT_SOLVED;
 }
 
-/* Store the point after an event in place of the one before it. */
+/* Store the point after an event; it replaces the one before the event. */
 static int store_after_events(cotree_job *job, cotree_real t)
 {
     const int is_kept = job->n_kept > 0 && job->times[job->n_kept - 1] == t;
@@ -428,7 +432,7 @@ static int store_after_events(cotree_job *job, cotree_real t)
     return status;
 }
 
-/* Return the derivatives of a corner's time by the parameters; NULL if it depends on none. */
+/* Return the derivatives of a breakpoint time by the parameters; NULL if all are zero. */
 static const cotree_real *slopes_of(const cotree_job *job, int corner)
 {
 #if COTREE_HAS_MOVING_CORNERS
@@ -439,7 +443,7 @@ static const cotree_real *slopes_of(const cotree_job *job, int corner)
 #endif
 }
 
-/* Apply the events at a corner. */
+/* Apply the events at a breakpoint. */
 static int apply_corner_events(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
@@ -495,7 +499,7 @@ static int restart_stepper(cotree_job *job)
     return status;
 }
 
-/* Restart after a corner or an event. */
+/* Restart the stepper after a breakpoint or an event. */
 static int restart(cotree_job *job)
 {
 #if COTREE_HAS_CONSTRAINTS
@@ -506,8 +510,8 @@ static int restart(cotree_job *job)
 }
 
 #if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
-/* Solve for the algebraic unknowns after a corner with the helper, since the stored guesses may
- * be too far away. Return whether the integration may restart with them. */
+/* Solve for the algebraic unknowns after a breakpoint with the caller's solver, since the stored
+ * guesses may be too far away. Return whether the integration can restart with them. */
 static int solve_with_helper(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
@@ -527,7 +531,7 @@ static int solve_with_helper(cotree_job *job)
 #endif
 
 #if COTREE_HAS_INPUTS
-/* Call reach at the start of a segment, with the end point of the last one. */
+/* Call reach at the start of a segment, with the end point of the previous one. */
 static int call_reach(cotree_job *job, int is_first)
 {
     cotree_engine *const e = ENGINE;
@@ -542,7 +546,7 @@ static int call_reach(cotree_job *job, int is_first)
 }
 #endif
 
-/* Start a segment: apply jumps of sensitivities and events, restart the stepper. */
+/* Start a segment: apply jumps of sensitivities and events, and restart the stepper. */
 static int begin_segment(cotree_job *job)
 {
     const int is_first = job->corner == 0;
@@ -580,7 +584,7 @@ static int begin_segment(cotree_job *job)
     return status;
 }
 
-/* Continue after the end of a step, or after an event: enter the next segment at a corner. */
+/* Continue after the end of a step or after an event. At a breakpoint, enter the next segment. */
 static int end_step(cotree_job *job)
 {
     if (job->t == job->corners[job->corner + 1]) {
@@ -607,7 +611,7 @@ static int continue_after_events(cotree_job *job)
     return status == COTREE_OK ? end_step(job) : fail(job, status);
 }
 
-/* Reject the last step because events or points in it failed. */
+/* Reject the last step because its events or stored points failed. */
 static int reject_step(cotree_job *job, cotree_real start, int status)
 {
     int i;
@@ -618,7 +622,7 @@ static int reject_step(cotree_job *job, cotree_real start, int status)
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
-/* Restart within another stretch. Wanted points are stored before, from the last step. */
+/* Enter a stretch and restart. Wanted points of the last step are stored first. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
 {
     int status = COTREE_OK;
@@ -650,7 +654,7 @@ static void record_crossing(cotree_job *job)
     ++job->n_crossed;
 }
 
-/* Return the nearer end: that of the segment, or of a stretch. */
+/* Return the nearer end, of the segment or of the stretch. */
 static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
 {
     const cotree_singularity *const s = ENGINE->singularity;
@@ -658,7 +662,7 @@ static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
     return cotree_job_ahead(job) * (end - s->end) > COTREE_F(0.0) ? s->end : end;
 }
 
-/* Move the job back to an earlier point. */
+/* Reset the job to an earlier point. */
 static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
 {
     int i;
@@ -670,8 +674,8 @@ static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
     }
 }
 
-/* Enter another stretch near a singular position. A stretch with looser tolerances begins where
- * that with rates on the constraints began, since rounding is smaller there. */
+/* Enter a stretch near a singular position. A stretch with loosened tolerances starts where the one
+ * with projected rates started, since rounding errors are smaller there. */
 static int enter_stretch(cotree_job *job, cotree_stretch stretch)
 {
     cotree_singularity *const s = ENGINE->singularity;
@@ -687,7 +691,7 @@ static int enter_stretch(cotree_job *job, cotree_stretch stretch)
     return change_stretch(job, stretch);
 }
 
-/* After a failed step: enter another stretch near a singular position, or fail. */
+/* After a failed step near a singular position, enter a stretch; elsewhere fail. */
 static int retry_near_singularity(cotree_job *job, int status)
 {
     const cotree_singularity *const s = ENGINE->singularity;
@@ -698,8 +702,8 @@ static int retry_near_singularity(cotree_job *job, int status)
     return fail(job, status);
 }
 
-/* If the step from start is short near a singular position, revert it and enter a stretch with
- * rates on the constraints. Return COTREE_JOB_DONE if the step is kept. */
+/* If the step from start is short near a singular position, undo it and enter a stretch with
+ * projected rates. Return COTREE_JOB_DONE if the step is kept. */
 static int take_back(cotree_job *job, cotree_real start)
 {
     cotree_engine *const e = ENGINE;
@@ -713,8 +717,8 @@ static int take_back(cotree_job *job, cotree_real start)
     return enter_stretch(job, COTREE_STRICT);
 }
 
-/* Before a step: loosen the tolerances if steps stay short near a singular position, or leave a
- * stretch at its end; return COTREE_JOB_DONE if nothing changes. */
+/* Before a step, loosen the tolerances if steps remain short near a singular position, or leave a
+ * stretch at its end. Return COTREE_JOB_DONE if nothing changes. */
 static int begin_watched_step(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
@@ -728,7 +732,7 @@ static int begin_watched_step(cotree_job *job)
 }
 #endif
 
-/* Take one step, and enter the next segment if it ends at a corner. */
+/* Take one step. If it ends at a breakpoint, enter the next segment. */
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
@@ -753,7 +757,7 @@ static int advance(cotree_job *job)
     is_last = job->t == end;
     e->n_short = is_short(start, job->t, e->origin) ? e->n_short + 1 : 0;
     if (e->n_short == 0)
-        job->entry = job->row = job->column = -1; /* an earlier failure is resolved */
+        job->entry = job->row = job->column = -1; /* clears an earlier failure that was resolved */
 #if COTREE_HAS_CONSTRAINTS
     if (e->singularity != NULL && !is_last) {
         const int result = take_back(job, start);
@@ -776,7 +780,7 @@ static int advance(cotree_job *job)
     return end_step(job);
 }
 
-/* Take one step, after starting a segment if necessary. */
+/* Take one step. If no segment has been started yet, start the first one. */
 static int next_step(cotree_job *job)
 {
     int result;
@@ -799,7 +803,7 @@ static int next_step(cotree_job *job)
 }
 
 #if COTREE_HAS_EVENTS
-/* Connect the events to the records of the job. A job that has not begun has no events yet. */
+/* Make the events write to the records of the job. Before the job has started, no events exist. */
 static void open_records(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;

@@ -2,18 +2,18 @@
 #include "cotree_singularity.h"
 
 #if COTREE_HAS_CONSTRAINTS
-/* A step is short if it is below this share of the longest of the last BLOCK to 2 BLOCK ordinary
- * ones; steps of multistep methods vary more. MANY short steps in a row are not caused by the
- * step size control alone. Rates on the constraints cost little, so that they begin at the first
- * short step, and again at one below the share AGAIN of it. */
+/* A step is short if it is below this fraction of the longest of the last BLOCK to 2 BLOCK ordinary
+ * steps; step sizes of multistep methods vary more. MANY short steps in a row are not caused by
+ * step size control alone. Projected rates cost little, so they are used from the first short step
+ * on, and again after a step below the fraction AGAIN of the first one. */
 #define SHORT COTREE_F(0.3)
 #define SHORT_MULTISTEP COTREE_F(0.03)
 #define AGAIN COTREE_F(0.5)
 #define BLOCK 20
 #define MANY 15
 
-/* The factor of the tolerances within a stretch, and the largest result, such that rounding,
- * enlarged by the inverse of the distance, has no effect. */
+/* Factor of the tolerances within a stretch, and the largest loosened tolerance. Rounding errors,
+ * amplified by the inverse of the distance, then have no effect. */
 #define LOOSENED COTREE_F(1e3)
 #define LOOSEST COTREE_SELECT(1e-9, 1e-4f)
 

@@ -1,9 +1,10 @@
-/* cotree_singularity.h: integration through singular positions, where constraints lose rank.
+/* cotree_singularity.h: integration through singular positions, at which constraints lose rank.
  *
- * Near such a position rates off the constraints grow like the inverse of the distance to it:
- * steps shrink without end, or fail. A stretch as long as an ordinary step is then integrated with
- * rates on the constraints. At tight tolerances rounding, enlarged likewise, may still shorten the
- * steps: the stretch is then integrated with looser ones. */
+ * Near a singular position the rates at points off the constraints grow like the inverse of the
+ * distance to it, so that steps shrink indefinitely or fail. A stretch as long as an ordinary step
+ * is then integrated with projected rates, which are evaluated on the constraints. At tight
+ * tolerances, rounding errors are amplified in the same way and may still shorten the steps; the
+ * stretch is then integrated with looser tolerances. */
 #ifndef COTREE_SINGULARITY_H
 #define COTREE_SINGULARITY_H
 
@@ -12,56 +13,57 @@
 
 COTREE_BEGIN_DECLS
 
-/* Tolerances and rates within the present stretch. */
+/* Kind of the present stretch of the integration. */
 typedef enum cotree_stretch {
     COTREE_ORDINARY = 0,
-    COTREE_STRICT = 1, /* rates are evaluated on the constraints */
-    COTREE_LOOSE = 2   /* tolerances are loosened, too */
+    COTREE_STRICT = 1, /* rates are evaluated at projected points */
+    COTREE_LOOSE = 2   /* the same, with loosened tolerances */
 } cotree_stretch;
 
 typedef struct cotree_singularity {
     cotree_assembly assembly;
     cotree_stretch stretch, next; /* the present stretch, and the one that the last step requires */
-    cotree_real end;              /* of the stretch */
-    /* Lengths of ordinary steps, and of the short one after which constraints were tested last. */
+    cotree_real end;              /* end time of the stretch */
+    /* Lengths: longest ordinary steps, and the last short step at which constraints were tested. */
     cotree_real longest, longest_of_block, tested;
-    int n_ordinary, n_short; /* number of short steps since the last ordinary one */
-    /* Tolerances of the job, which apply outside stretches. */
+    int n_ordinary, n_short; /* ordinary steps, and short steps since the last ordinary one */
+    /* Tolerances of the job outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;
     int is_strict;
-    cotree_real *loose; /* absolute tolerances of a stretch, n */
-    /* The point at which evaluation of rates on the constraints began. */
+    cotree_real *loose; /* n absolute tolerances within a loose stretch */
+    /* Point from which rates were evaluated at projected points. */
     int has_start;
     cotree_real start, *w;
 } cotree_singularity;
 
-/* Initialise for a job with constraints; run: of its states. */
+/* Initialise for a job with constraints; run is the run of its states. */
 void cotree_singularity_init(cotree_singularity *s, const cotree_job *job, cotree_run *run,
                              cotree_arena *arena);
 
-/* Do not return to points before a breakpoint or an event. Multistep methods take short steps
- * after it, so the lengths of the last steps are discarded. */
+/* Discard the lengths of previous steps at a breakpoint or an event, and do not return to earlier
+ * points. Multistep methods take short steps after a restart. */
 void cotree_singularity_restart(cotree_singularity *s, int is_multistep);
 
-/* Store the length of a step. Return the stretch that follows if a singular position is near. */
+/* Store the length of a step. Return the kind of stretch that must follow near a singular
+ * position. */
 cotree_stretch cotree_singularity_watch(cotree_singularity *s, const cotree_job *job,
                                         int is_multistep);
 
-/* Return the stretch that follows after a step failed, if a singular position is near. */
+/* Return the kind of stretch that must follow a failed step near a singular position. */
 cotree_stretch cotree_singularity_next(const cotree_singularity *s, const cotree_job *job);
 
 /* Return whether constraints are nearly dependent at t and x. */
 int cotree_singularity_is_near(cotree_singularity *s, cotree_real t, const cotree_real *x);
 
-/* Change the settings of a job until s->end, or restore them. The stepper has to restart. */
+/* Change the settings of a job until s->end, or restore them. The stepper must restart. */
 void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_stretch stretch,
                               cotree_real ahead);
 
-/* Return a tolerance within a loose stretch, not below that of the job. */
+/* Return a tolerance within a loose stretch, which is never below that of the job. */
 cotree_real cotree_singularity_loosened(cotree_real tolerance);
 
-/* Return the length of the present stretch from t on; 0 outside stretches. */
+/* Return the remaining length of the present stretch at time t; 0 outside stretches. */
 cotree_real cotree_singularity_length(const cotree_singularity *s, cotree_real t);
 
 COTREE_END_DECLS

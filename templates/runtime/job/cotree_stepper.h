@@ -1,7 +1,7 @@
-/* cotree_stepper.h: the interface between a job and the method that takes its steps.
+/* cotree_stepper.h: interface between a job and the method that takes its steps.
  *
- * The job handles corners, wanted points and events; the stepper implements one method. A new
- * method is one file with a cotree_stepper. Functions return 0 or a cotree_status. */
+ * The job handles breakpoints, wanted points and events. A stepper implements one method in one
+ * file. Functions return 0 or a cotree_status. */
 #ifndef COTREE_STEPPER_H
 #define COTREE_STEPPER_H
 
@@ -17,46 +17,46 @@
 
 COTREE_BEGIN_DECLS
 
-/* The head of a job's memory. */
+/* Header of a job's memory. */
 typedef struct cotree_engine {
-    cotree_run runs[3];    /* storage of the runs below, as many as differ */
-    cotree_run *run;       /* all integrated entries */
-    cotree_run *of_states; /* states only, if the stepper has such a run; otherwise the same run */
-    cotree_run *watched;   /* evaluates event functions */
+    cotree_run runs[3];    /* storage for the runs below, which may coincide */
+    cotree_run *run;       /* run of all integrated entries */
+    cotree_run *of_states; /* run of the states only, if the stepper has one; otherwise run */
+    cotree_run *watched;   /* run that evaluates event functions */
 #if COTREE_HAS_EVENTS
     cotree_events events;
 #endif
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
-    cotree_real *before; /* the start of the last step */
+    cotree_real *before; /* start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS
-    cotree_real *work[4]; /* work between segments; left must persist */
+    cotree_real *work[4]; /* work space between segments; left persists */
 #endif
 #if COTREE_HAS_CONSTRAINTS
     cotree_singularity *singularity; /* NULL: singular positions are not detected */
 #endif
-    cotree_real *w;     /* the present point, n numbers */
+    cotree_real *w;     /* the present point, n entries */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
     int is_running;     /* 1: the last step can be interpolated */
-    int is_helped;      /* 1: w has the unknowns after a breakpoint, not those at it */
-    int n_short;        /* successive steps at rounding level */
-    void *own;          /* data of the stepper */
+    int is_helped; /* 1: w has the algebraic unknowns after a breakpoint, computed by the helper */
+    int n_short;   /* number of successive steps at rounding level */
+    void *own;     /* data of the stepper */
 } cotree_engine;
 
 struct cotree_stepper {
     int is_multistep; /* 1: a step depends on earlier ones */
-    /* Allocate engine->own and the runs. cotree_engine_of is not available yet. */
+    /* Allocate engine->own and the runs. cotree_engine_of is not yet available. */
     void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_arena *arena);
     /* Initialise the runs, and write the start of the job to engine->w. */
     void (*open)(cotree_job *job);
-    /* Restart from engine->w at job->t towards the next corner; project w. */
+    /* Restart from engine->w at job->t towards the next breakpoint; project w. */
     int (*begin)(cotree_job *job);
     /* Take one step towards the end: advance job->t and engine->w, or leave both unchanged. */
     int (*step)(cotree_job *job, cotree_real end);
     /* Return the time up to which wanted points can be interpolated now. */
     cotree_real (*known)(const cotree_job *job, int is_last);
-    /* Compute the solution at a time within the last step, as accurate as the steps if
-     * is_careful is set. is_exact: t is the end of a step. The caller may change the values. */
+    /* Compute the solution at a time within the last step. If is_careful is set, it is as accurate
+     * as the steps. is_exact: t is the end of a step. The caller may change the values. */
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
     /* Project a point, solve for its algebraic unknowns, and store it in run->full. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);
@@ -67,7 +67,7 @@ struct cotree_stepper {
     const cotree_history *(*history)(const cotree_job *job);
 #endif
 #if COTREE_HAS_SUNDIALS
-    /* Free resources outside the memory; may be NULL. */
+    /* Release resources outside the job's memory; may be NULL. */
     void (*close)(cotree_job *job);
 #endif
 };
@@ -76,13 +76,13 @@ struct cotree_stepper {
 cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensitivities,
                                  cotree_arena *arena);
 
-/* Inline: called very often. */
+/* Inline because it is called very often. */
 static inline cotree_engine *cotree_engine_of(const cotree_job *job)
 {
     return (cotree_engine *)job->memory;
 }
 
-/* Return the prepared values, with the branches that steps hold. */
+/* Return the prepared values, including the branches frozen during a step. */
 static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
 {
 #if COTREE_HAS_EVENTS
@@ -91,7 +91,7 @@ static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
     return job->k;
 }
 
-/* Return the direction of time, 1 or -1. */
+/* Return the direction of integration, 1 or -1. */
 cotree_real cotree_job_ahead(const cotree_job *job);
 
 COTREE_END_DECLS
