@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         SolveError,
         StoreError,
         TopologyError,
+        UnitError,
     )
     from cotree.estimation.candidates import Candidates, NextMeasurement
     from cotree.estimation.experiment import Experiment
@@ -59,6 +60,7 @@ __all__ = [
     "SolveError",
     "StoreError",
     "TopologyError",
+    "UnitError",
     "__version__",
     "bands",
     "bench",

@@ -91,18 +91,23 @@ def check_numbers(first: FirstGraph) -> None:
     # Pivots known to be positive need no trial.
     if all(first.is_safe[: len(system.speeds)]):
         return
-    motion = _motion_without_inertia(first)
-    if motion is None:
+    found = _motion_without_inertia(first)
+    if found is None:
         return
+    motion, own, carried = found
     largest = np.max(np.abs(motion))
     speeds = [
         v for v, part in zip(system.speeds, motion, strict=True) if abs(part) > 1e-6 * largest
     ]
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
+    i, what = speeds[0].index, "moves no inertia"
+    # Different from zero: its inertia may be lost beside that of a long arm or of another body.
+    if len(speeds) == 1 and own[i] != 0.0:
+        what += f" beyond rounding errors of the {carried[i]:.3g} that its joint carries"
     raise SingularSystemError(
         f"the mass matrix is singular in every configuration: a motion of {_listed(moved)} "
-        f"moves no inertia; give {edges}, or bodies beyond, mass or inertia, or weld a joint"
+        f"{what}; give {edges}, or bodies beyond, mass or inertia, or weld a joint"
     )
 
 
@@ -110,15 +115,17 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
 
 
-def _motion_without_inertia(first: FirstGraph) -> Array | None:
-    """Return speeds that neither mass matrix nor constraints resist at random states, or None."""
+def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | None:
+    """Return speeds that neither mass matrix nor constraints resist at random states, or None.
+
+    With them, the inertia that each speed moves and the inertia beyond its joint.
+    """
     n = len(first.system.speeds)
     # The mass matrix above the gradients: nothing resists speeds in the null space of both.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
     # A fixed seed: a scene always gets the same result.
     random = np.random.default_rng(0)
-    motion = None
     for _ in range(_N_TRIED):
         least = _carried(first)
         with np.errstate(all="ignore"):
@@ -126,10 +133,11 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
         # One configuration that resists all speeds is sufficient.
-        motion = _null_vector(found.reshape(-1, n), least)
+        rows = found.reshape(-1, n)
+        motion = _null_vector(rows, least)
         if motion is None:
             return None
-    return motion
+    return motion, np.diag(rows), least
 
 
 def _random_state(

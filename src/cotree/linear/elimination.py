@@ -155,11 +155,12 @@ class FewestCouplings:
         """Choose the next pivot."""
         for i in left.below:
             heappush(self._waiting, (len(left.rows[i]), -i))
-        while self._left:
+        while self._waiting:
             count, negative = heappop(self._waiting)
             k = -negative
-            # An unknown whose count has changed was pushed again.
-            if k in self._left and len(left.rows[k]) == count:
+            # An unknown whose count has changed was pushed again. A pivot that cancels by rounding,
+            # as that of a mass of 1e-17 of another, is no entry.
+            if k in self._left and len(left.rows[k]) == count and k in left.rows[k]:
                 self._left.remove(k)
                 return k, k
         return None

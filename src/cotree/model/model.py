@@ -287,7 +287,9 @@ class CompiledModel:
         # Bits are compared: 0.0 equals -0.0, but 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
             # A dot product finds nan and infinity in one pass; squares may overflow, too.
-            if not (math.isfinite(p.dot(p)) or np.isfinite(p).all()):
+            with np.errstate(over="ignore"):
+                square = p.dot(p)
+            if not (math.isfinite(square) or np.isfinite(p).all()):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
             # If a guard rejects the values, nothing is prepared.

@@ -66,7 +66,8 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
             entries = np.asarray(problem.jacobian(t, y)).ravel()
     except (SingularSystemError, SolveError):
         return math.inf
-    square = float(entries.dot(entries))
+    with np.errstate(over="ignore"):
+        square = float(entries.dot(entries))
     return math.sqrt(square) if math.isfinite(square) else math.inf
 
 
