@@ -22,6 +22,7 @@ OFF = {
     **{"converter": 1e-4, "rectifier": 1e-5},
     **{"polynomials": 2e-5, "windings": 4e-5, "parallel": 8e-6, "modulated": 1e-5, "gates": 1e-8},
     **{"wilson": 1e-6, "ttl": 4e-5, "one_flux": 5e-6, "laws": 1e-5, "switches": 1e-5},
+    **{"jfets": 1e-7},
 }
 
 #: Of operating points, [V]: ngspice stops at vntol, 1e-8 V here. Most agree to 1e-11 V.

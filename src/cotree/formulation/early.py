@@ -126,6 +126,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
     # A fixed seed: a scene always gets the same result.
     random = np.random.default_rng(0)
+    result = None
     for _ in range(_N_TRIED):
         least = _carried(first)
         with np.errstate(all="ignore"):
@@ -137,7 +138,8 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
         motion = _null_vector(rows, least)
         if motion is None:
             return None
-    return motion, np.diag(rows), least
+        result = motion, np.diag(rows), least
+    return result
 
 
 def _random_state(

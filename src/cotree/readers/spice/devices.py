@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cotree.components.electrical import WINDINGS, coupling_field
 from cotree.components.transistors import BASE_CHARGE
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.readers.spice.models import DeviceModel, bulk_fields, channel_fields, device_fields
+from cotree.readers.spice.models import (
+    DeviceModel,
+    channel_fields,
+    device_fields,
+    gated_fields,
+    side_fields,
+)
 from cotree.readers.spice.netlist import Line, settings, split_settings, unquoted
 from cotree.readers.spice.scope import Coupled, Instance
 from cotree.readers.spice.sources import Source, edge_of, read_source
@@ -636,7 +642,7 @@ def _field_effect(place: Instance, line: Line) -> None:
         if bulk != end:
             # The diodes of an n-channel conduct from the bulk, those of a p-channel into it.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
-            own = bulk_fields(model, side, place.sheet.gmin, count)
+            own = side_fields(model, side, place.sheet.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:
@@ -645,6 +651,23 @@ def _field_effect(place: Instance, line: Line) -> None:
             name = f"{line.words[0]}_{side}"
             capacitance = scaled(scaled(per_length, size), count)
             place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
+
+
+def _junction_gate(place: Instance, line: Line) -> None:
+    """Add a junction field-effect transistor: a channel, two diodes and resistances."""
+    words, given = _parts(line, {"area", "m"}, range(4, 7))
+    model = place.model(words[3], "j", line)
+    area = _area(place, line, words[4:], given)
+    gmin = scaled(place.sheet.gmin, _count(place, line, given)) if place.sheet.gmin else 0.0
+    drain, gate, source = map(place.node, words[:3])
+    drain = _inner(place, line, model, "rd", drain, area)
+    source = _inner(place, line, model, "rs", source, area)
+    place.add(line.words[0], model.component, (drain, gate, source), gated_fields(model, area))
+    for side, end in (("cgd", drain), ("cgs", source)):
+        if gate != end:
+            pair = (gate, end) if model.component == "mosfet_n" else (end, gate)
+            own = side_fields(model, side, gmin, area)
+            place.add(f"{line.words[0]}_{side}", "diode", pair, own)
 
 
 def _inner(
@@ -670,4 +693,5 @@ DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     "d": _diode,
     "q": _bipolar,
     "m": _field_effect,
+    "j": _junction_gate,
 }

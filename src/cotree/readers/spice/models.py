@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 THERMAL_VOLTAGE = 1.38064852e-23 * 300.15 / 1.6021766208e-19
 
 #: Parameters of temperature dependence and of noise, which have no effect.
-_NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
+_NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf", "vtotc", "betatce"))
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ _FIELD_EFFECT = {
     "ld": ModelParameter(0.0, "", "", "m"),
     "level": ModelParameter(1.0, ""),
 }
+#: Junction field-effect transistors: the same channel, and diodes from the gate to both ends.
+_JUNCTION_GATE = {
+    "vto": ModelParameter(-2.0, "", "", "V"),
+    "beta": ModelParameter(1e-4, "", "", "A/V^2"),
+    "cgs": ModelParameter(0.0, "", "", "F"),
+    "cgd": ModelParameter(0.0, "", "", "F"),
+    "pb": ModelParameter(1.0, "", "", "V"),
+    "n": ModelParameter(1.0, ""),
+    **{name: _FIELD_EFFECT[name] for name in ("lambda", "is", "rd", "rs", "mj", "fc", "level")},
+}
 _ALIASES = {
     "d": {"cj0": "cjo", "cj": "cjo"},
     "q": {
@@ -108,6 +118,7 @@ _ALIASES = {
         "ms": "mjs",
     },
     "m": {"vt0": "vto"},
+    "j": {"vt0": "vto", "m": "mj"},
 }
 #: Switches controlled by a voltage, and by a current.
 _RESISTANCES = {
@@ -125,7 +136,7 @@ _CURRENT_SWITCH = {
     **_RESISTANCES,
 }
 _TABLES = {
-    **{"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT},
+    **{"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT, "j": _JUNCTION_GATE},
     **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
 }
 
@@ -133,6 +144,7 @@ _TABLES = {
 TYPES = {
     **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
     **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
+    **{"njf": ("j", "mosfet_n"), "pjf": ("j", "mosfet_p")},
     **{"sw": ("s", "resistor"), "csw": ("w", "resistor")},
 }
 
@@ -194,12 +206,12 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     return fields
 
 
-def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) -> dict[str, Value]:
-    """Return the fields of the diode between bulk and drain or source, ``cbd`` or ``cbs``."""
+def side_fields(model: DeviceModel, side: str, gmin: Value, count: Value = 1.0) -> dict[str, Value]:
+    """Return the fields of the diode between bulk or gate and an end of a channel, as ``cbd``."""
     v = model.values
     fields: dict[str, Value] = {
         "saturation_current": scaled(v["is"], count),
-        "thermal_voltage": THERMAL_VOLTAGE,
+        "thermal_voltage": scaled(v.get("n", 1.0), THERMAL_VOLTAGE),
     }
     if gmin:
         fields["leakage"] = gmin
@@ -215,14 +227,23 @@ def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str,
     v = model.values
     # Lateral diffusion shortens the channel at both ends.
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
-    fields: dict[str, Value] = {
-        # Level 1 of Shichman and Hodges: KP W / L.
-        "factor": scaled(scaled(v["kp"], width), inner, "/"),
-        "threshold": v["vto"],
-        "leakage": 0.0,
-    }
-    if not is_zero(v["lambda"]):
-        fields["modulation"] = v["lambda"]
+    # Level 1 of Shichman and Hodges: KP W / L.
+    fields = _channel(scaled(scaled(v["kp"], width), inner, "/"), v["vto"], v["lambda"])
     if not is_zero(v["gamma"]):
         fields["body_effect"], fields["surface_potential"] = v["gamma"], v["phi"]
+    return fields
+
+
+def gated_fields(model: DeviceModel, area: Value) -> dict[str, Value]:
+    """Return the fields of the channel of a junction field-effect transistor."""
+    v = model.values
+    # The threshold of a model is relative to its polarity, that of a component is not.
+    sign = 1.0 if model.component == "mosfet_n" else -1.0
+    return _channel(scaled(scaled(v["beta"], 2.0), area), scaled(v["vto"], sign), v["lambda"])
+
+
+def _channel(factor: Value, threshold: Value, modulation: Value) -> dict[str, Value]:
+    fields: dict[str, Value] = {"factor": factor, "threshold": threshold, "leakage": 0.0}
+    if not is_zero(modulation):
+        fields["modulation"] = modulation
     return fields

@@ -143,7 +143,7 @@ _DEEPEST = 20  # subcircuits within each other
 _PASSED_OVER = frozenset(
     (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
 ) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
-_ELEMENTS = frozenset("rlckviefghbswdqmx")
+_ELEMENTS = frozenset("rlckviefghbswdqmjx")
 
 
 @dataclass(frozen=True)
@@ -246,8 +246,11 @@ class _Parser:
             raise line.at.error(f"unknown statement '{brief(key)}'{nearest(key, self.commands)}")
         elif key[0] not in _ELEMENTS:
             raise line.at.error(
-                f"{line.name} is not a supported element: names begin with R, L, C, "
-                " K, V, I, E, F, G, H, B, S, W, D, Q, M or X"
+                f"{line.name} delays signals, which is not supported: replace the line by sections "
+                "of L and C"
+                if key[0] in "tou"
+                else f"{line.name} is not a supported element: names begin with R, L, C, K, V, I, "
+                "E, F, G, H, B, S, W, D, Q, J, M or X"
             )
         else:
             self.open[-1].elements.append(line)
