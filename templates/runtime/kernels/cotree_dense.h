@@ -1,15 +1,15 @@
-/* cotree_dense.h: linear equations in a few unknowns, of any rank. */
+/* cotree_dense.h: small dense linear systems of any rank. */
 #ifndef COTREE_DENSE_H
 #define COTREE_DENSE_H
 
 #include "cotree_real.h"
 
-/* The number of the first row of a matrix that was factorised without exchanges. */
+/* Value of rows[0] of a matrix that was factorised without exchanges. */
 #define COTREE_NOT_EXCHANGED (-1)
 
-/* Factorise a in place by elimination with complete pivoting. rows[k] and columns[k] are those
- * exchanged with k. Return the rank: pivots below the tolerance times the largest entry, or
- * times the reference size, count as zero. */
+/* Factorise a in place by elimination with complete pivoting. rows[k] and columns[k] are the row
+ * and the column exchanged with k. Return the rank: pivots below the tolerance times the largest
+ * entry, or times the reference size, count as zero. */
 static inline int cotree_factorise(int n, cotree_real reference, cotree_real tolerance,
                                    cotree_real *a, int *rows, int *columns)
 {
@@ -18,7 +18,7 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     for (i = 0; i < n * n; ++i) {
         if (COTREE_FABS(a[i]) > largest) largest = COTREE_FABS(a[i]);
     }
-    /* All entries are defined, also of a singular matrix: callers copy all of them. */
+    /* Initialise all entries, since callers copy them even if the matrix is singular. */
     for (k = 0; k < n; ++k) rows[k] = columns[k] = k;
     for (k = 0; k < n; ++k) {
         cotree_real best = COTREE_F(0.0);
@@ -50,9 +50,9 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     return n;
 }
 
-/* Write an orthonormal basis of the null space to the rows without a pivot. columns is as
- * cotree_factorise left it. Return whether the first n_determined unknowns are determined:
- * whether their entries in the basis are below 1e-9, in single precision 1.2e-4. */
+/* Write an orthonormal basis of the null space to the rows without a pivot. columns is an output of
+ * cotree_factorise. Return whether the first n_determined unknowns are determined: their entries in
+ * the basis are below 1e-9, or 1.2e-4 in single precision. */
 static inline int cotree_complete(int n, int n_determined, int rank, cotree_real *a,
                                   const int *columns)
 {
@@ -75,7 +75,7 @@ static inline int cotree_complete(int n, int n_determined, int rank, cotree_real
         length = COTREE_SQRT(length);
         for (i = 0; i < n; ++i) free[i] /= length;
         for (i = 0; i < n; ++i) {
-            int place = i; /* of unknown i among the exchanged columns */
+            int place = i; /* index of unknown i among the exchanged columns */
             for (j = 0; j < rank; ++j) {
                 if (place == j) {
                     place = columns[j];
@@ -90,8 +90,8 @@ static inline int cotree_complete(int n, int n_determined, int rank, cotree_real
     return accepted;
 }
 
-/* Solve for one right-hand side in place. Without full rank the result is the solution of
- * minimum norm. */
+/* Solve for one right-hand side in place. If the rank is deficient, the result is the minimum-norm
+ * solution. */
 static inline void cotree_substitute(int n, int rank, const cotree_real *a, const int *rows,
                                      const int *columns, cotree_real *x)
 {
@@ -122,8 +122,8 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
     }
 }
 
-/* Divide rows and columns by the square roots of their sizes, and store the inverses. A row of
- * zeros keeps the factor one: in some positions no motion changes a constraint. */
+/* Divide rows and columns by the square roots of their sizes, and store the inverses of the roots.
+ * The factor of a zero row is one: in some positions no motion changes a constraint. */
 static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
 {
     int i, j;

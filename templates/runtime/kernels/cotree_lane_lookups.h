@@ -1,6 +1,6 @@
-/* cotree_lane_lookups.h: functions given by tables, for each lane of a vector.
+/* cotree_lane_lookups.h: table lookups for each lane of a vector.
  *
- * The file that includes it defines LANES, a number of doubles, and the type VECTOR of as many. */
+ * The including file defines LANES, the number of doubles in a vector, and the type VECTOR. */
 #ifndef COTREE_LANE_LOOKUPS_H
 #define COTREE_LANE_LOOKUPS_H
 

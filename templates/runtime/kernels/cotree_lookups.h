@@ -1,15 +1,16 @@
-/* cotree_lookups.h: functions given by tables. */
+/* cotree_lookups.h: table lookups in one and two dimensions. */
 #ifndef COTREE_LOOKUPS_H
 #define COTREE_LOOKUPS_H
 
 #include "cotree_real.h"
 
-/* The name of a function for one number, if functions for vectors have the plain names. */
+/* Name of the scalar function, if vector functions have the plain names. */
 #ifndef COTREE_LOOKUP
 #define COTREE_LOOKUP(name) cotree_##name
 #endif
 
-/* Return the interval of an axis that contains a number; the outermost ones extend to infinity. */
+/* Return the interval of an axis that contains a number. The outermost intervals extend to
+ * infinity. */
 static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
 {
     int low = 0, high = n - 1;
@@ -54,8 +55,8 @@ static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotre
     result[3] = COTREE_F(6.0) * c;
 }
 
-/* Value and slope of a piecewise linear function, constant outside its range; both ends of the
- * interval, and its number, which is held unless it is zero. */
+/* Value and slope of a piecewise linear function, constant outside its range; then both ends and
+ * the index of the interval. The interval is `held`, unless `held` is zero. */
 static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const cotree_real *y,
                                              cotree_real at, cotree_real held, cotree_real *result)
 {
@@ -87,7 +88,8 @@ static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const 
     result[0] = y[piece - 1] + result[1] * (at - x[piece - 1]);
 }
 
-/* Find the interval of an axis that is held, or else contains a number: its ends and its number. */
+/* Find the interval of an axis: the frozen one if `held` is nonzero, otherwise the one that
+ * contains a number. Write both its ends and its index. */
 static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at, cotree_real held,
                                     cotree_real *result)
 {
@@ -124,8 +126,8 @@ static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, cons
     cotree_bilinear(m, x, y, z, i, j, at, beside, result);
 }
 
-/* Value of a bilinear function, and its derivatives by x, by y and by both; then for each axis
- * the ends of its interval and its number, which is held unless it is zero. */
+/* Value of a bilinear function, and its derivatives by x, by y and by both; then both ends and the
+ * index of the interval on each axis, which is frozen if `held` is nonzero. */
 static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
                                              const cotree_real *y, const cotree_real *z,
                                              cotree_real at, cotree_real beside, cotree_real held_x,

@@ -1,25 +1,26 @@
 /* cotree_sine_polynomials.h: sine and cosine of reduced angles, in the lanes of a vector.
  *
- * It is included once for each width of vectors: the file that includes it defines VECTOR, BITS (as
- * many 64-bit integers), NAMED(f) for the name of f, and SINE_QUALIFIERS before the function.
+ * The file is included once for each vector width. The including file defines VECTOR, BITS (a
+ * vector of as many 64-bit integers), NAMED(f) for the name of f, and SINE_QUALIFIERS, the
+ * qualifiers of the function.
  *
  * Angles are reduced by multiples of pi/2 in three parts; the polynomials are those of fdlibm (Sun
- * Microsystems, 1993): errors stay below 0.8 units in the last place for angles up to 1e6. */
+ * Microsystems, 1993). Errors are below 0.8 units in the last place for angles up to 1e6. */
 
-/* Compute the sine and the cosine of x reduced to at most pi/4, and to the last two bits of
- * *quarter the number of quarter turns that were subtracted. */
+/* Compute the sine and the cosine of x reduced to at most pi/4. The last two bits of *quarter are
+ * the number of quarter turns subtracted, modulo 4. */
 SINE_QUALIFIERS void NAMED(cotree_reduced_sine)(const VECTOR *x, BITS *quarter, VECTOR *to_sine,
                                                 VECTOR *to_cosine)
 {
     const double rounder =
-        6755399441055744.0; /* 1.5 * 2^52: a sum with it is rounded to integers */
+        6755399441055744.0; /* 1.5 * 2^52: adding this number rounds to an integer */
     VECTOR turns, k, whole, part, y, tail, z, w, half, near, low, high, sine;
     turns = *x * 6.36619772367581382433e-01 + rounder;
-    *quarter = (BITS)turns; /* its last two bits */
+    *quarter = (BITS)turns; /* only the last two bits are used */
     k = turns - rounder;
     whole = *x - k * 1.57079632673412561417e+00;
     part = k * 6.07710050630396597660e-11;
-    y = whole - part; /* the reduced angle is y + tail, and tail contributes to first order */
+    y = whole - part; /* the reduced angle is y + tail; tail is included to first order */
     tail = ((whole - y) - part) - k * 2.02226624879595063154e-21;
     z = y * y;
     w = z * z;

@@ -1,6 +1,6 @@
 /* cotree_sines.h: sines and cosines of arrays of angles.
  *
- * It is included once for each width of vectors: the file that includes it defines LANES, VECTOR,
+ * The file is included once for each vector width. The including file defines LANES, VECTOR,
  * EACH(f), NAMED(f), TARGET and LEAVE as in a model's _vectors.h. */
 #if LANES > 1
 typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
@@ -10,8 +10,8 @@ typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
 #undef SINE_QUALIFIERS
 #endif
 
-/* Compute sines and cosines of n angles; all three arrays are padded to whole vectors. The C
- * library computes those of angles beyond 1e6, and of nan and infinity. */
+/* Compute sines and cosines of n angles. All three arrays are padded to whole vectors. Angles
+ * beyond 1e6, nan and infinity are left to the C library. */
 TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_real *sines,
                                        cotree_real *cosines)
 {
@@ -25,7 +25,8 @@ TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_
         for (first = 0; first < n; first += LANES) {
             VECTOR sine, cosine;
             BITS quarter, is_odd, a, b;
-            /* Formed from single numbers, since they have just been written one by one. */
+            /* Assembled from single numbers: they were just written one by one, and a vector load
+             * would stall. */
             const VECTOR x = {EACH(ANGLE)};
             NAMED(cotree_reduced_sine)(&x, &quarter, &sine, &cosine);
             is_odd = -(quarter & 1);

@@ -1,11 +1,10 @@
-/* cotree_transpose.h: square blocks of numbers with rows and columns exchanged.
+/* cotree_transpose.h: transposition of square blocks.
  *
- * TRANSPOSE(LOAD, STORE): lane i of each of LOAD(0) to LOAD(LANES - 1) becomes STORE(i, vector),
- * the last one first: where several lanes are stored to one place, the first of them remains.
- * Compilers without shuffles have no TRANSPOSE.
+ * TRANSPOSE(LOAD, STORE): lane i of each of LOAD(0) to LOAD(LANES - 1) becomes STORE(i, vector).
+ * The last lane is stored first, so that the first one remains if several lanes are stored to the
+ * same place. TRANSPOSE is undefined if the compiler has no shuffles.
  *
- * It is included once for each width of vectors: the file that includes it defines LANES and
- * VECTOR. */
+ * The file is included once for each vector width. The including file defines LANES and VECTOR. */
 #ifdef __has_builtin
 #if __has_builtin(__builtin_shufflevector)
 #if LANES == 8

@@ -1,4 +1,4 @@
-/* cotree_columns.c: a kernel at many points. */
+/* cotree_columns.c: evaluation of one kernel at many points. */
 #include "cotree_columns.h"
 
 int cotree_columns(const cotree_model *model, cotree_state_kernel of_states,

@@ -2,15 +2,14 @@
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC
-/* Newton's method for algebraic unknowns; step sizes are shares of an unknown, or of atol near
- * zero. It converges quadratically: after a step below CONVERGED_STEP only rounding errors
- * remain. */
+/* Newton's method for algebraic unknowns. Step sizes are relative to max(|unknown|, atol).
+ * Convergence is quadratic: after a step below CONVERGED_STEP only rounding errors remain. */
 #define MAX_NEWTON_STEPS 50
 #define MIN_DAMPING COTREE_F(1e-6)
 #define CONVERGED_STEP COTREE_SELECT(1e-8, 3.5e-04f)
 #define STALLED_STEP COTREE_SELECT(1e-4, 2.3e-02f)
 
-/* The number of stored solutions tried as guesses: the last one, then those nearest in time. */
+/* Number of stored solutions tried as guesses: the last one, then those nearest in time. */
 #define MAX_GUESSES 4
 
 /* Compute -g_z^-1 g. */
@@ -47,8 +46,8 @@ int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
     return cotree_lu_factorise(&run->matrix) == 0 ? 0 : COTREE_SINGULAR;
 }
 
-/* Compute a step of the algebraic unknowns, and its largest entry as a share of the unknown. bend
- * compares the step with the next one. */
+/* Compute a Newton step of the algebraic unknowns, and its largest entry relative to the unknown.
+ * Also estimate from two successive steps how nonlinear the equations are. */
 static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *size)
 {
     cotree_run *const run = (cotree_run *)a->context;
@@ -62,7 +61,7 @@ static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *
         cotree_real share;
         if (is_new) before[i] = a->x[N_RATES + i];
         share = COTREE_FABS(step[i]) / (COTREE_FABS(before[i]) + run->atol + COTREE_MIN);
-        if (!(share <= *size)) *size = share; /* also if nan */
+        if (!(share <= *size)) *size = share; /* true for nan, too */
     }
     if (!is_new && a->size > STALLED_STEP)
         run->bend = COTREE_FMAX(run->bend, COTREE_F(2.0) * *size / a->size);
@@ -78,8 +77,8 @@ static int move_unknowns(const cotree_iteration *a, cotree_real share)
     return run->model->rhs(a->t, a->x, run->u, run->p, run->k, run->rates);
 }
 
-/* Solve for the algebraic unknowns of x, in place, starting from their values. Return a positive
- * number if Newton's method fails. */
+/* Solve for the algebraic unknowns of x in place, starting from their present values. Return a
+ * positive number if Newton's method fails. */
 static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
 {
     static const cotree_newton_limits limits = {MAX_NEWTON_STEPS, CONVERGED_STEP, COTREE_F(0.0),
@@ -89,7 +88,7 @@ static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
     return status != 0 ? status : cotree_iterate(&a);
 }
 
-/* Return the place of a stored solution, counted back from the next one. */
+/* Return the index of a stored solution, counted back from the next free one. */
 static int guess_place(const cotree_run *run, int back)
 {
     return (run->n_found - back) & (COTREE_RUN_REMEMBERED - 1);
@@ -102,11 +101,12 @@ void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x)
     int i;
     for (i = 0; i < N_ALGEBRAIC; ++i) run->found[place * N_ALGEBRAIC + i] = x[N_RATES + i];
     run->times[place] = t;
-    /* A ring; the count stays within the range of int. */
+    /* The ring buffer wraps around; the count stays within the range of int. */
     if (++run->n_found == 2 * COTREE_RUN_REMEMBERED) run->n_found = COTREE_RUN_REMEMBERED;
 }
 
-/* Return the place of the last solution (rank 0), then of those at the nearest times, or -1. */
+/* Return the index of the stored solution of the given rank, or -1: rank 0 is the last one, the
+ * others are those nearest in time. */
 int cotree_guess_place(const cotree_run *run, cotree_real t, int rank)
 {
     const int is_full = run->n_found >= COTREE_RUN_REMEMBERED;
@@ -129,8 +129,8 @@ int cotree_guess_place(const cotree_run *run, cotree_real t, int rank)
     return place;
 }
 
-/* Solve for the algebraic unknowns of x, in place, from stored guesses. Return a positive number
- * if all fail; a shorter step may succeed. */
+/* Solve for the algebraic unknowns of x in place, starting from stored guesses. Return a positive
+ * number if all of them fail; a shorter step may succeed. */
 static int newton_from_stored_guesses(cotree_run *run, cotree_real t, cotree_real *x)
 {
     int i, rank, status = 1;
@@ -145,7 +145,7 @@ static int newton_from_stored_guesses(cotree_run *run, cotree_real t, cotree_rea
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Solve g_z S_z = -(g_x S_x + g_p); the right-hand side is the residual at S_z = 0. */
+/* Solve g_z S_z = -(g_x S_x + g_p). The right-hand side is the residual at S_z = 0. */
 static int solve_sensitivities(cotree_run *run, cotree_real t)
 {
     const cotree_model *const model = run->model;
@@ -176,36 +176,36 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 /* Series steps: straight-line kernels for small systems. Unknowns are extrapolated in time; one
  * step of the model's inverse series then nearly always suffices. */
 
-/* Errors of unknowns are kept below this share of the tolerance, so that rates are accurate. */
+/* Errors of unknowns are kept below this fraction of the tolerance, so that rates are accurate. */
 #define UNKNOWN_TOLERANCE COTREE_F(1e-3)
 
-/* The error of a series is only estimated within this share of its radius of convergence. */
+/* The error of a series is estimated only within this fraction of its radius of convergence. */
 #define MAX_ESTIMATED_REACH COTREE_F(0.5)
 
-/* Series steps longer than this multiple of the radius are left to the damped iteration. */
+/* Beyond this multiple of the radius, series steps are replaced by the damped iteration. */
 #define MAX_REACH COTREE_F(4.0)
 #define MAX_SERIES_STEPS 4
 
-/* Largest error growth of planned pivots: half of the digits. */
+/* Largest acceptable error growth of planned pivots: it costs half of the digits. */
 #define MAX_PIVOT_GROWTH COTREE_SELECT(1e8, 2.9e+03f)
 
-/* Integrated unknowns are far from their solution if a projection moves each by FAR_TOLERANCES
- * in the mean, or if pivots lose more digits than the tolerance leaves: the error test would
- * then measure rounding, and shorten steps without end. If this occurs MAX_FAR times more often
- * than not, the unknowns are solved for at each point from then on. */
+/* Integrated unknowns are far from their solution if a projection changes them by more than
+ * FAR_TOLERANCES on average, or if pivots lose more digits than the tolerance permits. The error
+ * test would then measure rounding errors, and shorten steps indefinitely. If this occurs MAX_FAR
+ * times more often than not, the unknowns are solved for at each point from then on. */
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20
 
-/* Integrated unknowns satisfy the error test. A projection that moves each by so many tolerances
- * in the mean leads to another solution, as beyond a fold, unless pivots lost the digits. The step
+/* Integrated unknowns satisfy the error test. If a projection changes them by so many tolerances on
+ * average, it leads to another solution, as beyond a fold, unless pivots lost the digits. The step
  * is then rejected, and points near the fold do not count as far. */
 #define OTHER_SOLUTION COTREE_F(1e3)
 #define NEAR_FOLD (-1000000)
 
-/* The largest extrapolation, in distances between the two known solutions. */
+/* Largest extrapolation distance, as a multiple of the distance between the two known solutions. */
 #define MAX_EXTRAPOLATION COTREE_F(100.0)
 
-/* Extrapolate the unknowns linearly from the two nearest of the last three solutions. */
+/* Extrapolate the unknowns linearly in time from the two nearest of the last three solutions. */
 static void extrapolate(const cotree_run *run, cotree_real t, cotree_real *z)
 {
     const cotree_real *const times = run->times;
@@ -238,11 +238,11 @@ static void extrapolate(const cotree_run *run, cotree_real t, cotree_real *z)
 /* Return whether the planned pivots lost too many digits at the last solution. */
 static int has_lost_digits(const cotree_run *run)
 {
-    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* also if nan */
+    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* true for nan, too */
 }
 
-/* Solve for the algebraic unknowns of x by series steps, in place, to a share of their size, or
- * of near_zero; leave the rates. Return a positive number if the series fail. */
+/* Solve for the algebraic unknowns of x by series steps in place, up to a fraction of their size or
+ * of near_zero; leave the rates. Return a positive number if the series fails. */
 static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotree_real goal,
                            cotree_real near_zero)
 {
@@ -264,10 +264,10 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
             rest += COTREE_FABS(last[i]) * largest_share;
             z[i] += step[i];
         }
-        left = size + rest; /* the terms may cancel each other far from the solution */
+        left = size + rest; /* far from the solution the terms may cancel each other */
         if (left <= CONVERGED_STEP) left = COTREE_F(0.0);
-        /* The remainder is bounded by the ratio of the first two terms, or by that of a
-         * convergent series. */
+        /* The remainder is bounded by the ratio of the first two terms, or by that of a convergent
+         * series. */
         if (*reach < MAX_ESTIMATED_REACH)
             left = rest * (*reach + COTREE_F(2.0) * rest / (size + COTREE_MIN));
         run->pivot_growth = *doubt;
@@ -280,9 +280,9 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
     return 1;
 }
 
-/* Solve for the algebraic unknowns of run->full in place. The iteration starts from their values
- * if is_near is set, else from an extrapolation. *is_wide: 1 if the rates
- * left contain residuals. */
+/* Solve for the algebraic unknowns of run->full in place. The iteration starts from their values if
+ * is_near is set, otherwise from an extrapolation. *is_wide: 1 if the rates computed last contain
+ * residuals. */
 int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near, cotree_real goal,
                           cotree_real near_zero, int *is_wide)
 {
@@ -330,7 +330,7 @@ int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t, const cot
 }
 #endif
 
-/* Compute rates with unknowns solved for at each point. Unknowns in w have zero rates. */
+/* Compute rates while solving for the unknowns at each point. Unknowns in w get zero rates. */
 int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w, cotree_real *dw)
 {
 #if COTREE_HAS_SENSITIVITIES
@@ -421,7 +421,7 @@ int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed)
 }
 
 #if COTREE_HAS_IMPLICIT
-/* Subtract f_z g_z^-1 g_x, column by column, with g_z factorised. */
+/* Subtract f_z g_z^-1 g_x from the matrix, column by column. g_z is already factorised. */
 static void eliminate(cotree_run *run, cotree_real *matrix)
 {
     const int *const starts = run->model->column_starts, *const rows = run->model->row_indices;

@@ -4,14 +4,14 @@
 
 #include "cotree_integrator.h"
 
-/* Take a step of the classical Runge-Kutta method of order four. The three arrays that it
- * writes, the solution at the end first, must differ from each other and from before. */
+/* Take a step of the classical Runge-Kutta method of order four. It writes three arrays, the first
+ * of which is the solution at the end; they must differ from each other and from before. */
 static inline int cotree_take_classical_step(cotree_rate_function rate, void *context, int n,
                                              cotree_real t, cotree_real t_next, cotree_real h,
                                              const cotree_real *before, cotree_real *after,
                                              cotree_real *trial, cotree_real *slope)
 {
-    /* Positions of the next stages, and weights of the stages. */
+    /* Time fractions of the next stages, and weights of the stages. */
     static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
                                          COTREE_F(0.0)},
                              weight[4] = {COTREE_F(1.0), COTREE_F(2.0), COTREE_F(2.0),

@@ -29,8 +29,8 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 #endif
 
 #if COTREE_HAS_MOVING_CORNERS
-/* Compute the rates on one side of a time event, extrapolated from two times there: a source
- * with steep edges changes within rounding of t. */
+/* Compute the rates on one side of a time event, extrapolated from two times on that side: a source
+ * with steep edges may change within the rounding error of t. */
 static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
                          cotree_corner_sensitivity *crossing, cotree_real *rates)
 {
@@ -52,8 +52,8 @@ int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *poi
     return rates_on_side(run, t, -crossing->margin, crossing, crossing->left);
 }
 
-/* Find a sensitivity whose jump is not determined, since events coincide that parameters move
- * apart. Return its place in z, or 0. */
+/* Find a sensitivity whose jump is undefined, because parameters separate events that coincide.
+ * Return its index in z, or 0. */
 static int find_undefined(const cotree_run *run, const cotree_corner_sensitivity *crossing)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -94,7 +94,7 @@ int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *p
 {
     int status = 0;
     cotree_run_from_point(run, t, n, point, crossing->w);
-    /* The states satisfy the constraints on both sides; the sensitivities do so only after their
+    /* On both sides the states satisfy the constraints; the sensitivities do so only after their
      * jump. Integrated unknowns may jump with the rates. */
 #if COTREE_HAS_ALGEBRAIC
     if (run->is_extended) status = cotree_run_project(t, crossing->w, run);

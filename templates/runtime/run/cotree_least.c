@@ -1,11 +1,11 @@
 /* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process. */
 #include "cotree_least.h"
 
-/* Most steps of inverse iteration. Each reduces the error by the squared ratio of the smallest
- * singular value to the next. */
+/* Maximum number of inverse iterations. Each reduces the error by the squared ratio of the smallest
+ * singular value to the next one. */
 #define MOST_INVERSE 40
 
-/* Each projection is applied twice, which makes the remainder orthogonal to rounding. */
+/* Each projection is applied twice, which makes the remainder orthogonal up to rounding. */
 #define PASSES 2
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena)
@@ -28,7 +28,8 @@ static cotree_real product(const cotree_real *x, const cotree_real *y, int n, in
     return sum;
 }
 
-/* A = L Q: normalise the longest remaining row as the next row of Q, and project it out of all. */
+/* A = L Q: normalise the longest remaining row as the next row of Q, and subtract its component
+ * from all rows. */
 static void factorise_rows(cotree_least *a, cotree_real size)
 {
     const int n = a->n_columns, stride = a->stride;
@@ -114,7 +115,7 @@ cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x)
     if (a->rank < n) return COTREE_F(0.0);
     for (i = 0; i < n; ++i) x[i] = COTREE_F(1.0) + COTREE_F(0.1) * (cotree_real)(i % 7);
     for (step = 0; step < MOST_INVERSE; ++step) {
-        /* x / |x|, then R^-1 R^-T of it: singular values are those of R. */
+        /* x / |x|, then R^-1 R^-T times it: the singular values are those of R. */
         size = COTREE_SQRT(product(x, x, n, 1));
         for (k = 0; k < n; ++k) {
             cotree_real sum = x[k] / size;

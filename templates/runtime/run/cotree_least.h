@@ -1,7 +1,7 @@
 /* cotree_least.h: minimum-norm least-squares solutions for dense matrices of any rank.
  *
- * A = U R Q with orthonormal rows of Q, orthonormal columns of U and a triangular R. Rows whose
- * remainder is below a share of COTREE_RANK count as dependent.
+ * A = U R Q, in which U has orthonormal columns, R is triangular and Q has orthonormal rows. Rows
+ * whose remainder is below the fraction COTREE_RANK count as dependent.
  *
  *     for each row r, a.rows[r * a.n_columns + i] = entries
  *     cotree_least_factorise(&a, n_rows, size)
@@ -17,29 +17,29 @@ COTREE_BEGIN_DECLS
 
 typedef struct cotree_least {
     int n_columns;
-    int n_rows, rank;     /* of the matrix factorised last */
-    int stride;           /* at least the number of rows */
+    int n_rows, rank;     /* size and rank of the matrix factorised last */
+    int stride;           /* length of the rows of U and R, at least the largest number of rows */
     cotree_real *rows;    /* stride rows of n_columns: the matrix, which is overwritten */
     cotree_real *basis;   /* Q: rank rows of n_columns */
     cotree_real *lower;   /* U: n_rows rows of stride */
     cotree_real *upper;   /* R: rank rows of stride */
-    cotree_real *weights; /* stride */
+    cotree_real *weights; /* stride numbers of work space */
 } cotree_least;
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena);
 
-/* Factorise the first n_rows rows, and return their rank. size: a lower bound of the longest row
- * to which the rank is relative, or 0. */
+/* Factorise the first n_rows rows, and return their rank. The rank is relative to the longest row,
+ * or to size if that is larger. */
 int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size);
 
-/* Return the smallest singular value of the rows, 0 if they are dependent; x: n_rows numbers of
- * work space. */
+/* Return the smallest singular value of the rows, or 0 if they are dependent. x: work space of
+ * n_rows numbers. */
 cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x);
 
-/* Compute x, n_columns entries: the minimiser of |A x + b| of minimum norm. */
+/* Compute x of n_columns entries, the minimiser of |A x + b| with minimum norm. */
 void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x);
 
-/* Project b onto the complement of the range of A: its entries are b[i * stride]. */
+/* Project b, with entries b[i * stride], onto the orthogonal complement of the range of A. */
 void cotree_least_reject(const cotree_least *a, cotree_real *b, int stride);
 
 COTREE_END_DECLS

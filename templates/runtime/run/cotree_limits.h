@@ -1,5 +1,5 @@
-/* cotree_limits.h: tolerances and limits that several files share; those of the first part are
- * in tolerances.py, too. */
+/* cotree_limits.h: tolerances and limits that several files share. Those of the first part are also
+ * in tolerances.py. */
 #ifndef COTREE_LIMITS_H
 #define COTREE_LIMITS_H
 
@@ -9,66 +9,68 @@
  * average. */
 #define COTREE_MAX_PROJECTION COTREE_F(10.0)
 
-/* The relative tolerance below which more tolerances are allowed near singular positions, where the
- * projection enlarges rounding. */
+/* Near singular positions the projection amplifies rounding errors. Below this relative tolerance,
+ * more tolerances are allowed there. */
 #define COTREE_ENLARGED_ROUNDING COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* A correction opposes the residual from which it is computed if their cosine is below minus
- * this. */
+/* A correction opposes the residual from which it is computed if the cosine of their angle is below
+ * minus this. */
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)
 
-/* Largest number of steps of a projection. A step below the limit of small corrections that is
- * not half the previous one is rounding, since Newton's method converges quadratically. */
+/* Maximum number of steps of a projection. A step below the limit of small corrections that is more
+ * than half the previous one is at rounding level, since Newton's method converges
+ * quadratically. */
 #define COTREE_MOST_PROJECTIONS 10
 
-/* Constraints are violated if a residual, in its own unit, exceeds this share of the largest
- * state (or of 1). Near a singular configuration, residuals of trial steps at a tolerance of
- * 1e-8 stay below it in directions that the constraints hardly determine. */
+/* Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1, largest
+ * state). Near a singular configuration, residuals of trial steps at a tolerance of 1e-8 stay below
+ * it in directions that the constraints hardly determine. */
 #define COTREE_LARGEST_RESIDUAL COTREE_SELECT(1e-06, 2.8e-03f)
 
 #define COTREE_SMALL_CORRECTION COTREE_SELECT(1e-08, 3.5e-04f)
 
-/* Rates jump if they differ by more than this many times their change over the same time on one
- * side of a breakpoint; smaller differences are rounding errors of its time. */
+/* Rates jump at a breakpoint if they differ by more than this many times their change over the same
+ * time on one side. Smaller differences are rounding errors of the time. */
 #define COTREE_JUMP_NOISE COTREE_F(1000.0)
 
-/* A step of at most this many units in the last place makes no progress. One such step is normal
+/* A step of at most this many units in the last place makes no progress. One such step may occur
  * before a breakpoint; this many in a row are a stall. */
 #define COTREE_STALL_SPACINGS 16
 #define COTREE_STALL_STEPS 5
 
-/* The method is only changed for stiffness if more than this many steps remain: another method
- * takes some hundred steps and evaluations of matrices, and has to be compiled. */
+/* Stiffness changes the method only if more than this many steps remain: another method takes some
+ * hundred steps and matrix evaluations, and must be compiled. */
 #define COTREE_MOST_STIFF_STEPS 1000
 
-/* Points of the interpolation polynomial; and the bound of its estimated error with explicit
+/* Number of points of the interpolation polynomial, and limit of its estimated error with explicit
  * methods, in tolerances. */
 #define COTREE_HISTORY_POINTS 6
 #define COTREE_HISTORY_DOUBT COTREE_F(4.0)
 
-/* The same limit for any method: implicit methods are interpolated without rates. */
+/* The corresponding limit for any method. Implicit methods are interpolated without rates. */
 #define COTREE_DOUBT(uses_rates) ((uses_rates) ? COTREE_HISTORY_DOUBT : COTREE_F(1.0))
 
 /* Planned pivots are accepted if the solution solves a system whose entries differ from the true
- * ones by at most this share. */
+ * ones by at most this relative amount. */
 #define COTREE_PLANNED_PIVOTS COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* Largest number of simultaneous events that one event may trigger. */
+/* Maximum number of simultaneous events that one event may trigger. */
 #define COTREE_EVENT_ROUNDS 50
 
-/* Number of past times stored for each event: as many within a billionth of the span are
+/* Number of past times stored for each event. As many events within a billionth of the span are
  * chatter. */
 #define COTREE_EVENT_CROWD 100
 
-/* Search for zeros of event functions. Values below this share of the largest are rounding. */
+/* Search for zeros of event functions. Values below this fraction of the largest value are rounding
+ * errors. */
 #define COTREE_SCAN_ROUNDING (COTREE_F(16.0) * COTREE_EPSILON)
 
-/* A value has no extremum at zero if it is farther from zero than this many times its range in a
- * step. */
+/* A value can have an extremum at zero only if its distance from zero is at most this many times
+ * its range in the step. */
 #define COTREE_SCAN_REACH COTREE_F(2.0)
 
-/* The second difference of a quantity over a step is bounded by this many times the difference
- * of its changes in this step and the last one, plus this share of its change. */
+/* The second difference of a quantity over a step is bounded by this many times the difference of
+ * its changes in this and the previous step, plus this fraction of its change. */
 #define COTREE_SCAN_CURVATURE COTREE_F(2.0)
 #define COTREE_SCAN_UNEVEN COTREE_F(0.1)
 

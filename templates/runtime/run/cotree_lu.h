@@ -9,8 +9,8 @@
 
 COTREE_BEGIN_DECLS
 
-/* A square matrix with two bandwidths, and space for the fill-in of row exchanges. Entry (i, j)
- * is at first[i + j * stride]. With bandwidths n or n - 1 it is dense. */
+/* A square matrix with lower and upper bandwidth, and space for the fill-in of row exchanges. Entry
+ * (i, j) is first[i + j * stride]. A dense matrix has bandwidths n or n - 1. */
 typedef struct cotree_lu {
     int n, lower, upper;
     ptrdiff_t stride;
@@ -21,7 +21,7 @@ typedef struct cotree_lu {
 /* Return the number of entries to allocate. */
 size_t cotree_lu_doubles(int n, int lower, int upper);
 
-/* Return a matrix in allocated memory, with n ints for its pivots. */
+/* Return a matrix in memory that the caller allocated, with n ints for its pivots. */
 cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pivots);
 
 /* Factorise in place. Return 0, or 1 if the matrix is singular. */

@@ -1,4 +1,4 @@
-/* cotree_projection.c: projection of states and sensitivities on the constraints. */
+/* cotree_projection.c: projection of states and sensitivities onto the constraints. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS
@@ -15,7 +15,7 @@ int cotree_run_is_constrained(const cotree_run *run)
 
 #if COTREE_HAS_CONSTRAINTS
 /* After more than MAX_FAILURES failed steps in a row, or a correction of MAX_DRIFT relative
- * tolerances, rates are evaluated on the constraints for the next STRICT_POINTS points. */
+ * tolerances, rates are evaluated at projected points for the next STRICT_POINTS points. */
 #define STRICT_POINTS 100
 #define MAX_FAILURES 3
 #define MAX_DRIFT COTREE_F(1e3)
@@ -39,9 +39,9 @@ static int step_of_states(const cotree_iteration *a, int is_new, cotree_real *si
     return 0;
 }
 
-/* Take Newton steps with the states until they are below rounding; speeds follow the coordinates
- * one step later. Residuals are no criterion: near a singular configuration they are squares of
- * the remaining distance. */
+/* Take Newton steps with the states until the steps are at rounding level; speeds converge one step
+ * after the coordinates. Residuals are no criterion: near a singular configuration they are squares
+ * of the remaining distance. */
 static int project_states(cotree_run *run, cotree_real t, cotree_real *x)
 {
     static const cotree_newton_limits limits = {
@@ -59,7 +59,7 @@ static int check_constraints(cotree_run *run, cotree_real t, const cotree_real *
     const int status = run->model->constraints(t, x, run->u, run->p, run->k, run->residual);
     if (status != 0) return status;
     for (i = 0; i < N_STATES; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(x[i]));
-    if (largest > COTREE_MAX) return 1; /* infinity would accept every residual */
+    if (largest > COTREE_MAX) return 1; /* an infinite state would accept every residual */
     for (i = 0; i < run->model->n_constraints; ++i) {
         if (!(COTREE_FABS(run->residual[i]) <= COTREE_LARGEST_RESIDUAL * largest)) return 1;
     }
@@ -74,12 +74,12 @@ static int project_point(cotree_run *run, cotree_real t, cotree_real *z)
     int n;
 #endif
     int status;
-    t = cotree_run_inside(run, t); /* at a time event: the constraints of this segment */
+    t = cotree_run_inside(run, t); /* at a time event, use the constraints of this segment */
     status = cotree_run_inputs(run, t);
     if (status == 0) status = project_states(run, t, z);
     if (status == 0) status = check_constraints(run, t, z);
 #if COTREE_HAS_SENSITIVITIES
-    /* Sensitivities of speeds follow those of the coordinates one step later. */
+    /* Sensitivities of speeds converge one step after those of coordinates. */
     for (n = 0; n < 2 && status == 0 && run->n_blocks > 1; ++n) {
         cotree_real *const s = z + N_STATES;
         int i;
@@ -122,9 +122,9 @@ void cotree_run_rejected(void *context)
     if (++run->n_failed > MAX_FAILURES) run->n_strict = STRICT_POINTS;
 }
 
-/* Return whether rates are evaluated at the projected point. Off the constraints rates grow
+/* Return whether rates are evaluated at projected points. Away from the constraints, rates grow
  * without bound towards a singular configuration, and steps fail. If the projection fails, the
- * point itself is used. In other cases the projection costs more than it gains. */
+ * point itself is used. In other cases the projection costs more than it saves. */
 int cotree_are_rates_projected(const cotree_run *run)
 {
     if (!cotree_run_is_constrained(run) || run->model->gradient == NULL) return 0;

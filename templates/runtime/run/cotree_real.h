@@ -1,4 +1,4 @@
-/* cotree_real.h: the number type, its literals, functions and limits; the features that are
+/* cotree_real.h: the floating-point type, its literals, functions and limits; the features that are
  * compiled; compiler-specific qualifiers.
  *
  * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
@@ -10,12 +10,12 @@
 #include <stdlib.h>
 
 #ifndef COTREE_SINGLE
-/* 1: single precision. */
+/* 1: single precision, 0: double precision. */
 #define COTREE_SINGLE 0
 #endif
 
 #ifndef COTREE_HAS_SENSITIVITIES
-/* Features: the project of one model contains only those that the model uses. */
+/* Features. The project of one model sets those that the model does not use to 0. */
 #define COTREE_HAS_SENSITIVITIES 1
 #endif
 #ifndef COTREE_HAS_INPUTS
@@ -28,7 +28,7 @@
 #define COTREE_HAS_CONSTRAINTS 1
 #endif
 #ifndef COTREE_HAS_EVENTS
-#define COTREE_HAS_EVENTS 1 /* events, and kinks of rates whose times depend on states */
+#define COTREE_HAS_EVENTS 1 /* events, and kinks of rates at times that depend on states */
 #endif
 #ifndef COTREE_HAS_MODES
 #define COTREE_HAS_MODES 1 /* events of dry friction, loads and rigid stops */
@@ -37,35 +37,35 @@
 #define COTREE_HAS_DISCS 1 /* friction on planes in space */
 #endif
 #ifndef COTREE_HAS_MOVING_CORNERS
-#define COTREE_HAS_MOVING_CORNERS 1 /* time events that parameters of sensitivity move */
+#define COTREE_HAS_MOVING_CORNERS 1 /* time events that depend on parameters of sensitivity */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
 #define COTREE_HAS_IMPLICIT 1 /* an implicit method */
 #endif
 #ifndef COTREE_HAS_HELPER
-#define COTREE_HAS_HELPER 1 /* solvers of the caller, used if iterations fail */
+#define COTREE_HAS_HELPER 1 /* solvers provided by the caller, used if iterations fail */
 #endif
 #ifndef COTREE_HAS_MENDING
-#define COTREE_HAS_MENDING 1 /* given values are changed to satisfy constraints */
+#define COTREE_HAS_MENDING 1 /* prescribed initial values may change to satisfy constraints */
 #endif
 #ifndef COTREE_HAS_SUNDIALS
 #define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS */
 #endif
 #ifndef COTREE_HAS_START
-#define COTREE_HAS_START 1 /* of an FMU: conditions at the start (constraints, modes) */
+#define COTREE_HAS_START 1 /* FMU: conditions at the start (constraints, modes) */
 #endif
 #ifndef COTREE_HAS_BREAKPOINTS
-#define COTREE_HAS_BREAKPOINTS 1 /* of an FMU: time events, or upper bounds of steps */
+#define COTREE_HAS_BREAKPOINTS 1 /* FMU: time events, or upper bounds of steps */
 #endif
 #ifndef COTREE_HAS_EXCHANGE
-#define COTREE_HAS_EXCHANGE 1 /* of an FMU: Model Exchange */
+#define COTREE_HAS_EXCHANGE 1 /* FMU: Model Exchange */
 #endif
 #ifndef COTREE_HAS_STEPS
-#define COTREE_HAS_STEPS 1 /* of an FMU: Co-Simulation */
+#define COTREE_HAS_STEPS 1 /* FMU: Co-Simulation */
 #endif
 
-/* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
- * tolerances are the same share of the digits of either. */
+/* COTREE_F(x): a literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
+ * in single precision; tolerances scale with the number of digits. */
 #if COTREE_SINGLE
 typedef float cotree_real;
 #define COTREE_F(x) x##f
@@ -110,7 +110,7 @@ typedef double cotree_real;
 #define COTREE_STRTOD strtod
 #endif
 
-/* Declarations between these have C linkage in C++. */
+/* Declarations between these macros have C linkage in C++. */
 #ifdef __cplusplus
 #define COTREE_BEGIN_DECLS extern "C" {
 #define COTREE_END_DECLS }
@@ -125,7 +125,8 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels are not inlined: joined, they would take too long to compile. */
+/* Blocks of long kernels are not inlined, because a single function would take too long to
+ * compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -134,7 +135,7 @@ typedef double cotree_real;
 #define COTREE_APART
 #endif
 
-/* Alignment of arrays that vectors are loaded from. */
+/* Alignment of arrays that are loaded into vectors. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_ALIGNED __attribute__((aligned(64)))
 #else
@@ -147,7 +148,7 @@ typedef double cotree_real;
 #define COTREE_EXPORT
 #endif
 
-/* Functions called by the runtime only: static if they and their callers form one file. */
+/* Functions that only the runtime calls: static if the whole runtime is compiled as one file. */
 #ifndef COTREE_PRIVATE
 #define COTREE_PRIVATE
 #endif

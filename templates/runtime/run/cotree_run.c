@@ -7,7 +7,7 @@
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
     void *const place = arena->base == NULL ? spare : arena->base + arena->used;
-    /* The next allocation may hold pointers. */
+    /* The next allocation may contain pointers. */
     const size_t unit = sizeof(void *) > sizeof(cotree_real) ? sizeof(void *) : sizeof(cotree_real);
     arena->used += (size + unit - 1) / unit * unit;
     return place;
@@ -122,7 +122,7 @@ int cotree_run_inputs(cotree_run *run, cotree_real t)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Copy the sensitivities of the first n states that do not vanish to adjacent places. */
+/* Copy the sensitivities of the first n states that do not always vanish to adjacent entries. */
 void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -135,7 +135,7 @@ void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real
     }
 }
 
-/* The inverse: sensitivities that vanish, and those of further states, become zero. */
+/* Expand packed sensitivities of the first n states: all others become zero. */
 static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotree_real *s)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -177,7 +177,7 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 #endif
 }
 
-/* Expand w to run->full, with the algebraic unknowns found last if w has none. */
+/* Expand w to run->full. If w contains no algebraic unknowns, they are the last ones found. */
 static void expand(cotree_run *run, const cotree_real *w)
 {
     const int lead = run->n_lead;
@@ -207,7 +207,7 @@ void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cot
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Expand a point to run->full, project it, and compute its inputs. */
+/* Expand a point to run->full, project it, and compute the inputs at its time. */
 int cotree_prepare_point(cotree_run *run, cotree_real t, const cotree_real *w)
 {
     expand(run, w);
@@ -296,7 +296,7 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 }
 #endif
 
-/* Inline: short, and called very often. */
+/* Inline because it is short and called very often. */
 static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
 {
     const cotree_model *const model = run->model;

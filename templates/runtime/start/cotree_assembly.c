@@ -4,22 +4,21 @@
 #include <string.h>
 
 /* Residuals below RESIDUAL_TOLERANCE times the magnitude of the states satisfy the constraints;
- * those below RESIDUAL_ROUNDING are rounding errors. A step rotates nothing by more than
- * MAX_ROTATION, [rad], so that it remains on the same branch. A step below STEP_ROUNDING is the
- * last one. */
+ * those below RESIDUAL_ROUNDING are rounding errors. A step rotates by at most MAX_ROTATION, [rad],
+ * so that the iteration remains on the same branch. A step below STEP_ROUNDING is the last one. */
 #define MAX_STEPS 50
 #define RESIDUAL_TOLERANCE COTREE_SELECT(1e-11, 1.5e-05f)
 #define RESIDUAL_ROUNDING COTREE_SELECT(1e-15, 2.4e-07f)
 #define STEP_ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
 #define MAX_ROTATION COTREE_F(0.5)
 
-/* Number of further starting points after a failure, and their distance: gradients may vanish at
- * the first one, such as that of a component perpendicular to a length. */
+/* Number of further starting points after a failure, and their distance. At the first point
+ * gradients may vanish, such as that of a component perpendicular to a length. */
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 
-/* The derivative of a residual is cancelled, too, if its remainder is below this share of the terms
- * of its sum. */
+/* The change of a residual also counts as cancelled if its remainder is below this fraction of the
+ * terms of its sum. */
 #define SUM_ROUNDING COTREE_SELECT(1e-13, 1.2e-05f)
 
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
@@ -156,7 +155,7 @@ static int mark_free_directions(cotree_assembly *a, int level)
     return n_free;
 }
 
-/* Return the entry of a row, which is in the results of one of two kernels. */
+/* Return the entry of a row, from the results of one of two kernels. */
 cotree_real cotree_assembly_pick(const cotree_assembly *a, int row, const cotree_real *constraints,
                                  const cotree_real *conditions)
 {
@@ -179,7 +178,8 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
         const int row = a->places[r];
         a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
                        cotree_assembly_unit_of_row(a, row);
-        if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]); /* or nan */
+        if (!(COTREE_FABS(a->values[r]) <= *size))
+            *size = COTREE_FABS(a->values[r]); /* true for nan, too */
     }
     return status;
 }
@@ -196,7 +196,7 @@ int cotree_assembly_compute_gradients(cotree_assembly *a, cotree_real t, const c
     return status;
 }
 
-/* Return the gradient of a row; for constraints of coordinates that of their rates. */
+/* Return the gradient of a row; a constraint on coordinates has that of its time derivative. */
 const cotree_real *cotree_assembly_gradient_of(const cotree_assembly *a, int row)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -206,8 +206,8 @@ const cotree_real *cotree_assembly_gradient_of(const cotree_assembly *a, int row
     return a->start_gradient + (row - tables->n_rows) * N_SPEEDS;
 }
 
-/* Factorise the dimensionless gradients of the listed rows by the free directions; *largest is
- * their largest entry. Return the rank. */
+/* Factorise the dimensionless gradients of the listed rows with respect to the free directions.
+ * *largest is their largest entry. Return the rank. */
 int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
 {
     int i, r;
@@ -221,7 +221,8 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
             const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
-            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* or nan */
+            if (!(COTREE_FABS(row[i]) <= *largest))
+                *largest = COTREE_FABS(row[i]); /* true for nan, too */
         }
         a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
     }
@@ -241,8 +242,8 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
     return 0;
 }
 
-/* Add the change of coordinates by a dimensionless step along the motion directions at x. A
- * quaternion q changes by q (0, e) / 2, where e is a rotation about its body axes. */
+/* Add to change the effect of a dimensionless step along the motion directions on the coordinates
+ * at x. A quaternion q changes by q (0, e) / 2, where e is a rotation about its body axes. */
 static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotree_real *step,
                       cotree_real *change)
 {
@@ -268,7 +269,7 @@ static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotr
     }
 }
 
-/* Change the coordinates (level 0) or speeds (1) of x by a step. */
+/* Move the coordinates (level 0) or speeds (level 1) of x by a step. */
 static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_real *x)
 {
     int i;
@@ -288,7 +289,7 @@ cotree_real cotree_assembly_largest_of(const cotree_real *x, int n)
     cotree_real largest = COTREE_F(0.0);
     int i;
     for (i = 0; i < n; ++i) {
-        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* or nan */
+        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* true for nan, too */
     }
     return largest;
 }
@@ -299,8 +300,8 @@ void cotree_assembly_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Take a step of the coordinates or speeds; x has the residuals a->values, of size a->left. Store
- * the point of the smallest ones. */
+/* Take a Gauss-Newton step of the coordinates or speeds x, whose residuals are a->values, the
+ * largest of size a->left. Store the point with the smallest residuals. */
 static int take_step(const cotree_iteration *iteration, int is_new, cotree_real *length)
 {
     cotree_assembly *const a = (cotree_assembly *)iteration->context;
@@ -317,7 +318,7 @@ static int take_step(const cotree_iteration *iteration, int is_new, cotree_real 
 #if COTREE_HAS_MENDING
     if (a->has_way) cotree_assembly_factorise_given(a, &largest);
 #endif
-    /* With vanishing gradients a step would amplify rounding. */
+    /* If the gradients vanish, a step would amplify rounding errors. */
     if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) return COTREE_NO_STEP;
     cotree_least_solve(&a->least, a->values, a->step);
 #if COTREE_HAS_MENDING
@@ -336,7 +337,8 @@ static int take_step(const cotree_iteration *iteration, int is_new, cotree_real 
     return 0;
 }
 
-/* Iterate until a step is rounding, or to the point of the smallest residual in x. */
+/* Iterate until a step is at rounding level, or else return the point of the smallest residual in
+ * x. */
 int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
                             cotree_real *residual)
 {
@@ -373,7 +375,7 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
     if (a->report != NULL) cotree_assembly_start_report(a, level, x);
 #endif
     status = cotree_assembly_iterate(a, t, x, level, &residual);
-    /* Constraints of speeds are linear: other starting points do not help. */
+    /* Constraints on speeds are linear: other starting points do not help. */
     for (n = 0; n < MAX_RESTARTS && status == 0 && level == 0 && n_free > 0; ++n) {
         if (residual <= met) return 0;
         cotree_assembly_copy(N_STATES, a->aside, a->trial);
@@ -434,8 +436,8 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
     return 0;
 }
 
-/* Compute the step that cancels the changes of the listed rows, in values. Return whether a
- * remainder exceeds its bound; the culprit is the row of the largest one. */
+/* Compute the step that cancels the changes of the listed rows, which are in values. Return whether
+ * a remainder exceeds its bound; culprit is the row with the largest one. */
 static int cancel_changes(cotree_assembly *a, cotree_real allowed)
 {
     cotree_real most = COTREE_F(0.0);
@@ -469,7 +471,8 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
         direction[N_COORDINATES + i] += a->step[i] * cotree_assembly_unit_of_speed(a, i);
 }
 
-/* Return the rounding error of a row's sum that should vanish along a direction of the states. */
+/* Return the rounding error of the sum of a row that should be zero along a direction of the
+ * states. */
 static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
 {
     const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);
@@ -514,7 +517,8 @@ cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int col
     return cotree_assembly_pick(a, row, slopes, start_slopes) / cotree_assembly_unit_of_row(a, row);
 }
 
-/* Complete the sensitivities of one level, either to parameters or to initial states. */
+/* Compute the sensitivities of one level that are not prescribed, either to parameters or to
+ * initial states. */
 static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int level,
                                   const int *seeds, int is_state, cotree_real *s)
 {
@@ -529,7 +533,8 @@ static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int 
         if (seeds != NULL && (seeds[n] < 0) != is_state) continue;
         for (r = 0; r < a->n_own; ++r) a->values[r] = cotree_assembly_change_of(a, a->places[r], n);
         if (seeds != NULL) {
-            /* The scale of a derivative is a length or an angle of one over the parameter. */
+            /* The scale of a derivative is a characteristic length, or one radian, divided by the
+             * parameter. */
             const cotree_real p = seeds[n] < 0 ? COTREE_F(1.0) : COTREE_FABS(a->run->p[seeds[n]]);
             rounding = rounding_of(a, own, largest) +
                        SUM_ROUNDING / (p > COTREE_F(0.0) ? p : COTREE_F(1.0));

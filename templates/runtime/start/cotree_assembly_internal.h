@@ -10,10 +10,11 @@
 #define N_COORDINATES (a->tables->n_coordinates)
 #define N_SPEEDS (a->tables->n_speeds)
 
-/* The number of positions whose gradients determine the characteristic length. */
+/* Number of positions whose gradients determine the characteristic length. */
 #define POSITIONS 3
 
-/* The derivative of a residual is cancelled if its remainder is below this share of the largest. */
+/* The change of a residual counts as cancelled if its remainder is below this fraction of the
+ * largest. */
 #define REMAINDER_SHARE COTREE_SELECT(1e-8, 3.5e-04f)
 
 /* cotree_assembly.c */

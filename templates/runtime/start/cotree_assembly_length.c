@@ -1,21 +1,22 @@
-/* cotree_assembly_length.c: the characteristic length of constraints, and their dependence. */
+/* cotree_assembly_length.c: characteristic length of the constraints, and detection of dependent
+ * constraints. */
 #include "cotree_assembly_internal.h"
 
-/* Characteristic length: the median lever arm over POSITIONS positions, with joints rotated by
- * about JOINT_ROTATION, [rad]. Shares of squares below MIN_SQUARE_SHARE, and lengths below
- * MIN_LENGTH, [m], are rounding. */
+/* The characteristic length is the median lever arm over POSITIONS positions, with joints rotated
+ * by about JOINT_ROTATION, [rad]. Squares below the fraction MIN_SQUARE_SHARE, and lengths below
+ * MIN_LENGTH, [m], are rounding errors. */
 #define JOINT_ROTATION COTREE_F(0.5)
 #define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
-/* Constraints are nearly dependent if the smallest singular value of their gradients is below
- * this share of that in other positions, or below LEAST_GAP. */
+/* Constraints are nearly dependent if the smallest singular value of their gradients is below this
+ * fraction of that in other positions, or below LEAST_GAP. */
 #define NEARLY COTREE_F(0.1)
 #define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
 #define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
 
-/* Add the squares of the gradients by rotations and by translations to those of their groups.
- * Increase *lever to the longest lever arm of a translation. */
+/* Add the squares of the gradients with respect to rotations and translations to the sums of their
+ * groups. Increase *lever to the longest lever arm of a translation. */
 static void add_squares(const cotree_assembly *a, cotree_real *turned, cotree_real *shifted,
                         cotree_real *lever)
 {
@@ -52,7 +53,7 @@ static cotree_real median_of(int n, const cotree_real *turned, const cotree_real
     return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
 }
 
-/* Write a numbered position to trial, with all joints rotated. */
+/* Write the position of a given number to trial: that of x with all joints rotated. */
 static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
 {
     int i;
@@ -64,7 +65,7 @@ static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
     return cotree_assembly_normalise(a, a->trial);
 }
 
-/* Load the gradients of all constraints, scaled to a largest norm of one per group. */
+/* Load the gradients of all constraints, scaled so that the longest of each group has norm one. */
 static int load_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -97,7 +98,7 @@ static int load_gradients(cotree_assembly *a, cotree_real t, const cotree_real *
     return 0;
 }
 
-/* Compute the smallest singular value of these gradients. */
+/* Compute the smallest singular value of the scaled gradients. */
 static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x,
                          cotree_real *smallest)
 {
@@ -108,7 +109,7 @@ static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x
     return 0;
 }
 
-/* Compute the singular value below which constraints are nearly dependent. */
+/* Compute the singular value below which constraints count as nearly dependent. */
 static int find_weakest(cotree_assembly *a, cotree_real t, const cotree_real *x,
                         cotree_real *weakest)
 {

@@ -1,17 +1,19 @@
-/* cotree_assembly_mend.c: changes of given values if the constraints cannot be satisfied otherwise.
+/* cotree_assembly_mend.c: changes of prescribed values if the constraints cannot be satisfied
+ * otherwise.
  *
- * Values of the highest ranks change first, until the remaining residuals can be cancelled.
- * Their changes are of minimum norm; those of the free directions are not limited. A value is a
- * state, or N_STATES plus the number of a condition, which is then dropped. */
+ * Values of the highest ranks change first, until the remaining residuals can be cancelled. Their
+ * changes have minimum norm; those of the free directions are not limited. A value is a state, or
+ * N_STATES plus the index of a condition, which is then dropped. */
 #include "cotree_assembly_internal.h"
 
 #if COTREE_HAS_MENDING
-/* Given values that would have to change by more than FARTHEST contradict each other. Changes above
- * NOTICED are reported. Units are radians, characteristic lengths, or the largest speed. */
+/* Prescribed values contradict each other if they would have to change by more than FARTHEST.
+ * Changes above NOTICED are reported. The units are radians, characteristic lengths, or the largest
+ * speed. */
 #define FARTHEST COTREE_F(0.1)
 #define NOTICED COTREE_F(1e-4)
 
-/* A value is not chosen if its direction differs by less than this from those of the values
+/* A value is not chosen if its direction differs by less than this from those of the values already
  * chosen: its change would be large. */
 #define APART COTREE_F(1e-2)
 
@@ -52,8 +54,8 @@ static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
            cotree_assembly_unit_of_row(a, row);
 }
 
-/* List the given value that fixes each motion direction: for a quaternion, that of the lowest
- * rank. */
+/* List the prescribed value that fixes each motion direction; for a quaternion, the one of the
+ * lowest rank. */
 static void list_values(cotree_assembly *a, int level)
 {
     const int *const ranks = a->report->ranks;
@@ -71,7 +73,8 @@ static void list_values(cotree_assembly *a, int level)
     }
 }
 
-/* Insert a value into the n candidates, which are in descending order of ranks; ahead is last. */
+/* Insert a value into the n candidates, which are sorted by descending rank. The value `ahead` is
+ * placed last. */
 static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
 {
     const int *const ranks = a->report->ranks;
@@ -103,21 +106,21 @@ static int list_candidates(cotree_assembly *a, int level, int ahead)
     return n;
 }
 
-/* Return the part of the change of a residual that the free directions cannot cancel: for a
- * motion direction, or, after these, for a condition. */
+/* Return the part of the changes of the residuals that free directions cannot cancel, for one
+ * prescribed motion direction; indices after the directions are conditions. */
 static cotree_real *move_of(const cotree_assembly *a, int i)
 {
     return a->moves + i * (a->tables->n_rows + N_CONDITIONS);
 }
 
-/* Return whether a change belongs to a value. */
+/* Return whether a change belongs to a prescribed value. */
 static int is_of(const cotree_assembly *a, int i, int value)
 {
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute the parts that move_of returns, of all directions and conditions. Return the largest
- * norm of those of one candidate. */
+/* Compute the parts that move_of returns, for all directions and conditions. Return the largest
+ * norm among those of the candidates. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -141,8 +144,8 @@ static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
     return largest;
 }
 
-/* Add the parts of a value that are independent of the n_spanned directions, by more than least,
- * to these. Return whether there are any. */
+/* Add the parts of a value that differ from the span of the n_spanned directions by more than least
+ * to this span. Return whether there are any. */
 static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
 {
     int i, k, r, longest, n_added = 0;
@@ -188,7 +191,7 @@ static void keep_all(cotree_assembly *a)
     for (i = 0; i < N_CONDITIONS; ++i) a->is_dropped[i] = 0;
 }
 
-/* Choose the values to change, given the factorised gradients of the listed rows. Return whether
+/* Choose the values that change, given the factorised gradients of the listed rows. Return whether
  * there are any. */
 static int choose(cotree_assembly *a, int level, int ahead)
 {
@@ -218,15 +221,15 @@ void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
         for (r = 0; r < a->n_own; ++r) {
             column[r * N_SPEEDS] = a->is_giving[i] ? entry_of(a, a->places[r], i) : COTREE_F(0.0);
             if (!(COTREE_FABS(column[r * N_SPEEDS]) <= *largest))
-                *largest = COTREE_FABS(column[r * N_SPEEDS]); /* a nan, too */
+                *largest = COTREE_FABS(column[r * N_SPEEDS]); /* true for nan, too */
         }
         if (a->is_giving[i]) cotree_least_reject(&a->least, column, N_SPEEDS);
     }
     cotree_least_factorise(&a->given, a->n_own, a->longest);
 }
 
-/* Solve for the given values, which cancel what the free directions cannot; then for the free
- * directions. */
+/* Solve for the changes of the prescribed values, which cancel the residuals that free directions
+ * cannot; then for those of the free directions. */
 void cotree_assembly_solve_given(cotree_assembly *a)
 {
     int i, r;
@@ -261,8 +264,8 @@ static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
     return COTREE_ASSEMBLY_VIOLATED;
 }
 
-/* Store the changes of given values up to x, and the residuals of dropped conditions. Return
- * whether one is too large. */
+/* Store the changes of the prescribed values up to x, and the residuals of dropped conditions.
+ * Return whether one of them is too large. */
 static int report_changes(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                           int *is_far)
 {
@@ -308,7 +311,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
             has_way = choose(a, level, -1);
-        } else { /* no given value is fixed, and all conditions hold */
+        } else { /* no prescribed value changes, and all conditions hold */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
                 has_way = has_way || a->is_giving[i];
@@ -329,7 +332,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
     return status == 0 && is_far ? refuse(a, t, x, level) : status;
 }
 
-/* Return the part of the change of a row along a sensitivity that the step does not cancel. */
+/* Return the part of a row's change along a sensitivity that the step does not cancel. */
 static cotree_real left_of(const cotree_assembly *a, int row, int column)
 {
     cotree_real left = cotree_assembly_change_of(a, row, column);
@@ -378,7 +381,7 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     if (seed >= 0 && !is_left) report_following(a, column, allowed);
     keep_all(a);
     cotree_assembly_list_rows(a, level, has_conditions);
-    cotree_assembly_factorise(a, &largest); /* for other sensitivities */
+    cotree_assembly_factorise(a, &largest); /* restores the factors for other sensitivities */
     return is_left;
 }
 #endif

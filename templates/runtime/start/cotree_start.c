@@ -1,14 +1,14 @@
-/* cotree_start.c: initial values, the constraints and checks. */
+/* cotree_start.c: initial values, constraints and checks at the start. */
 #include "cotree_start_internal.h"
 
 #include <string.h>
 
-/* Redundant values agree if they differ by this share of the states that they follow from, or by
- * rounding. */
+/* A redundant value agrees with the value that the states determine if it differs by at most this
+ * fraction of these states, or by rounding. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
-/* The step of finite differences as a share of a parameter, at least of LEAST_SIZE: the
+/* Step of finite differences, as a fraction of a parameter whose size is at least LEAST_SIZE. The
  * truncation error, of fourth order, is then as small as rounding errors. */
 #define SHARE COTREE_SELECT(1e-3, 5e-02f)
 #define LEAST_SIZE COTREE_F(1e-3)
@@ -55,7 +55,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 
 /* Initial values. */
 
-/* Write the given initial values, and guesses of the others. */
+/* Write the prescribed initial values, and guesses of the others. */
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
@@ -77,7 +77,8 @@ static int write_states(const cotree_start *start, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Write their sensitivities. A value that is set for the run depends only on itself. */
+/* Write the sensitivities of the initial values. A value that is set for the run depends only on
+ * itself. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
@@ -100,8 +101,8 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
 
 /* The constraints. */
 
-/* Mark the prescribed states: those that are given or set, and those to which sensitivities are
- * taken. */
+/* Mark the prescribed states: those with an initial value in the model or for the run, and those to
+ * which sensitivities are taken. */
 static void mark_kept(cotree_start *start)
 {
     int i;
@@ -117,7 +118,7 @@ static void mark_kept(cotree_start *start)
     cotree_assembly_hold(&start->assembly, start->is_set);
 }
 
-/* Project states onto the constraints, which depend on inputs of the model or of an input
+/* Project states onto the constraints. The constraints depend on inputs of the model or of an input
  * function, but not on inputs replaced by tables. */
 static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 {
@@ -136,8 +137,8 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Compute the projected states with the parameter, or the state, of a sensitivity increased by a
- * step. */
+/* Compute the projected states after the parameter of a sensitivity, or its state, is increased by
+ * a step. */
 static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree_real value,
                           cotree_real step, cotree_real *x)
 {
@@ -168,7 +169,7 @@ static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree
     return status;
 }
 
-/* Differentiate a projection that is not unique by five-point differences: it depends on the
+/* Differentiate a projection that is not unique by five-point differences. It depends on the
  * parameters through gradients, whose derivatives no kernel computes. */
 static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
 {
@@ -219,8 +220,8 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
 
 /* Checks. */
 
-/* Return whether a redundant value, or its derivative by a parameter of this magnitude, agrees
- * with the value that follows from the states x. */
+/* Return whether a redundant value, or its derivative by a parameter of this magnitude, agrees with
+ * the value determined by the states x. */
 static int is_agreed(const cotree_start *start, int row, const cotree_real *values,
                      const cotree_real *x, cotree_real parameter)
 {
@@ -231,7 +232,7 @@ static int is_agreed(const cotree_start *start, int row, const cotree_real *valu
     int i;
     for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
         const int state = tables->redundant_states[i];
-        if (start->is_set[state]) return 1; /* values that follow from it are not checked */
+        if (start->is_set[state]) return 1; /* redundant values follow a value set for the run */
         size = COTREE_FMAX(size, COTREE_FABS(parameter * x[state]));
     }
     return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;
@@ -252,7 +253,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* The tolerance. Zero for a direction of an initial value: redundant values follow it. */
+        /* Magnitude of the parameter; zero for an initial value, which redundant values follow. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);
@@ -339,7 +340,7 @@ static int is_plain(const cotree_start *start)
     return start->tables->assembly == NULL && MODEL->n_algebraic == 0;
 }
 
-/* Allocate memory, and initialise a run and a start for a call in it. Return the memory; NULL:
+/* Allocate memory for a call, and initialise a run and a start in it. Return the memory, or NULL if
  * there is none. */
 static void *allocate(const cotree_start_call *call, cotree_run *run, cotree_start *start)
 {

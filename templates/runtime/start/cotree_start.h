@@ -1,6 +1,6 @@
-/* cotree_start.h: states and sensitivities at the start of a run that satisfy all equations.
+/* cotree_start.h: states and sensitivities that satisfy all equations at the start of a run.
  *
- * Given initial values are kept. Other coordinates and speeds follow from the constraints,
+ * Prescribed initial values are kept. The other coordinates and speeds follow from the constraints,
  * algebraic unknowns from their equations, and modes of jumps inside expressions from their event
  * functions. Sensitivities are the derivatives of these values.
  *
@@ -15,42 +15,43 @@
 
 COTREE_BEGIN_DECLS
 
-/* Results besides those of kernels. */
+/* Statuses in addition to those of kernels. Each comment states what culprit and column are. */
 #define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: a row of the assembly */
-#define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* culprit; column: the sensitivity */
+#define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* also column: the sensitivity */
 #define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
 #define COTREE_START_UNSOLVED 104    /* the algebraic equations have no solution */
 #define COTREE_START_TURNED_BACK 105 /* culprit: an event whose jump reverses its own condition */
 #define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
 #define COTREE_START_NO_MEMORY 107
-#define COTREE_START_ON_JUMP 109      /* culprit: an event, whose jump a parameter crosses */
-#define COTREE_START_UNDETERMINED 108 /* the algebraic equations leave unknowns free */
+#define COTREE_START_ON_JUMP 109      /* culprit: an event whose jump depends on a parameter */
+#define COTREE_START_UNDETERMINED 108 /* the algebraic equations do not determine all unknowns */
 
-/* A start in one call. */
+/* Data of a start that is computed in one call. */
 typedef struct cotree_start_call {
     const cotree_model *model;
     const cotree_start_tables *tables;
-    const cotree_real *p, *k; /* parameters, and their prepared values */
+    const cotree_real *p, *k; /* parameters and their prepared values */
     cotree_real t;
 #if COTREE_HAS_INPUTS
     int n_replaced; /* inputs that replace the model's, except in constraints */
     const cotree_table_input *replaced;
 #endif
-    const cotree_real *guess, *initial; /* as of a start */
+    const cotree_real *guess, *initial; /* see cotree_start */
     int n_set;
     const int *set;
     const cotree_real *values;
     int has_sensitivities;
     cotree_real *z;      /* result: states, then sensitivities */
-    const char *culprit; /* of a failure; "" if unknown */
+    const char *culprit; /* name of the cause of a failure; "" if unknown */
     int is_chosen;
-    int is_dependent; /* whether constraints are dependent at the start, or nearly so */
+    int is_dependent; /* 1: constraints are (nearly) dependent at the start */
 #if COTREE_HAS_MENDING
-    cotree_start_report *report; /* NULL: given values do not change */
+    cotree_start_report *report; /* NULL: prescribed values may not change */
 #endif
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
-    const cotree_helper *helper; /* NULL: none */
-    /* NULL: dense factorisations. Otherwise the caller checks that unknowns are determined. */
+    const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
+    /* NULL: dense factorisations are used. Otherwise the caller checks that unknowns are
+     * determined. */
     const cotree_elimination *elimination;
 #endif
 } cotree_start_call;
@@ -58,18 +59,18 @@ typedef struct cotree_start_call {
 typedef struct cotree_start {
     cotree_run *run;
     const cotree_start_tables *tables;
-    /* Guesses of algebraic unknowns and modes of friction and stops, n_states; NULL, after init:
-     * the model's own initial values. */
+    /* Guesses of algebraic unknowns and of modes of friction and stops, n_states entries. NULL, the
+     * default: the initial values of the model. */
     const cotree_real *guess;
-    /* All initial states and sensitivities, including those that are set; NULL, after init: the
-     * model's own. */
+    /* All initial states and sensitivities, including prescribed ones. NULL, the default: those of
+     * the model. */
     const cotree_real *initial;
-    /* Initial values that replace the model's; none after init. */
+    /* Initial values that replace the model's; by default none. */
     int n_set;
-    const int *set;            /* n_set: the states */
-    const cotree_real *values; /* n_set */
-    int culprit, column;       /* of a failure; -1: unknown */
-    int is_chosen;             /* whether a projection of minimum norm was chosen among several */
+    const int *set;            /* n_set state indices */
+    const cotree_real *values; /* n_set initial values */
+    int culprit, column;       /* cause of a failure; -1: unknown */
+    int is_chosen;             /* 1: the projection is ambiguous; one of several was chosen */
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     int is_trusted; /* 1: unknowns are assumed to be determined */
 #endif
@@ -84,12 +85,11 @@ typedef struct cotree_start {
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
                        cotree_arena *arena);
 
-/* Compute the states and sensitivities of the run at the start. Return 0 or a status. Prepared
- * values are those of run->k.
- */
+/* Compute the states and sensitivities of the run at the start. The prepared values are run->k.
+ * Return 0 or a status. */
 int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
 
-/* Compute the same for a call, in memory that is allocated and freed. Return 0 or a status. */
+/* Compute the start of a call, in memory that is allocated and freed. Return 0 or a status. */
 COTREE_EXPORT int cotree_start_once(cotree_start_call *call);
 
 #if COTREE_HAS_MENDING
@@ -98,11 +98,11 @@ COTREE_EXPORT int cotree_start_gradients(cotree_start_call *call, cotree_real *r
                                          cotree_real *weakest);
 #endif
 
-/* Return why there is no start, as a clause. */
+/* Return the reason why there is no start, as a clause. */
 const char *cotree_start_message(int status);
 
-/* Return the name of the culprit: a constraint, an initial value, an event or a state; "" if
- * unknown. */
+/* Return the name of the cause of a failure: a constraint, an initial value, an event or a state;
+ * "" if unknown. */
 const char *cotree_start_culprit(const cotree_start *start, int status);
 
 COTREE_END_DECLS

@@ -3,14 +3,14 @@
 
 #if COTREE_HAS_EVENTS
 #if COTREE_HAS_ALGEBRAIC
-/* Speeds below this share of the largest state (or of 1) are zero. */
+/* Speeds below this fraction of max(1, largest state) count as zero. */
 #define STILL COTREE_SELECT(1e-6, 2.8e-03f)
 #endif
 
-/* Rates are the same on both sides of a jump if they differ by at most this share. */
+/* Rates on both sides of a jump are equal if their relative difference is at most this. */
 #define SAME_RATE COTREE_SELECT(1e-12, 1e-05f)
 
-/* The largest number of changes of modes for each event. */
+/* Maximum number of mode changes for each event. */
 #define MOST_CHANGES 50
 
 int cotree_start_count_events(const cotree_start *start, int kind)
@@ -24,7 +24,7 @@ int cotree_start_count_events(const cotree_start *start, int kind)
 #if COTREE_HAS_ALGEBRAIC
 /* Modes of dry friction on which algebraic unknowns depend. */
 
-/* Set the modes of friction that is disengaged, or whose speed contradicts its mode. */
+/* Set the modes of friction elements that are disengaged, or whose speed contradicts their mode. */
 int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
@@ -63,7 +63,7 @@ int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotre
 #endif
 /* Modes of jumps. */
 
-/* Return a jump whose mode contradicts the sign of its event function, and its new mode; -1 if
+/* Return a jump whose mode disagrees with the sign of its event function, and its new mode; -1 if
  * there is none. */
 static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real *x,
                            cotree_real *mode, int *status)
@@ -121,7 +121,7 @@ static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *
     return status == 0 ? MODEL->rhs(t, x, run->u, run->p, run->k, rates) : status;
 }
 
-/* Return COTREE_START_ON_JUMP if the rates differ between the two values of a mode at its
+/* Return COTREE_START_ON_JUMP if the rates differ between the two values of a mode at one of its
  * events. */
 static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *z, int mode)
 {
@@ -145,8 +145,8 @@ static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *
     return status;
 }
 
-/* Return COTREE_START_ON_JUMP if the rates jump at z and the jump depends on a parameter: then
- * there are no sensitivities. */
+/* Return COTREE_START_ON_JUMP if the rates jump at z and the position of the jump depends on a
+ * parameter: then no sensitivities exist. */
 int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
@@ -163,7 +163,7 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
         int is_moved = 0;
         if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
         for (j = 0; j < N_SENSITIVITIES; ++j) {
-            /* A nan counts as a dependence. */
+            /* A nan counts as dependence. */
             if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) is_moved = 1;
         }
         start->culprit = i;

@@ -1,24 +1,24 @@
-/* cotree_start_unknowns.c: algebraic unknowns and contents of storages at a start. */
+/* cotree_start_unknowns.c: algebraic unknowns and states of storage elements at the start. */
 #include "cotree_start_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC
 #include "cotree_dense.h"
 
-/* Contents are converged up to this share of the terms of their equations, unknowns if they
- * change by less than this share of their magnitude. */
+/* Storage states have converged if their equations hold up to this fraction of the terms; unknowns
+ * have converged if they change by less than this fraction of their magnitude. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
-/* Changes of unknowns below this that are not half the previous ones are rounding errors. */
+/* Changes of unknowns below this that are more than half the previous ones are rounding errors. */
 #define STALLED COTREE_SELECT(1e-4, 2.3e-02f)
 
 /* Bound of the rounding errors of pivots, in units in the last place of the largest entry. */
 #define PIVOT_ROUNDING 10
 
-/* Limit of the iterations over contents and unknowns. */
+/* Maximum number of iterations over storage states and unknowns. */
 #define MOST_ROUNDS 50
 
-/* Solve for the algebraic unknowns of z in place until nothing changes: far from the root a step
- * may satisfy the test of convergence. */
+/* Solve for the algebraic unknowns of z in place until they do not change: far from the root, a
+ * single solution may pass the convergence test too early. */
 int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
@@ -30,7 +30,7 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
         if (cotree_run_find_states(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
         for (i = N_RATES; i < N_STATES; ++i) {
             const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
-            change += COTREE_FABS(run->full[i] - z[i]) / size; /* or nan */
+            change += COTREE_FABS(run->full[i] - z[i]) / size; /* true for nan, too */
             z[i] = run->full[i];
         }
         is_changed = !(change <= SETTLED || (change < STALLED && change > COTREE_F(0.5) * before));
@@ -39,7 +39,8 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
     return is_changed ? COTREE_START_UNSOLVED : 0;
 }
 
-/* Solve for the algebraic unknowns of z and their sensitivities, in place, from the guess in z. */
+/* Solve for the algebraic unknowns of z and their sensitivities in place, starting from the values
+ * in z. */
 static int solve(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const int status = cotree_start_complete_states(start, t, z);
@@ -63,8 +64,8 @@ static int unknown_of(const cotree_start *start, int i)
     return start->tables->contents[start->tables->n_contents + i];
 }
 
-/* Mark the contents that are computed from the variable that follows from each: those that are
- * not given, and those whose variable is set instead. Return their number. */
+/* Mark the storage states that are computed from the variable which each determines: those without
+ * an initial value, and those whose variable is set. Return their number. */
 static int mark_found(cotree_start *start)
 {
     int i, n = 0;
@@ -78,8 +79,8 @@ static int mark_found(cotree_start *start)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Return whether a content is computed for sensitivity j; one to an initial value keeps that
- * value. */
+/* Return whether a storage state is computed along sensitivity j. The sensitivity to its own
+ * initial value is prescribed. */
 static int is_found_along(const cotree_start *start, int i, int j)
 {
     const int seed = start->tables->seeds[j];
@@ -88,7 +89,7 @@ static int is_found_along(const cotree_start *start, int i, int j)
 }
 #endif
 
-/* Return the sum of the absolute terms of an equation at x, with its row of the Jacobian. */
+/* Return the sum of the absolute terms of an equation at x, from its row of the Jacobian. */
 static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree_real *x)
 {
     const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
@@ -102,8 +103,8 @@ static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree
     return sum;
 }
 
-/* Solve the equations c(v) - q = 0 for the contents q, with v as in z. Return a status of
- * kernels; is_left is 1 if a content has changed. */
+/* Solve the equations c(v) - q = 0 for the storage states q, with v from z. Return a kernel status;
+ * *is_left is 1 if one of them has changed. */
 static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
 {
     const cotree_run *const run = start->run;
@@ -120,8 +121,8 @@ static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, 
     return status;
 }
 
-/* Solve for the algebraic unknowns of z and for the contents that given ones determine, in
- * place. Rounds are repeated if a content depends on other unknowns, too. */
+/* Solve for the algebraic unknowns of z and for the storage states in place. Rounds are repeated if
+ * a storage state depends on other unknowns, too. */
 static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int i, n, is_left = 1, status;
@@ -140,12 +141,12 @@ static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Solve for the sensitivities of both. */
+/* Solve for the sensitivities of the unknowns and the storage states. */
 static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
     const int n_contents = start->tables->n_contents;
-    cotree_real *const given = start->given_slopes; /* those of the unknowns, by columns */
+    cotree_real *const given = start->given_slopes; /* derivatives of the unknowns, by columns */
     int i, j, n, is_left = 1, status = 0;
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         cotree_real *const s = z + (1 + j) * N_STATES;
@@ -187,7 +188,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
 }
 #endif
 
-/* Solve for algebraic unknowns, contents and their sensitivities. */
+/* Solve for algebraic unknowns, storage states and their sensitivities. */
 int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int status;
@@ -200,7 +201,7 @@ int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
     return status;
 }
 
-/* Return whether the matrix g_z at x, with rows and columns scaled, has full rank. */
+/* Return whether the matrix g_z at x has full rank after its rows and columns are scaled. */
 static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
 {
     const cotree_run *const run = start->run;
@@ -212,11 +213,12 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
     for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
     for (j = 0; j < n; ++j) {
         for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
-            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1; /* the rank is unknown */
+            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX))
+                return 1; /* assume full rank: it cannot be determined */
             if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
         }
     }
-    for (k = 0; k < 6; ++k) { /* rows and columns, three times */
+    for (k = 0; k < 6; ++k) { /* scale rows and columns alternately, three times */
         const int along = k % 2 == 0 ? 1 : n, across = k % 2 == 0 ? n : 1;
         for (i = 0; i < n; ++i) {
             cotree_real size = COTREE_F(0.0);
@@ -229,8 +231,8 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
                             start->pivots, start->pivots + n) == n;
 }
 
-/* Return whether the equations determine the unknowns, at z or near it. Junctions that hardly
- * conduct may leave a singular matrix at z only. */
+/* Return whether the equations determine the unknowns, at z or at a point near z. Junctions that
+ * hardly conduct may make the matrix singular at z alone. */
 static int is_determined(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     cotree_real *const x = start->w;
@@ -249,7 +251,7 @@ static int is_determined(cotree_start *start, cotree_real t, const cotree_real *
     return 0;
 }
 
-/* Solve for unknowns with the modes of friction. */
+/* Solve for algebraic unknowns together with the modes of friction. */
 int cotree_start_solve_unknowns(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int status = 0;
