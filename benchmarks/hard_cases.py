@@ -23,28 +23,28 @@ REVERSAL = ((5.0, 10.0, 20.0), (1e-7, 1e-10, 1e-13))
 
 HEAD = """# Hard cases
 
-`python benchmarks/hard_cases.py --write` writes this page. Each case runs at the relative
-tolerances 1e-4, 1e-7 and 1e-10 unless the table states others. The three numbers in a cell belong
-to these tolerances. The absolute tolerance is the relative tolerance times 1e-2, or times 1e-12 and
-1e-14 for the two chemical reactions. `auto` chooses the method; `*` marks a method that was named.
+`python benchmarks/hard_cases.py --write` writes this page. Unless the table states others, each
+case runs at the relative tolerances 1e-4, 1e-7 and 1e-10, to which the three numbers in a cell
+belong. The absolute tolerance is the relative tolerance times 1e-2, or times 1e-12 and 1e-14 for
+the two chemical reactions. `auto` selects the method; `*` marks a method that was selected by name.
 
 - **against**: the reference solution. It is a file of `tests/references`, a closed form, or a
   solution on which two different methods agree.
 - **digits**: −log₁₀ of the largest error of all quantities at all times. The error is relative to
   the largest value of the quantity. If the list below says "digits of each", it is relative to each
-  value. The number is limited by the accuracy of the reference.
+  value itself. The accuracy of the reference limits this number.
 - **drift**: the change of the energy relative to its value (in J if the value is below 1 J), or the
   residual of the constraints.
 - **steps, evaluations**: the number of steps and of evaluations of the right-hand side. Times
-  depend on the machine; `cotree bench` measures them on yours.
+  depend on the machine: measure them with `cotree bench`.
 """
 
 AFTER = """## Time reversal
 
-The final state of a chaotic motion cannot be compared with a reference, since initial errors grow
-by a factor e about every 1.3 s. Instead the double pendulum from the table runs forwards and then
-backwards to its start. The numbers are the largest difference between the initial and the final
-angles and rates. The method is dop853 with `atol = rtol`.
+The final state of a chaotic motion cannot be compared with a reference, because initial errors grow
+by a factor e about every 1.3 s. Instead, the double pendulum from the table is integrated forwards
+and then backwards to its start. The table lists the largest difference between the initial and the
+final angles and rates. The method is dop853 with `atol = rtol`.
 """
 
 

@@ -2,9 +2,9 @@
 Cauer's low-pass filter
 =======================
 
-This circuit is a passive filter of fifth order. Two of its capacitors are parallel to inductors
-and form loops with the other capacitors. The voltages in such a loop are dependent. The normal
-tree of the graph determines which voltages are states.
+This circuit is a passive filter of fifth order. Two of its capacitors are parallel to inductors and
+form loops with the other capacitors. The voltages in such a loop depend on each other. The normal
+tree of the graph determines which of them are states.
 """
 
 import matplotlib.pyplot as plt
@@ -40,8 +40,8 @@ plt.show()
 
 # %%
 # The circuit is ``CauerLowPassAnalog`` of the Modelica Standard Library 4.1. The Modelica
-# Association publishes its results, computed by Dymola with a tolerance of 1e-6: the voltage of
-# the load is 0.476793379 V at 18.216 s.
+# Association publishes reference results, which Dymola computed with a tolerance of 1e-6: the
+# voltage of the load is 0.476793379 V at 18.216 s.
 found = result["y"][np.searchsorted(t, 18.216)]
 print(f"{found:.9f} V, published 0.476793379 V")
 assert abs(found - 0.476793379) < 1e-5  # ten times the tolerance of the published run

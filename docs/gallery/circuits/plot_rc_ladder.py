@@ -2,9 +2,9 @@
 Delay of a wire as an RC ladder
 ===============================
 
-A wire on a chip behaves like a ladder of many resistors and capacitors. A loop in Python builds
-this ladder. Elmore's delay is the first moment of the impulse response. It has a closed form for
-any number of stages.
+A wire on a chip behaves like a ladder of many resistors and capacitors, which this script builds in
+a loop. Elmore's delay, the first moment of the impulse response, has a closed form for any number
+of stages.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,9 @@
 Step response of a series resonant circuit
 ==========================================
 
-This example computes the response of a series RLC circuit to a voltage step. A smaller resistance
-gives a larger overshoot. The model is compiled once and simulated with several resistances.
+This example computes the response of a series RLC circuit to a voltage step. The smaller the
+resistance, the larger the overshoot. The model is compiled once and simulated with several
+resistances.
 """
 
 import math
@@ -36,8 +37,8 @@ plt.show()
 
 # %%
 # The overshoot of a system of second order is :math:`\exp(-\pi\zeta/\sqrt{1-\zeta^2})` (K. Ogata,
-# *Modern Control Engineering*, section 5.3). An event locates the peak between the steps. The run
-# has an rtol of 1e-10.
+# *Modern Control Engineering*, section 5.3). An event locates the peak, which is usually between
+# two steps. The run has an rtol of 1e-10.
 damping = 40.0 / 2 * math.sqrt(C / L)
 exact = 1 + math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
 print(f"peak {peak:.9f} V, closed form {exact:.9f} V")

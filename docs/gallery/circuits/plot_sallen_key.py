@@ -2,8 +2,8 @@
 Frequency response of an active filter
 ======================================
 
-A Sallen-Key low-pass filter with an ideal operational amplifier. The matrices A, B, C and D of
-the linearised model give its frequency response in a few lines of NumPy.
+The circuit is a Sallen-Key low-pass filter with an ideal operational amplifier. The matrices A, B,
+C and D of the linearised model give its frequency response in a few lines of NumPy.
 """
 
 import math

@@ -2,8 +2,8 @@
 Rectifier from a SPICE netlist
 ==============================
 
-This example reads the SPICE netlist of a bridge rectifier with a floating source. The values of
-the elements become parameters. The names of these parameters select the sensitivities.
+This example reads the SPICE netlist of a bridge rectifier with a floating source. The values of the
+elements become parameters, whose names select the sensitivities.
 """
 
 from pathlib import Path
@@ -44,13 +44,13 @@ top.plot(1e3 * t, result["source"], lw=1, color="0.6", label="source")
 top.plot(1e3 * t, result["load"], label="load")
 top.set(ylabel="voltage [V]")
 top.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
-# The effect of one additional microfarad:
+# This is the effect of one additional microfarad:
 bottom.plot(1e3 * t, 1e-6 * 1e3 * result.sensitivity("load", "C1"), color="tab:green")
 bottom.set(xlabel="time [ms]", ylabel="∂ load / ∂ C1 [mV/μF]")
 plt.show()
 
 # %%
-# ngspice 39.3 gives 8.139467421 V at 40 ms with steps of at most 0.5 μs and reltol 1e-6. If the
-# conductance across the junctions (gmin) is smaller, this voltage changes by 1e-8 V.
+# ngspice 39.3 gives 8.139467421 V at 40 ms with steps of at most 0.5 μs and reltol 1e-6. With a
+# smaller conductance across the junctions (gmin), this voltage changes by 1e-8 V.
 print(f"{result['load'][-1]:.9f} V, ngspice 8.139467421 V")
 assert abs(result["load"][-1] - 8.139467421) < 1e-7

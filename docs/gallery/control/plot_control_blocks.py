@@ -2,9 +2,9 @@
 Control blocks: PID, sampling, delay and gain scheduling
 ========================================================
 
-Signal blocks are shipped as parts. This page uses a PID controller with limits, a sampled
-controller, transfer functions and delays. A lookup table schedules a gain. The results are compared
-with closed forms if these exist.
+Signal blocks come with cotree as parts. This page shows a PID controller with limits, a sampled
+controller, transfer functions and delays, and a gain that is scheduled by a lookup table. If a
+closed form exists, the result is compared with it.
 """
 
 import matplotlib.pyplot as plt
@@ -24,8 +24,8 @@ def motor(controller: str, **bindings: float | str) -> cotree.Scene:
 
 
 # %%
-# The torque is limited to 0.4 and saturates at first. A very long time constant ``Tt`` switches
-# anti-windup off. The integral then grows during the saturation, and the speed overshoots.
+# The torque is limited to 0.4 and saturates at first. A very long time constant ``Tt`` turns off
+# the anti-windup. The integral then grows during the saturation, and the speed overshoots.
 t = np.linspace(0, 20, 401)
 gains = {"Kp": 2.0, "Ki": 1.0, "lower": -0.4, "upper": 0.4}
 with_model = motor("pid", **gains, Tt=1.0).compile(["pid.Tt"])
@@ -40,8 +40,8 @@ assert overshoot[0] < 0.01 < 0.3 < overshoot[1]
 sampled = motor("sampled-pi", T=0.5, Kp=0.6, Ki=0.3).compile().simulate((0, 20), t)
 
 # %%
-# The step response of :math:`\omega^2/(s^2 + 2 D \omega s + \omega^2)` agrees with its closed
-# form. A delay of four Padé stages follows.
+# The step response of :math:`\omega^2/(s^2 + 2 D \omega s + \omega^2)` agrees with its closed form.
+# Next comes a delay of four Padé stages.
 w, D, T = 2.0, 0.25, 1.0
 chain = cotree.Scene("chain")
 chain.add("G", "transfer-function", b2=0.0, b1=0.0, b0=w**2, a1=2 * D * w, a0=w**2, u=1.0)
@@ -63,9 +63,9 @@ assert worst < 1e-8  # a hundred tolerances of the run
 assert late < 1e-2  # the stages are good up to 10/T; the jump of the acceleration is faster
 
 # %%
-# The drag of this wheel increases with the square of its speed. With a constant gain the control is
-# too slow at low speed or too weak at high speed. A table schedules the gain by the reference
-# speed. The points of the table are parameters with sensitivities.
+# The drag of this wheel increases with the square of its speed. With a constant gain, the
+# controller is too slow at low speed or too weak at high speed. A table therefore schedules the
+# gain by the reference speed. The points of the table are parameters with sensitivities.
 scene = cotree.Scene("scheduled")
 scene.parameter("K_fast", 6.0)
 scene.table("gain", x=[0.0, 2.0, 4.0], y=[1.0, 2.5, "K_fast"])

@@ -32,7 +32,7 @@ scene.edge("bearing", "rotational_damper", "ground", "shaft", damping=d)
 scene.edge("torque", "torque_source", "ground", "shaft", torque="-load")
 scene.edge("error", "current_source", "ground", "sum", current="wanted - shaft.w")
 scene.edge("memory", "capacitor", "sum", "ground", capacitance=1.0)
-scene.allow("dimension:error")  # the regulator is a circuit whose current stands for a speed
+scene.allow("dimension:error")  # the current in the controller represents a speed
 model = scene.compile()
 t = np.linspace(0, 1.1, 1101)
 result = model.simulate((0, 1.1), t)

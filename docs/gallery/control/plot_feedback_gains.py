@@ -2,9 +2,9 @@
 Feedback as an input, with sensitivities to its gains
 =====================================================
 
-This example adds a regulator to a shipped scene without a change of the scene. The control law is
-the input of a run, and its gains are parameters. The compiled closed loop gives the sensitivities
-to a gain.
+This example adds a regulator to a shipped scene without changing the scene. The control law is
+passed to the run as an input, and its gains are parameters. The compiled closed loop has
+sensitivities to the gains.
 """
 
 import matplotlib.pyplot as plt
@@ -29,8 +29,8 @@ gains = dict(zip(names, K.tolist(), strict=True))
 print({name: round(value, 3) for name, value in gains.items()})
 
 # %%
-# The law contains states and gains. The gains are not parameters of the scene, so that their values
-# are given as parameters of the run. The expression is compiled into the model at its first use.
+# The law contains states and gains. Because the scene does not declare the gains, their values are
+# passed as parameters of the run. The expression is compiled into the model when it is first used.
 law = " ".join(f"- {k}*{x}" for k, x in zip(names, model.states, strict=True))
 print("push =", law)
 t = np.linspace(0, 5, 251)
@@ -39,7 +39,7 @@ run = model.simulate((0, 5), t, inputs={"push": law}, parameters=gains, initial=
 assert abs(run["hinge.theta"][-1]) < 1e-3  # ten time constants of 0.5 s
 
 # %%
-# For sensitivities to a gain, the closed loop is compiled as a separate scene. It has no input. Its
+# For sensitivities to a gain, the closed loop is compiled as a separate scene without an input. Its
 # poles are the eigenvalues of :math:`A - B K`.
 closed = scene.with_inputs({"push": law}, gains).compile(["k_angle"])
 A_closed = linear.A - linear.B @ K[None, :]
@@ -47,9 +47,9 @@ assert np.max(np.abs(closed.linearize(y=np.zeros(4)).A - A_closed)) < 1e-12  # r
 nonlinear = closed.simulate((0, 5), t, initial=tilted)
 
 # %%
-# Near the upright position there is a closed form. The states satisfy :math:`x' = (A - B K) x`. The
-# sensitivity :math:`s` to the second gain satisfies :math:`s' = (A - B K) s - B x_2`. One matrix
-# exponential gives both.
+# Near the upright position, the solution has a closed form. The states satisfy :math:`x' = (A - B
+# K) x`. The sensitivity :math:`s` to the second gain satisfies :math:`s' = (A - B K) s - B x_2`. A
+# single matrix exponential gives both.
 n, second = 4, np.eye(4)[[1]]
 both = np.block([[A_closed, np.zeros((n, n))], [-linear.B @ second, A_closed]])
 start = np.concatenate([second[0] * 1e-4, np.zeros(n)])

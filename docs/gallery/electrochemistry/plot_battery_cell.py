@@ -2,7 +2,7 @@
 Discharge of a battery cell
 ===========================
 
-A cell with two RC pairs delivers a constant current for ten minutes. After the current is switched
+A cell with two RC pairs delivers a constant current for ten minutes. When the current is switched
 off, the voltage recovers with two time constants. Sensitivities show which parameters a voltage
 measurement can identify.
 """

@@ -3,8 +3,8 @@ Robertson's reaction over eleven decades of time
 ================================================
 
 Robertson's problem is a classic test of stiff solvers. The rates of its three reactions differ by
-nine orders of magnitude. Species and reactions are components. Sensitivities to the rate constants
-are therefore available.
+nine orders of magnitude. Species and reactions are components, so sensitivities to the rate
+constants are available.
 """
 
 import matplotlib.pyplot as plt
@@ -35,7 +35,7 @@ plt.show()
 
 # %%
 # The *Test Set for Initial Value Problem Solvers* (F. Mazzia and C. Magherini, Bari, release 2.4,
-# problem ``rober``) gives A = 2.083340149701255e-8 at the end. The local error of 1e-9 per step is
-# amplified, since A falls by a factor of fifty million.
+# problem ``rober``) gives A = 2.083340149701255e-8 at the end. Local errors of 1e-9 per step are
+# amplified, because A falls by a factor of fifty million.
 print(f"A at the end {result['A.c'][-1]:.8e}, published 2.08334015e-08")
 assert abs(result["A.c"][-1] / 2.083340149701255e-8 - 1) < 1e-6

@@ -2,9 +2,9 @@
 A C project without Python
 ==========================
 
-This is a task of embedded programming: export a model as C, build it with a C99 compiler, run it
-and compare its results with those of Python. The kernels of the model allocate no memory and keep
-no state.
+A typical task in embedded programming is to export a model as C, build it with a C99 compiler, run
+it and compare its results with those of Python. The kernels of the model allocate no memory and
+keep no state.
 """
 
 import shlex
@@ -50,7 +50,8 @@ plt.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 plt.show()
 
 # %%
-# Both programs take the same steps. The C program prints twelve digits, which are compared here.
+# Both programs take the same steps. The C program prints twelve digits, and all of them are
+# compared.
 error = max(abs(last.columns()[name][-1] - ends[-1][name]) for name in ("j1.s", "d(j1.s)/d(L)"))
 print(f"largest difference at the end {error:.1e}")
 assert error < 1e-11

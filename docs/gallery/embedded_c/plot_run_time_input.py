@@ -3,8 +3,8 @@ A crane on a controller, its valve as input
 ===========================================
 
 This example exports the shipped hydraulic crane with its sensitivity to the load and runs the C
-program. A program of your own then replaces the main program. It receives a sample of the valve
-signal every 10 ms at run time and returns the results.
+program. Then your own program replaces the main program. It receives a sample of the valve signal
+every 10 ms at run time and returns the results.
 """
 
 import io
@@ -24,8 +24,8 @@ project = model.write(work.name, integrator="rk4", step=0.001)
 print(project.command)
 
 # %%
-# The exported main program prints a table if a number of points is given. The table has the columns
-# of ``result.to_csv``.
+# If you specify a number of points, the exported main program prints a table with the columns of
+# ``result.to_csv``.
 subprocess.run(shlex.split(project.command), cwd=work.name, check=True)
 done = subprocess.run(
     [Path(work.name, "crane"), "4.0", "5"], check=True, capture_output=True, text=True
@@ -33,9 +33,9 @@ done = subprocess.run(
 print("\n".join(line[:72] for line in done.stdout.splitlines()))
 
 # %%
-# Your own program replaces ``main.c``. This program reads a sample of the valve signal from its
-# standard input, takes ten steps of 1 ms, and prints the height and its sensitivity. It then waits
-# for the next sample. It allocates no memory.
+# This program replaces ``main.c``. It reads a sample of the valve signal from standard input, takes
+# ten steps of 1 ms, and prints the height and its sensitivity. It then waits for the next sample.
+# It allocates no memory.
 CONTROLLER = r"""
 #include "cotree_rk4.h"
 #include "cotree_run.h"
@@ -124,8 +124,8 @@ bottom.set(xlabel="time [s]", ylabel="∂ height / ∂ load [mm/kg]")
 plt.show()
 
 # %%
-# This is the largest difference between both, relative to the largest value. With steps of 1 ms
-# there are 160 steps per period of the crane on its oil column.
+# The number is the largest difference between the two, relative to the largest value. With steps of
+# 1 ms, there are 160 steps in each period of the oscillation of the crane on its oil column.
 errors = [
     np.max(np.abs(height - result["height"][1:])) / np.max(np.abs(height)),
     np.max(np.abs(by_load - result.sensitivity("height", "load")[1:])) / np.max(np.abs(by_load)),

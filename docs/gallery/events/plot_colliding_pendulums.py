@@ -3,7 +3,7 @@ Two pendulums collide
 =====================
 
 A pendulum falls and hits a second pendulum at rest. ``impact`` is an event whose impulse follows
-from the masses and constraints. Only the coefficient of restitution is given.
+from the masses and constraints. You specify only the coefficient of restitution.
 """
 
 import math
@@ -20,7 +20,7 @@ for k, mass, angle in ((1, m1, start), (2, m2, 0.0)):
     scene.edge(f"h{k}", "revolute", "ground", f"A{k}", axis=[0, 0, 1], initial={"theta": angle})
     scene.edge(f"r{k}", "arm", f"A{k}", f"B{k}", vector=[0, -length, 0])
     scene.edge(f"b{k}", "rigid_body", "ground", f"B{k}", mass=mass)
-# The gap is the angle between both pendulums, since the balls are small and hang side by side.
+# The balls are small and hang side by side, so the gap is the angle between the pendulums.
 scene.event("hit", "h2.theta - h1.theta", direction=-1, impact={"restitution": e})
 t = np.linspace(0, 4, 2001)
 model = scene.compile()

@@ -38,9 +38,9 @@ bottom.set(xlabel="time [h]", ylabel="heating", yticks=[0, 1])
 plt.show()
 
 # %%
-# The temperature is exponential during heating and cooling. The period is the sum of both
-# durations. Events are located to the rounding error of the temperature, 6e-14 K, at rates of
-# 1e-3 K/s. The tolerance of the run is 1e-10.
+# The temperature is exponential during heating and cooling, and the period is the sum of both
+# durations. Events are located to the rounding error of the temperature, 6e-14 K, at rates of 1e-3
+# K/s. The tolerance of the run is 1e-10.
 warm = outside + R * power
 period = R * C * math.log((warm - low) / (warm - high))
 period += R * C * math.log((high - outside) / (low - outside))

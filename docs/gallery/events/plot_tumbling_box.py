@@ -2,8 +2,8 @@
 Box that tumbles on a floor
 ===========================
 
-A box is thrown onto a floor. While a corner is below the surface of the floor, a contact force
-after Hunt and Crossley and a friction force act on it. The box comes to rest on one of its sides.
+A box is thrown onto a floor. While a corner is below the surface of the floor, a Hunt-Crossley
+contact force and a friction force act on it. The box comes to rest on one of its sides.
 """
 
 import matplotlib.pyplot as plt
@@ -21,7 +21,7 @@ scene.contact(
     "ground",
     "B",
     normal=[0, 1, 0],
-    size=[0.3, 0.2, 0],  # a plate: four corners
+    size=[0.3, 0.2, 0],  # a plate has four corners
     stiffness=2e5,
     dissipation=1.0,
     friction="mu",
@@ -54,5 +54,5 @@ slope = result.sensitivity("box.x", "mu")[-1]
 print(f"it stops at {result['box.x'][-1]:.4f} m; d(x)/d(mu) = {slope:.3f} m")
 
 # %%
-# The motion:
+# This is the motion:
 result.animate(speed=0.5)

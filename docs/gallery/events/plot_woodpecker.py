@@ -3,10 +3,10 @@ A woodpecker comes down its pole
 ================================
 
 In this toy a spring connects a bird to a sleeve, which is slightly wider than the pole. The sleeve
-jams, and friction holds it until the oscillating bird tilts it. The beak hits the pole and bounces
-back. Three rigid contacts with impacts, sticking and sliding lead to a limit cycle. The dimensions
-are those of R. Leine, Ch. Glocker, D. van Campen, Nonlinear dynamics of the woodpecker toy, ASME
-DETC2001/VIB-21608.
+jams, and friction holds it until the oscillating bird tilts it back. The beak hits the pole and
+bounces back. Three rigid contacts with impacts, sticking and sliding lead to a limit cycle. The
+dimensions are those of R. Leine, Ch. Glocker, D. van Campen, Nonlinear dynamics of the woodpecker
+toy, ASME DETC2001/VIB-21608.
 """
 
 import matplotlib.pyplot as plt
@@ -54,8 +54,8 @@ fig.tight_layout()
 plt.show()
 
 # %%
-# While the sleeve is jammed (shaded), it sticks or slides. The limit cycle of the bird (right) has
-# a jump at the impact of the beak. Moreau's time-stepping method with steps of 10 µs gives the same
+# While the sleeve is jammed (shaded), it sticks or slides. The phase plot of the bird (right) has a
+# jump at the impact of the beak. Moreau's time-stepping method with steps of 10 µs gives the same
 # cycle: 0.1308 s and 14.5 mm.
 row = result.events["peck.normal hits"]
 period = np.diff(row.t)[-1]

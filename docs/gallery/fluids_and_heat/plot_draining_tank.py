@@ -36,8 +36,8 @@ plt.show()
 
 # %%
 # The level is proportional to the square of the remaining time. The time and its derivative with
-# respect to the area therefore have closed forms (any textbook of hydraulics). The orifice follows
-# Torricelli's law exactly above 1 Pa.
+# respect to the area therefore have closed forms (see any textbook of hydraulics). The orifice
+# follows Torricelli's law exactly above 1 Pa.
 result = model.simulate((0, 150), rtol=1e-10, atol=1e-6)
 exact = A / a * math.sqrt(2 / g) * (math.sqrt(h0) - math.sqrt(h1))
 time, slope = result.events["low"].t[0], result.event_sensitivity("low", "a")[0]

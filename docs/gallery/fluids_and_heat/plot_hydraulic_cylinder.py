@@ -2,9 +2,9 @@
 Mass on a column of oil
 =======================
 
-A pump moves oil through a narrow line into a cylinder, which lifts a mass. Oil is compressible, so
-that the mass oscillates on the oil column. The frequency of this oscillation limits the bandwidth
-of such a drive.
+A pump moves oil through a narrow line into a cylinder, which lifts a mass. Because oil is
+compressible, the mass oscillates on the oil column. The frequency of this oscillation limits the
+bandwidth of such a drive.
 """
 
 import matplotlib.pyplot as plt
@@ -39,7 +39,7 @@ plt.show()
 
 # %%
 # The undamped natural frequency is :math:`A/\sqrt{C m}`, and the decay rate is :math:`1/(2 R C)`
-# (H. E. Merritt, *Hydraulic Control Systems*, chapter 6). The differences are rounding errors.
+# (H. E. Merritt, *Hydraulic Control Systems*, chapter 6). The differences are only rounding errors.
 poles = np.linalg.eigvals(model.linearize().A)
 C = volume / modulus
 found, exact = abs(poles[0]), area / np.sqrt(C * mass)

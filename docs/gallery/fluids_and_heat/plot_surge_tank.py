@@ -2,7 +2,7 @@
 Surge tank of a power station
 =============================
 
-After the shutdown of the turbines of a power station, the water in the supply tunnel flows into the
+After the turbines of a power station are shut down, the water in the supply tunnel flows into the
 surge tank and oscillates. The maximum level determines the required height of the tank.
 """
 

@@ -26,7 +26,7 @@ for number, row in enumerate(rows[:2]):
 plt.show()
 
 # %%
-# Eq. (8) is copied from the paper. SymPy compares the expressions, so that the difference is
+# Eq. (8) is copied from the paper. SymPy compares the expressions symbolically: the difference is
 # exactly zero.
 symbol = equations.symbols
 s, theta, theta_dot = (symbol[name] for name in ("j1.s", "h2.theta", "h2.theta_dot"))

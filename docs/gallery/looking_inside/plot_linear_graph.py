@@ -2,9 +2,9 @@
 Linear graph of a scene
 =======================
 
-Nodes are frames or points, and edges are components. The tree (bold) determines the unknowns. The
-f-cutsets of the tree give the balance equations, and its f-circuits give the compatibility
-equations.
+In a linear graph, nodes are frames or points, and edges are components. The tree (bold) determines
+the unknowns. The f-cutsets of the tree give the balance equations, and its f-circuits give the
+compatibility equations.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ report = cotree.load("slider-pendulum").graph()
 figure = report.draw()
 
 # %%
-# Without a branch, the tree has two parts. The f-cutset of the branch consists of all edges between
-# these parts. Each chord defines an f-circuit.
+# If a branch is removed, the tree falls into two parts. The f-cutset of the branch consists of all
+# edges between these parts. Each chord defines an f-circuit.
 print(report.f_cutset["translation"].summary())
 print(report.f_circuit["translation"].summary())
 

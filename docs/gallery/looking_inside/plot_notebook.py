@@ -33,7 +33,7 @@ result = model.simulate((0, 0.6), rtol=1e-6)
 result
 
 # %%
-# Curves are smooth, although the method took only a few steps.
+# Curves are smooth, although the method takes only a few steps.
 print(len(result.t), "points")
 figure = result.plot(["speed"])
 

@@ -13,7 +13,8 @@ import numpy as np
 import cotree
 
 ground = {"O": (0, 0), "A": (-0.06934, -0.00227), "B": (-0.03635, 0.03273), "C": (0.014, 0.072)}
-# For each body: mass, inertia, initial angle and positions of its points.
+# The entries of each body are its mass, its inertia, its initial angle and the positions of
+# its points.
 bodies = {
     "K1": (0.04325, 2.194e-6, -0.06171389001427645, {"m": (0.00092, 0), "f": (0.007, 0)}),
     "K2": (0.00365, 4.41e-7, -0.06171389001427645, {"m": (-0.0115, 0), "e": (-0.028, 0)}),
@@ -69,12 +70,12 @@ plt.show()
 # %%
 # The *Test Set for Initial Value Problem Solvers* (F. Mazzia and C. Magherini, Bari, release 2.4,
 # problem ``andrews``) gives the angle of the crank after 30 ms, 15.81077119629904 rad. The motion
-# amplifies errors by a factor of about 1e5, and the tolerance of each step is 1e-11.
+# amplifies errors by a factor of about 1e5, and the tolerance is 1e-11 for each step.
 found = result["O.theta"][-1]
 print(f"angle of the crank {found:.11f} rad, published 15.81077119630 rad")
 print(f"remaining constraint residual {result.drift.worst:.1e}")
 assert abs(found - 15.81077119629904) < 1e-6
 
 # %%
-# The motion, about three hundred times slower:
+# This is the motion, about three hundred times slower:
 result.animate(speed=0.003)

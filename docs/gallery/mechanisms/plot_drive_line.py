@@ -39,8 +39,8 @@ right.legend()
 plt.show()
 
 # %%
-# After the oscillation all inertias rotate together. The torque at the wheel then accelerates their
-# total mass.
+# After the oscillation has decayed, all inertias rotate together, and the torque at the wheel
+# accelerates their total mass.
 ratio, radius, T = 12.5, 0.31, 120.0
 mass = 1350.0 + (2.4 + ratio**2 * (0.18 + 0.012)) / radius**2
 late = model.simulate((0, 10.0), [9.0, 10.0], rtol=1e-9)["speed"]

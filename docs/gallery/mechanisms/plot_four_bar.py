@@ -21,7 +21,7 @@ scene.edge("pin1", "revolute", "ground", "A", axis=z, initial={"theta": 1.0, "th
 scene.edge("crank", "arm", "A", "B", vector=[a, 0, 0])
 scene.edge("pin2", "revolute", "B", "B2", axis=z)
 scene.edge("coupler", "arm", "B2", "C", vector=[b, 0, 0])
-scene.edge("rib", "arm", "B2", "P", vector=[b / 2, 0.9, 0])  # the point that draws
+scene.edge("rib", "arm", "B2", "P", vector=[b / 2, 0.9, 0])  # the point whose path is drawn
 scene.edge("pin4", "revolute", "D", "D2", axis=z)
 scene.edge("rocker", "arm", "D2", "C2", vector=[0, c, 0])  # upright at zero
 scene.edge("pin3", "revolute", "C", "C2", axis=z)  # closes the loop
@@ -45,9 +45,9 @@ right.set(xlabel="angle of the crank [deg]", ylabel="angle of the rocker [deg]")
 plt.show()
 
 # %%
-# Freudenstein's equation gives the rocker's angle for that of the crank in closed form (R. L.
-# Norton, *Design of Machinery*, Eq. 4.10). Projection keeps the loop closed to rounding errors, so
-# both sides differ by rounding errors only.
+# Freudenstein's equation gives the angle of the rocker as a function of the crank angle in closed
+# form (R. L. Norton, *Design of Machinery*, Eq. 4.10). Projection keeps the loop closed, so both
+# sides differ by rounding errors only.
 k1, k2, k3 = d / a, d / c, (a**2 - b**2 + c**2 + d**2) / (2 * a * c)
 p = np.cos(crank) - k1 - k2 * np.cos(crank) + k3
 q = -2 * np.sin(crank)

@@ -27,9 +27,9 @@ t = np.linspace(0, 3, 1501)
 result = scene.compile().simulate((0, 3), t, method="dop853", rtol=1e-11, atol=1e-12)
 
 # %%
-# The energy and two angular momenta are constant. The roots of Euler's cubic therefore limit the
-# cosine :math:`u` of the angle between the axis and the vertical. They give the lowest point in
-# closed form (H. Goldstein, *Classical Mechanics*, section 5.7):
+# The energy and two angular momenta are constant. The cosine :math:`u` of the angle between the
+# axis and the vertical therefore moves between two roots of Euler's cubic. One of them gives the
+# lowest point in closed form (H. Goldstein, *Classical Mechanics*, section 5.7):
 #
 # .. math:: \dot u^2 = (\alpha - \beta u)(1 - u^2) - (b - a u)^2
 A = J1 + m * length**2
@@ -49,7 +49,7 @@ right.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
 plt.show()
 
 # %%
-# The minimum between two points of the grid is below the lower point by at most
-# :math:`\ddot z\,\Delta t^2 / 8`. With intervals of 2 ms this is 1.2e-5 m.
+# The lowest point may lie between two points of the grid. The lower of these is too high by at most
+# :math:`\ddot z\,\Delta t^2 / 8`, which is 1.2e-5 m for intervals of 2 ms.
 print(f"lowest point {result['z'].min():.6f} m, closed form {lowest:.6f} m")
 assert 0 <= result["z"].min() - lowest < 1.2e-5

@@ -5,8 +5,9 @@ A linkage through three points
 A point on the coupler of a four-bar linkage must pass through three given points at given times.
 The crank turns at a constant speed, and the linkage should be as light as possible.
 ``cotree.optimise`` chooses seven lengths and angles. They satisfy six conditions exactly, and the
-remaining freedom minimises the lengths of the bars. The sensitivities of the closed loop give the
-gradients. If lengths cannot be assembled, the search takes a shorter step.
+remaining degree of freedom minimises the lengths of the bars. The gradients are sensitivities of
+the closed loop. If the linkage cannot be assembled with certain lengths, the optimiser takes a
+shorter step.
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +25,7 @@ scene.edge("pin1", "revolute", "ground", "A", axis=z, motion="phase + t")  # 1 r
 scene.edge("crank", "arm", "A", "B", vector=["a", 0, 0])
 scene.edge("pin2", "revolute", "B", "B2", axis=z)
 scene.edge("coupler", "arm", "B2", "C", vector=["b", 0, 0])
-scene.edge("rib", "arm", "B2", "P", vector=["u", "v", 0])  # the point that is led
+scene.edge("rib", "arm", "B2", "P", vector=["u", "v", 0])  # the guided point
 scene.edge("pin4", "revolute", "D", "D2", axis=z)
 scene.edge("rocker", "arm", "D2", "C2", vector=[0, "c", 0])
 scene.edge("pin3", "revolute", "C", "C2", axis=z)  # closes the loop
@@ -68,7 +69,7 @@ ax.legend()
 plt.show()
 
 # %%
-# A run with output at the three times shows the distances from the given points.
+# A run whose output times are the three given times shows the distances from the points.
 check = found.model.simulate((0, 2.5), sorted(points), parameters=found.parameters)
 missed = max(
     abs(check[name] - [points[t][i] for t in sorted(points)]).max() for i, name in enumerate("xy")

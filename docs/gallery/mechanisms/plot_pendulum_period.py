@@ -3,7 +3,7 @@ Period of a pendulum at large amplitude
 =======================================
 
 The period of a pendulum increases with its amplitude. Events locate the turning points. The period
-is therefore as accurate as the integration and does not depend on the spacing of stored points.
+is therefore as accurate as the integration, independent of the spacing of stored points.
 """
 
 import math

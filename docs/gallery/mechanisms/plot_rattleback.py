@@ -2,7 +2,7 @@
 Rattleback that turns back
 ==========================
 
-A rattleback is an ellipsoid. Its principal axes of inertia are slightly rotated relative to the
+A rattleback is an ellipsoid whose principal axes of inertia are slightly rotated relative to the
 axes of its surface. If it spins in one direction, it starts to rock, stops and then spins in the
 other direction.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 import cotree
 
-# Kane and Levinson, Int. J. Non-Linear Mechanics 17 (1982) 175; SI units.
+# The parameters are from Kane and Levinson, Int. J. Non-Linear Mechanics 17 (1982) 175; SI units.
 semiaxes, height, lean, spin = [0.2, 0.03, 0.02], 0.01, math.radians(0.5), -5.0
 inertia = [[2e-4, -2e-5, 0.0], [-2e-5, 1.6e-3, 0.0], [0.0, 0.0, 1.7e-3]]
 
@@ -39,7 +39,7 @@ def rattleback(type, **contact):
 
 # %%
 # The example compares two models. In the first, constraints enforce rolling. In the second, the
-# body has an elastic contact with friction, so that it slips at times and loses energy.
+# body has an elastic contact with friction. It therefore slips at times and loses energy.
 t = np.linspace(0, 8, 801)
 rolling = rattleback("rolling_ellipsoid").simulate((0, 8), t, rtol=1e-10)
 elastic = {"stiffness": 1e7, "dissipation": 0.3, "friction": 1.0, "transition": 1e-5}
@@ -56,7 +56,7 @@ right.axis("off")
 plt.show()
 
 # %%
-# Rolling conserves the energy.
+# In rolling, the energy is conserved.
 change = np.ptp(rolling["energy"]) / rolling["energy"][0]
 left_over = touching["energy"][-1]
 print(f"energy changes by {change:.1e} of itself; on the contact {left_over:.3f} J are left")

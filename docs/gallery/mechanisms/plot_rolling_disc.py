@@ -46,7 +46,7 @@ plt.show()
 
 # %%
 # The distance between the centre and the axis of the circle is constant. The run takes about a
-# hundred steps with errors of 1e-11.
+# hundred steps, with errors of 1e-11 each.
 radius = np.hypot(result["x"], result["y"] - R * spin / turn)
 print(f"radius {R * spin / turn:.9f} m, simulated {radius.min():.9f} to {radius.max():.9f} m")
 assert np.max(np.abs(radius - R * spin / turn)) < 1e-8

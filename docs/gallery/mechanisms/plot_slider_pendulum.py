@@ -2,9 +2,10 @@
 Slider-pendulum with sensitivities
 ==================================
 
-A spring holds a block on a guide. A rod is hinged to the block. This is the example of Banerjee and
-McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*. cotree forms the
-governing equations, Eq. (8), and the sensitivity equations, Eq. (9), from the linear graph.
+A block on a guide is attached to a spring, and a rod is hinged to the block. This is the example of
+Banerjee and McPhee, *Graph-Theoretic Modelling and Sensitivity Analysis of Dynamic Systems*. cotree
+forms the governing equations, Eq. (8), and the sensitivity equations, Eq. (9), from the linear
+graph.
 """
 
 import numpy as np
@@ -33,8 +34,8 @@ result = model.simulate((0, 10), np.linspace(0, 10, 501), rtol=1e-10, atol=1e-12
 figure = result.plot(["j1.s", "h2.theta", "d(j1.s)/d(L)", "d(h2.theta)/d(L)"])
 
 # %%
-# SciPy integrates Eq. (8) of the paper, which was entered by hand. It gives the same position of
-# the block after 10 s. The error per step is 1e-10 in both runs, so that nine digits must agree.
+# SciPy integrates Eq. (8) of the paper, which was entered by hand. Both runs give the same position
+# of the block after 10 s. Their error per step is 1e-10, so nine digits must agree.
 m1, m2, L, r, zeta, k, s0, g = values.values()
 
 

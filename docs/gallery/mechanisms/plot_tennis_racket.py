@@ -36,8 +36,8 @@ plt.show()
 
 # %%
 # Landau and Lifshitz (*Mechanics*, section 37) give the period as a function of the energy and the
-# angular momentum. A period takes a few tens of steps with errors of 1e-11. The motion near the
-# unstable axis amplifies these errors by a factor of 100.
+# angular momentum. A period takes a few tens of steps with errors of 1e-11 each. The motion near
+# the unstable axis amplifies these errors by a factor of 100.
 energy2 = I1 * w[0] ** 2 + I2 * w[1] ** 2 + I3 * w[2] ** 2  # twice the energy
 momentum2 = (I1 * w[0]) ** 2 + (I2 * w[1]) ** 2 + (I3 * w[2]) ** 2
 first, second = (I1, I3) if momentum2 > energy2 * I2 else (I3, I1)
@@ -50,5 +50,5 @@ print(f"period {simulated:.8f} s, closed form {period:.8f} s")
 assert abs(simulated - period) < 1e-7 * period
 
 # %%
-# The body, drawn as a box of the same inertia:
+# The animation shows the body as a box of the same inertia:
 result.animate(speed=1.0)

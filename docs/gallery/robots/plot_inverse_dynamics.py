@@ -2,9 +2,9 @@
 Torques of a given motion
 =========================
 
-A joint with a prescribed ``motion`` has an output ``drive``, the force or torque that the motion
-requires. The inverse dynamics of an arm are therefore a scene without states, so that no
-integration is needed.
+If a joint has a prescribed ``motion``, its output ``drive`` is the force or torque that the motion
+requires. The inverse dynamics of an arm is therefore a scene without states, and no integration is
+needed.
 """
 
 import matplotlib.pyplot as plt
@@ -37,7 +37,8 @@ plt.show()
 
 # %%
 # J. Craig, *Introduction to Robotics*, Eq. 6.58, gives the torques of an arm with two point masses
-# in closed form. Both sides consist of a few tens of operations on numbers up to 30 N m.
+# in closed form. Both sides consist of a few tens of operations on numbers up to 30 N m, so only
+# rounding errors remain.
 q1, dq1, ddq1 = 0.8 * np.sin(2 * t), 1.6 * np.cos(2 * t), -3.2 * np.sin(2 * t)
 q2, dq2, ddq2 = 0.5 - 0.9 * np.cos(3 * t), 2.7 * np.sin(3 * t), 8.1 * np.cos(3 * t)
 elbow = m2 * L2**2 * (ddq1 + ddq2) + m2 * L1 * L2 * np.cos(q2) * ddq1

@@ -2,7 +2,7 @@
 A quadruped of four legs
 ========================
 
-The leg is defined once and used four times. The shipped part ``quadruped-leg`` has two links,
+The leg is defined once and added four times. The shipped part ``quadruped-leg`` has two links,
 springs at the hip and the knee, and a foot on the ground. The trunk falls from a small height. The
 hips are then driven, and the trunk oscillates.
 """
@@ -45,5 +45,5 @@ print(f"load on all feet {load:.4f} N, weight {weight:.4f} N")
 assert abs(load - weight) < 1e-2
 
 # %%
-# The whole motion:
+# The animation shows the whole motion:
 result.animate()

@@ -2,8 +2,9 @@
 Robot arm from a URDF file
 ==========================
 
-cotree translates a URDF file to a scene. Links are nodes, and joints are edges with a drive. All
-masses and moments of inertia are parameters. The arm falls from a horizontal position and swings.
+cotree translates a URDF file into a scene, whose nodes are the links and whose edges are the joints
+with drives. All masses and moments of inertia are parameters. The arm falls from a horizontal
+position and swings.
 """
 
 from pathlib import Path
@@ -56,7 +57,7 @@ print(f"acceleration of the shoulder {found:.9f} rad/s^2, closed form {exact[0]:
 assert abs(found - exact[0]) < 1e-11
 
 # %%
-# The whole motion, with dampers in both joints:
+# The animation shows the motion with dampers in both joints:
 result = model.simulate((0, 6), np.linspace(0, 6, 601))
 fig, (left, right) = plt.subplots(1, 2, figsize=(9, 4), width_ratios=[1.4, 1])
 for joint in ("shoulder", "elbow"):

@@ -3,7 +3,7 @@ Restitution of a ball from noisy heights
 ========================================
 
 A camera records a bouncing ball. This example estimates the initial height and the coefficient of
-restitution from the record. The sensitivities are exact and jump at the bounces.
+restitution from the record. The sensitivities are exact, although they jump at the bounces.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ scene.edge("body", "rigid_body", "ground", "B", mass=1.0)
 scene.event("hit", "j.s", direction=-1, set={"j.s_dot": "-e*j.s_dot"})
 
 # %%
-# The record comes from free fall in closed form between the bounces, with noise of 2 cm.
+# The record is simulated: free fall in closed form between the bounces, with noise of 2 cm.
 g, e, h = 9.81, 0.8, 1.8
 t = np.linspace(0, 3, 61)
 fall = np.sqrt(2 * h / g)
@@ -30,9 +30,9 @@ for n, begin in enumerate(begins, start=1):
 record = {"t": t, "height": height + 0.02 * np.random.default_rng(2).standard_normal(t.size)}
 
 # %%
-# If the bounces are at other times than in the record, the likelihood has many local maxima. A fit
-# with one start may end at one of these. With a restitution below 0.7 the ball would come to rest
-# within the record after infinitely many bounces. Such runs fail.
+# The likelihood has many local maxima, in which the bounces occur at other times than in the
+# record. A fit with one start may end at one of these. With a restitution below 0.7, the ball would
+# come to rest within the record after infinitely many bounces, and such runs fail.
 run = cotree.Experiment(record, observables={"height": "j.s"}, noise=0.02)
 result = cotree.fit(scene, run, {"e": (0.7, 0.95), "j.s": (1.5, 2.2)}, starts=30)
 print(result)
@@ -41,7 +41,8 @@ result.plot()
 plt.show()
 
 # %%
-# The waterfall plot shows the number of starts that found the best optimum and the other optima.
+# The waterfall plot shows how many starts found the best optimum, and the values of the other
+# optima.
 result.plot_waterfall()
 plt.show()
 

@@ -16,7 +16,7 @@ import cotree
 model = cotree.load("slider-pendulum").compile(["k"])
 grid = cotree.grid(zeta=np.linspace(0.0, 4.0, 33), k=np.geomspace(20, 500, 49))
 span = {"t_eval": 401, "rtol": 1e-6, "atol": 1e-8}
-model.ensemble((0, 10), {"k": [50.0]}, **span)  # what is compiled once
+model.ensemble((0, 10), {"k": [50.0]}, **span)  # compiles the model once
 
 begun = time.perf_counter()
 runs = model.ensemble((0, 10), grid, **span)
@@ -29,8 +29,8 @@ fig.suptitle(f"{len(grid)} members in {taken:.2f} s")
 plt.show()
 
 # %%
-# The result is a Dataset of xarray. Its dimensions are the axes of the grid. This line computes the
-# amplitude of the rod in the last three seconds, relative to the largest amplitude.
+# The result is a Dataset of xarray. Its dimensions are the axes of the grid. The next line computes
+# the amplitude of the rod in the last three seconds, relative to the largest amplitude.
 later = runs["h2.theta"].where(runs["time"] > 7)
 runs["swing left"] = (later.max("time") / runs["h2.theta"].max("time")).drop_attrs(deep=False)
 fig = cotree.heat_map(runs, "swing left")

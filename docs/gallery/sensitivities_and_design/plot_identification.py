@@ -2,9 +2,8 @@
 Parameters from a measurement
 =============================
 
-This example fits the stiffness and damping of a mount to a noisy record. The model gives SciPy's
-``least_squares`` the exact Jacobian of the residuals. The fit therefore converges in a few
-iterations.
+This example fits the stiffness and damping of a mount to a noisy record. SciPy's ``least_squares``
+receives the exact Jacobian of the residuals from the model and converges in a few iterations.
 """
 
 import matplotlib.pyplot as plt

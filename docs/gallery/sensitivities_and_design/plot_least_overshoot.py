@@ -4,8 +4,8 @@ A damper for least overshoot
 
 A car drives onto a step. With a weak damper the body oscillates on the suspension. With a strong
 damper it oscillates on the tyre, which has little damping. A damper between these extremes gives
-the smallest overshoot. ``maximum(...)`` is the peak over time. Its derivative is the sensitivity at
-the time of the peak.
+the smallest overshoot. The objective ``maximum(...)`` is the peak over time. Its derivative is the
+sensitivity at the time of the peak.
 """
 
 import matplotlib.pyplot as plt
@@ -43,8 +43,8 @@ plt.show()
 
 
 # %%
-# A fine scan of the damping, with the linear equations solved by eigenvectors, has its minimum at
-# the same value.
+# For comparison, the linear equations are solved by eigenvectors for a fine grid of dampings. The
+# minimum is at the same value.
 def peak(c, mb=300.0, mw=40.0, kt=1.5e5, ks=2e4):
     """Give the highest position of the body on a step at t = 0."""
     k = np.array([[ks / mb, -ks / mb], [-ks / mw, (ks + kt) / mw]])

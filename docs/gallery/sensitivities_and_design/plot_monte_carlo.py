@@ -3,8 +3,8 @@ Monte Carlo study with bands
 ============================
 
 All eight parameters of the paper's slider-pendulum have an uncertainty of 10 %. An ensemble of a
-thousand members, which are spread evenly over the parameter space, shows the distribution of the
-block's position. This distribution is compared with a linear estimate from sensitivities.
+thousand members, spread evenly over the parameter space, shows the distribution of the block's
+position. This distribution is compared with a linear estimate from sensitivities.
 """
 
 import time
@@ -18,7 +18,7 @@ model = cotree.load("slider-pendulum").compile(cotree.load("slider-pendulum").pa
 share, n = 0.1, 1024
 members = cotree.sample(model, {name: ("relative", share) for name in model.parameters}, n, seed=1)
 span = {"t_eval": 201, "rtol": 1e-6, "atol": 1e-8}
-model.ensemble((0, 10), {"L": [1.0]}, **span)  # what is compiled once
+model.ensemble((0, 10), {"L": [1.0]}, **span)  # compiles the model once
 
 begun = time.perf_counter()
 runs = model.ensemble((0, 10), members, **span)
@@ -29,7 +29,7 @@ fig.suptitle(f"{n} members with all 8 sensitivities, {1e3 * taken / n:.2f} ms ea
 plt.show()
 
 # %%
-# One run at the nominal values also gives an estimate. To first order, the variance is
+# A single run at the nominal values gives an estimate, too. To first order, the variance is
 # :math:`\sigma^2 = \sum_j (s_j \sigma_j)^2` with the sensitivities :math:`s_j` and the standard
 # deviations :math:`\sigma_j` of the parameters. For a uniform distribution within 10 % the standard
 # deviation is :math:`0.1\, p_j / \sqrt 3`.
@@ -48,8 +48,8 @@ plt.legend()
 plt.show()
 
 # %%
-# Both agree at first. Later the members have different phases. The standard deviation of the
-# ensemble then oscillates less than the estimate, which is linear in the phase differences.
+# At first, both agree. Later the members get out of phase. The standard deviation of the ensemble
+# then oscillates less than the estimate, which is linear in the phase differences.
 early = runs["time"].values < 1.0
 apart = np.max(np.abs(sampled.values[early] - linear[early])) / np.max(linear[early])
 print(f"{n} members took {taken:.2f} s, {1e3 * taken / n:.2f} ms each")

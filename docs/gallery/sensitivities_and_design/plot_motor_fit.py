@@ -13,7 +13,7 @@ import numpy as np
 import cotree
 
 scene = cotree.Scene("motor-drive")
-scene.parameter("K", 0.05, unit="N m/A", doc="constant of the motor")
+scene.parameter("K", 0.05, unit="N m/A", doc="motor constant")
 scene.parameter("J", 2.5e-4, unit="kg m^2", doc="inertia")
 scene.parameter("d", 1e-4, unit="N m s/rad", doc="friction of the bearing")
 scene.input("voltage", 12.0, unit="V")
@@ -24,8 +24,8 @@ scene.edge("rotor", "rotational_inertia", "ground", "shaft", inertia="J")
 scene.edge("bearing", "rotational_damper", "ground", "shaft", damping="d")
 
 # %%
-# The records replace measurements. They are runs with other parameters and noise of 20 rpm and 0.3
-# A.
+# Simulated records replace measurements: they are runs with other parameters, with noise of 20 rpm
+# and 0.3 A.
 true = {"K": 0.06, "J": 3e-4, "d": 2e-4}
 model, t, rng = scene.compile(), np.linspace(0, 0.5, 51), np.random.default_rng(4)
 
@@ -41,7 +41,7 @@ def record(voltage):
 
 
 # %%
-# The fit needs the quantities that the columns measure, one experiment per record, and bounds.
+# The fit needs one experiment for each record, the quantities that the columns measure, and bounds.
 voltages = [12.0, "6 + 4*sin(20*t)"]
 experiments = [
     cotree.Experiment(
@@ -69,8 +69,8 @@ result.plot_waterfall()
 plt.show()
 
 # %%
-# Each true value is within four standard errors of its estimate. All but one of 16,000 such
-# intervals contain the true value.
+# Each true value is within four standard errors of its estimate. In 16,000 such intervals, all but
+# one contain the true value.
 for name, value in true.items():
     error = result.standard_errors[name]
     print(f"{name} = {result.parameters[name]:.5g} ± {error:.2g}, true {value:g}")

@@ -3,8 +3,8 @@ The next measurement
 ====================
 
 An enzyme converts a substrate at a rate that saturates. Early samples contain little information
-about the Michaelis-Menten constant. Exact sensitivities give the best times of the next samples and
-the expected gain in accuracy.
+about the Michaelis-Menten constant. Exact sensitivities predict the best times of the next samples
+and the expected gain in accuracy.
 """
 
 import matplotlib.pyplot as plt
@@ -54,9 +54,9 @@ after = fit(np.append(t, later), np.append(samples, new))
 print(after)
 
 # %%
-# The figure shows profile likelihoods of K. The confidence intervals end at the intersections with
-# the limit. It also shows predictions with 95 % bands. These are computed from random draws, since
-# the first bands are too wide for a linear approximation.
+# The figure shows profile likelihoods of K, whose confidence intervals end at the intersections
+# with the limit. It also shows predictions with 95 % bands. These bands are computed from random
+# draws, because before the additional samples they are too wide for a linear approximation.
 fine = np.linspace(0, 20, 161)
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 profiles = {}

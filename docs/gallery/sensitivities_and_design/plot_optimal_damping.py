@@ -2,9 +2,9 @@
 Best damping by gradients
 =========================
 
-The best damper minimises the integral of the squared displacement of a mass. A capacitor computes
-the integral. The sensitivity of its voltage is the gradient. SciPy's ``minimize`` receives both
-from one run.
+The optimal damper minimises the integral of the squared displacement of a mass. A capacitor
+computes the integral, and the sensitivity of its voltage is the gradient. SciPy's ``minimize``
+receives both from one run.
 """
 
 import math

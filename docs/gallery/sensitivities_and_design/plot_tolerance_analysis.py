@@ -2,9 +2,9 @@
 Tolerances of parts
 ===================
 
-The resistors of a filter have a tolerance of 5 %, and its capacitors have a tolerance of 10 %. The
-sensitivities to all parts give the resulting spread of the step response in a single run. A Monte
-Carlo study with a thousand runs confirms the spread.
+The resistors of a filter have a tolerance of 5 %, and its capacitors have a tolerance of 10 %. With
+the sensitivities to all parts, a single run gives the resulting spread of the step response. A
+Monte Carlo study with a thousand runs confirms it.
 """
 
 import matplotlib.pyplot as plt

@@ -3,8 +3,8 @@ A recommendation, verified
 ==========================
 
 This example finds the fastest method for an error of 1e-6 of the states and sensitivities of a
-given scene. It then verifies the errors in the report. The scene is a mass on a spring. Its motion
-and sensitivity have a closed form.
+given scene. It then verifies the errors in the report. The scene is a mass on a spring, whose
+motion and sensitivity have a closed form.
 """
 
 import matplotlib.pyplot as plt

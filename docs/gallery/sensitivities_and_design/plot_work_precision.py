@@ -2,8 +2,8 @@
 Speed against error on a scene of your own
 ==========================================
 
-The fastest method for a required accuracy depends on the scene, the sensitivities and the
-machine. ``cotree.bench`` measures all methods at several tolerances against a reference on which
+The fastest method for a required accuracy depends on the scene, the sensitivities and the machine.
+``cotree.bench`` measures all methods at several tolerances, with respect to a reference on which
 two methods agree.
 """
 

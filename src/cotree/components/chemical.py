@@ -128,7 +128,7 @@ def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
 REACTION = Component(
     "reaction",
     Role.NETWORK,
-    "a reaction by the law of mass action",
+    "reaction with mass action kinetics",
     fields=(
         Field(
             "reactants",

@@ -87,7 +87,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
     )
     both = {"lower": 0, "upper": 1}
     made = scalar(
-        f"{domain}_rigid_stop", "rigid stops at the ends of a motion", fields, _port(domain, both)
+        f"{domain}_rigid_stop", "rigid stops at one or two limits", fields, _port(domain, both)
     )
     return replace(made, adapt=adapt)
 

@@ -132,7 +132,13 @@ _EXTRAS = (
 
 _FIELDS = (
     value("saturation_current", "A", "saturation current I"),
-    optional("thermal_voltage", "V", "V: k T / e times the ideality factor", 0.02585, "positive"),
+    optional(
+        "thermal_voltage",
+        "V",
+        "thermal voltage k T / e times the ideality factor",
+        0.02585,
+        "positive",
+    ),
     *_EXTRAS,
     optional(
         "breakdown_current", "A", "reverse current at the breakdown voltage", 1e-3, "positive"

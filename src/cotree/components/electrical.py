@@ -96,7 +96,7 @@ def _charge(port: str) -> Terminal:
 # symmetric, so that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
-    "two charges against a common terminal, each a function of both voltages",
+    "two charges relative to a common terminal, each a function of both voltages",
     (
         value("charge_a", "C", "charge at terminal a, an expression of NAME.a.v and NAME.b.v", ""),
         value("charge_b", "C", "charge at terminal b, an expression of NAME.a.v and NAME.b.v", ""),
@@ -221,7 +221,7 @@ VOLTAGE_SOURCE = across_source(
     _DOMAIN,
     "voltage_source",
     "prescribed voltage",
-    value("voltage", "V", "voltage of the plus node against the minus node", ""),
+    value("voltage", "V", "voltage of the plus node relative to the minus node", ""),
 )
 
 CURRENT_SOURCE = through_source(

@@ -177,9 +177,13 @@ PUMP = scalar(
     "pump with a quadratic curve; it raises the pressure from minus to plus",
     (
         value("pressure", "Pa", "pressure rise at zero flow", ""),
-        value("resistance", "Pa s/m^3", "linear coefficient of the fall of pressure with flow"),
+        value("resistance", "Pa s/m^3", "linear coefficient of the pressure drop"),
         optional(
-            "quadratic", "Pa s^2/m^6", "quadratic coefficient of that fall", 0.0, "nonnegative"
+            "quadratic",
+            "Pa s^2/m^6",
+            "quadratic coefficient of the pressure drop",
+            0.0,
+            "nonnegative",
         ),
     ),
     Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_pump_rise), through=Law(_pump)),

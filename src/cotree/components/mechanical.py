@@ -123,7 +123,7 @@ def _spring(m: _Motion) -> Component:
             optional(
                 m.force,
                 m.force_unit,
-                f"{m.force} in tension, instead of stiffness: an expression of the stretch",
+                f"{m.force} of a nonlinear spring, instead of stiffness: an expression",
                 None,
             ),
         ),
@@ -180,8 +180,12 @@ def _stop(m: _Motion) -> Component:
 def _backlash(m: _Motion) -> Component:
     """Make a backlash between two elastic limits, either of which may be absent."""
     fields = (
-        optional("lower", m.length_unit, f"{m.length} below which it acts in compression", None),
-        optional("upper", m.length_unit, f"{m.length} above which it acts in tension", None),
+        optional(
+            "lower", m.length_unit, f"{m.length} below which the lower limit is in contact", None
+        ),
+        optional(
+            "upper", m.length_unit, f"{m.length} above which the upper limit is in contact", None
+        ),
         _stiffness(m),
         optional(
             "damping",
@@ -338,7 +342,7 @@ LEVER = ideal_coupling(
     value(
         "ratio",
         "1",
-        "velocity of the input per velocity of the output; negative if the pivot is between",
+        "input velocity per output velocity; negative if the pivot is between the ends",
         "",
     ),
     ("translational", "input"),
@@ -351,7 +355,7 @@ IDEAL_GEAR = ideal_coupling(
     value(
         "ratio",
         "1",
-        "speed of the input per speed of the output; negative if they turn oppositely",
+        "speed of the input per speed of the output; negative for opposite directions",
         "",
     ),
     ("rotational", "input"),

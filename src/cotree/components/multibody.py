@@ -127,7 +127,7 @@ _NORMAL = _direction("normal", "normal of the plane, in the first node's frame")
 _MOTION = Field("motion", "rad or m", "prescribed coordinate as a function of time", timed=True)
 _TURN_EFFORTS = (
     _effort("stiffness", "N m/rad", "stiffness of a torsional spring in the joint"),
-    _effort("free_angle", "rad", "angle at which that spring is unloaded"),
+    _effort("free_angle", "rad", "angle at which the spring is unloaded"),
     _effort("damping", "N m s/rad", "coefficient of a torsional damper in the joint"),
     _effort("torque", "N m", "torque on the second node about the axis"),
 )
@@ -150,7 +150,7 @@ PRISMATIC = Component(
     fields=(
         _AXIS,
         _effort("stiffness", "N/m", "stiffness of a spring in the joint"),
-        _effort("free_length", "m", "coordinate at which that spring is unloaded"),
+        _effort("free_length", "m", "coordinate at which the spring is unloaded"),
         _effort("damping", "N s/m", "coefficient of a damper in the joint"),
         _effort("force", "N", "force on the second node along the axis"),
         _MOTION,

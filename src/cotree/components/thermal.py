@@ -24,7 +24,7 @@ HEAT_CAPACITOR = storage(
 RESISTOR = resistance(
     _DOMAIN,
     "thermal_resistor",
-    "conduction",
+    "heat conduction",
     value("resistance", "K/W", "temperature difference per heat flow"),
 )
 

@@ -131,7 +131,7 @@ SOLENOID = scalar(
     (
         value("resistance", "ohm", "resistance of the coil"),
         value("inductance", "H", "inductance with closed gap (s = 0), without the leakage"),
-        value("gap", "m", "gap at which that inductance is halved"),
+        value("gap", "m", "opening at which the inductance is halved"),
         optional("leakage", "H", "leakage inductance, independent of position", 0.0, "nonnegative"),
     ),
     Terminal(

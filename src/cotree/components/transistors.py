@@ -406,7 +406,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
                 "A/V^2",
                 "k in the current k/2 (vgs - vth)^2: mobility times oxide capacitance times W/L",
             ),
-            value("threshold", "V", "threshold voltage of the gate against the source", ""),
+            value("threshold", "V", "threshold voltage between gate and source", ""),
             optional("modulation", "1/V", "channel-length modulation", 0.0, "nonnegative"),
             optional("leakage", "S", "conductance between drain and source", 1e-12, "nonnegative"),
             optional("body_effect", "V^0.5", "body effect coefficient", 0.0, "nonnegative"),
