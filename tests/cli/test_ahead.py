@@ -17,7 +17,7 @@ from cotree.solvers.engine import load_sweep
 def begun(monkeypatch):
     """Methods whose engines were begun."""
     found = []
-    monkeypatch.setattr(engine, "build_ahead", found.append)
+    monkeypatch.setattr(engine, "build_ahead", lambda method, has_events: found.append(method))
     return found
 
 
@@ -85,7 +85,7 @@ def test_the_guess_imports_little():
 @pytest.mark.compiler
 def test_engine_and_sweep_are_there_when_the_thread_has_ended(monkeypatch):
     asked = []
-    monkeypatch.setattr(engine, "load_engine", asked.append)
-    engine._prepare(["dop853"], ())
+    monkeypatch.setattr(engine, "load_engine", lambda stepper, has_events: asked.append(stepper))
+    engine._prepare(["dop853"], (), has_events=True)
     assert asked == ["dop853"]
     assert load_sweep() is not None

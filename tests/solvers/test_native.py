@@ -13,6 +13,7 @@ from hard_scenes import bennett_loop
 from cotree import Scene, load
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.solvers import native
+from cotree.solvers.engine import load_engine
 
 pytestmark = pytest.mark.compiler
 
@@ -349,3 +350,13 @@ def test_a_spent_budget_leaves_the_last_good_point(slider, method):
     assert 0.0 < result.t[-1] < 5.0
     # The tolerance, through seven steps.
     np.testing.assert_allclose(result.y[:, -1], reference.y[:, -1], atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["auto", *NATIVE, "cvode", "ida"])
+def test_the_engine_without_events_takes_the_same_steps(slider, monkeypatch, method):
+    """Models without events run in a shorter engine; both give the same bits."""
+    short = slider.simulate((0.0, 3.0), 20, method)
+    monkeypatch.setattr(native, "load_engine", lambda stepper, has_events: load_engine(stepper))
+    whole = load("slider-pendulum").compile(["L", "k"]).simulate((0.0, 3.0), 20, method)
+    assert np.array_equal(short.y, whole.y)
+    assert short.statistics.n_steps == whole.statistics.n_steps

@@ -312,7 +312,7 @@ def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
 
     monkeypatch.setattr(Job, "run", interrupted)
     with (
-        counted_contexts(load_engine(method)) as counts,
+        counted_contexts(load_engine(method, has_events=False)) as counts,
         pytest.raises(KeyboardInterrupt),
     ):
         slider.simulate((0.0, 10.0), [10.0], method)

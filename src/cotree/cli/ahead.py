@@ -21,8 +21,8 @@ _OPTION = "--method"
 def begin_engine(arguments: Sequence[str]) -> None:
     """Begin to build the engine for a command line that runs a scene.
 
-    The scene and the method are guesses; the command itself checks the arguments and waits for the
-    engine that it needs.
+    The scene, the method and whether there are events are guesses; the command itself checks the
+    arguments and waits for the engine that it needs.
     """
     if "run" not in arguments or "--help" in arguments:
         return
@@ -30,11 +30,12 @@ def begin_engine(arguments: Sequence[str]) -> None:
     scene = next(filter(None, map(_scene_file, rest)), None)
     if scene is None:  # the command will report an error
         return
-    method = _method_given(rest) or _method_of(scene)
+    method, has_events = _engine_of(scene)
+    method = _method_given(rest) or method
     if method is not None:
         from cotree.solvers.engine import build_ahead
 
-        build_ahead(method)
+        build_ahead(method, has_events=has_events)
 
 
 def abandon_engine() -> None:
@@ -64,13 +65,13 @@ def _method_given(arguments: list[str]) -> str:
     return ""
 
 
-def _method_of(scene: Path) -> str | None:
-    """Read the method of a scene's file; None if the file cannot be read."""
+def _engine_of(scene: Path) -> tuple[str | None, bool]:
+    """Read the method of a scene's file, None if that is impossible, and whether it has events."""
     if scene.suffix != ".toml":
-        return "auto"
+        return "auto", False
     try:
-        settings = tomllib.loads(scene.read_text(encoding="utf-8")).get("simulation", {})
-        method = settings.get("method", "auto")
+        described = tomllib.loads(scene.read_text(encoding="utf-8"))
+        method = described.get("simulation", {}).get("method", "auto")
     except (OSError, ValueError, AttributeError, RecursionError):
-        return None
-    return method if isinstance(method, str) else None
+        return None, False
+    return (method if isinstance(method, str) else None), "events" in described

@@ -407,7 +407,8 @@ def run_scene(
     described = read_scene(scene, settings)
     is_moving = check_animated(animate, described)
     warn_of(described)
-    build_ahead(settings.get("method") or described.defaults.method)
+    method = settings.get("method") or described.defaults.method
+    build_ahead(method, has_events=bool(described.events))
     model = described.compile(sensitivity, tree)
     if plot is not None or (animate is not None and not is_moving):
         from cotree.cli.picture import check_names, draw_curves, draw_run

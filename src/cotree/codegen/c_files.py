@@ -7,6 +7,7 @@ sensitivities, each of which has its own vector.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -173,12 +174,17 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
     }
 
 
-def engine_files(name: str) -> Mapping[str, str]:
-    """Write the engine of a stepper of ``STEPPERS``: a job with it, the same for every model."""
+def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
+    """Write the engine of a stepper of ``STEPPERS``: a job with it, the same for many models.
+
+    An engine without events is half as long; it runs models that have neither events nor kinks.
+    """
     own = dict(stepper_files(name))
     if name in INTEGRATORS:
         own |= method_files(name)
-    files = with_runtime(own)
+    features = replace(ALL, events=has_events, modes=has_events, discs=has_events)
+    # Models have one layout, that of all features.
+    files = {**with_runtime(own, features=features), "cotree_abi.h": header_text("cotree_abi.h")}
     parts = [files.pop(part) for part in [*_INLINED, *own] if part.endswith(".c") and part in files]
     return {**files, "engine.c": "\n".join(parts)}
 
@@ -237,11 +243,13 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 
-def library_texts(name: str, *stepper: str) -> tuple[Mapping[str, str], str]:
+def library_texts(
+    name: str, stepper: str = "", *, has_events: bool = True
+) -> tuple[Mapping[str, str], str]:
     """Return files and declarations for cffi of a library, or of the ``engine`` of a stepper."""
-    if name == "engine":
-        files = engine_files(*stepper)
-        return files, engine_declarations(files, *stepper)
+    if stepper:
+        files = engine_files(stepper, has_events=has_events)
+        return files, engine_declarations(files, stepper)
     sources, headers = LIBRARIES[name]
     files = with_runtime(_sources(sources), has_sources=False)
     return files, declarations(files[f"cotree_{module}.h"] for module in headers)

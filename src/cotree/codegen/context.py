@@ -272,7 +272,7 @@ class ModelContext(KernelFile):
             inputs=bool(layout.inputs),
             algebraic=layout.n_algebraic > 0,
             constraints=bool(layout.constraints),
-            events=bool(layout.events or layout.corners),
+            events=layout.has_events,
             modes=any(row.part > 1 for row in layout.events),
             discs=any(row.part == _TURN for row in layout.events),
             moving_corners=False,

@@ -338,19 +338,19 @@ class SharedCode(NamedTuple):
     shared: frozenset[str]  # files that several libraries include
 
 
-def shared_code(library: str, *stepper: str) -> SharedCode:
+def shared_code(library: str, stepper: str = "", *, has_events: bool = True) -> SharedCode:
     """Return a library of :data:`cotree.codegen.c_files.LIBRARIES` as C text; cached.
 
-    ``engine`` is the engine of a stepper.
+    ``engine`` is the engine of a stepper, for models with or without events.
     """
 
     def render() -> SharedCode:
         from cotree.codegen.c_files import library_texts, shared_files
 
-        files, declared = library_texts(library, *stepper)
+        files, declared = library_texts(library, stepper, has_events=has_events)
         return SharedCode(files, declared, shared_files(files))
 
-    return cached((library, stepper), render)
+    return cached((library, stepper, has_events), render)
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:

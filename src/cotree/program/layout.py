@@ -105,6 +105,11 @@ class Layout:
         return {row.name: row.unit for row in rows} | derived
 
     @property
+    def has_events(self) -> bool:
+        """Return whether there are events, or kinks of rates whose times depend on states."""
+        return bool(self.events or self.corners)
+
+    @property
     def has_conditions(self) -> bool:
         """Return whether initial values have conditions besides those of algebraic unknowns."""
         return bool(self.constraints or self.start_rows)

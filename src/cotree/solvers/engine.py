@@ -159,13 +159,16 @@ class Engine:
     """The engine of a stepper."""
 
     stepper: str  # a name in ``STEPPERS``
+    has_events: bool  # whether its jobs may have events
     library: LoadedLibrary  # runs jobs
     #: A ``cotree_sundials`` with the functions that the stepper calls.
     functions: Any = None
     sundials: Any = None  # keeps SUNDIALS loaded
 
 
-def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> None:
+def build_ahead(
+    *methods: str, has_events: bool = True, then: Sequence[Callable[[], object]] = ()
+) -> None:
     """Build or load the engines of methods in a thread, while the model is compiled.
 
     Methods without an engine and unknown ones are ignored; ``then`` is called afterwards.
@@ -175,8 +178,10 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
         # The text is rendered here, so that the compiler starts early.
-        _code_of(steppers[0])
-        thread = threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine")
+        _code_of(steppers[0], has_events)
+        thread = threading.Thread(
+            target=_prepare, args=(steppers, then, has_events), name="cotree-engine"
+        )
         _ahead.append(thread)
         thread.start()
 
@@ -187,41 +192,46 @@ def abandon_ahead() -> None:
         abandon(thread)
 
 
-def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
+def _prepare(
+    steppers: Sequence[str], then: Sequence[Callable[[], object]], has_events: bool
+) -> None:
     # A run that needs the engine raises the same error. RuntimeError: the program has ended, and
     # pools of threads accept no more work.
     with contextlib.suppress(Error, RuntimeError):
         # In sequence, since later engines take shared object files from the cache.
         for stepper in steppers:
-            load_engine(stepper)
+            load_engine(stepper, has_events=has_events)
         for load in then or (load_sweep,):
             load()
 
 
-def load_engine(stepper: str) -> Engine | str:
-    """Build and load the engine of a stepper once, or return why that fails."""
+def load_engine(stepper: str, *, has_events: bool = True) -> Engine | str:
+    """Build and load the engine of a stepper once, or return why that fails.
+
+    Without events it is compiled in half of the time; it runs models without events and kinks.
+    """
     if stepper not in SUNDIALS:
-        return _opened(stepper, "")
+        return _opened(stepper, "", has_events)
     found = library_path(stepper)
     # The path is part of the key, since the environment may change.
-    return found.why_not or _opened(stepper, found.path)
+    return found.why_not or _opened(stepper, found.path, has_events)
 
 
 @locked_cache
-def _code_of(stepper: str) -> SharedCode:
-    return shared_code("engine", stepper)
+def _code_of(stepper: str, has_events: bool) -> SharedCode:
+    return shared_code("engine", stepper, has_events=has_events)
 
 
 @locked_cache
-def _opened(stepper: str, path: str) -> Engine | str:
+def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
     """Build an engine, and open the library of SUNDIALS that a path names, if any."""
-    library = build_engine(_code_of(stepper))
+    library = build_engine(_code_of(stepper, has_events))
     if library is None:
         return "no compiler can build its engine"
     if not path:
-        return Engine(stepper, library)
+        return Engine(stepper, has_events, library)
     opened = open_sundials(library.ffi, stepper, path)
-    return opened if isinstance(opened, str) else Engine(stepper, library, *opened)
+    return opened if isinstance(opened, str) else Engine(stepper, has_events, library, *opened)
 
 
 if TYPE_CHECKING:

@@ -262,8 +262,9 @@ class Job:
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self._places), problem.settings.atol
-        # Correctors do not return to a point within a step.
-        c.is_tested = int(row.family == "correctors")
+        if engine.has_events:
+            # Correctors do not return to a point within a step.
+            c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
         if newton is not None:

@@ -29,6 +29,7 @@ from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
     from cotree.model.kernels import Newton
+    from cotree.solvers.engine import Engine
     from cotree.solvers.problem import Problem
     from cotree.solvers.stiffness import MethodSwitch
 
@@ -226,7 +227,7 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
     if idle is not None:
         return Attempt(problem, row, idle, is_extended, 0.0)
     before = time.perf_counter()
-    engine = load_engine(row.stepper)
+    engine = engine_of(row.stepper, problem)
     if isinstance(engine, str):
         return engine
     newton = factors_of(row, problem)
@@ -236,6 +237,15 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
     job = Job(engine, row, problem, newton, is_extended=is_extended)
     why = band_refusal(job, problem)
     return why or Attempt(problem, row, job, is_extended, compiling)
+
+
+def engine_of(stepper: str, problem: Problem) -> Engine | str:
+    """Build and load the engine of a stepper for a problem that is not refused, or return why not.
+
+    The engine contains the search for events only if the model has any.
+    """
+    assert problem.native is not None
+    return load_engine(stepper, has_events=problem.native.model.layout.has_events)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
@@ -329,7 +339,8 @@ def _advance(
         if result != _MORE:
             return 0, "", False
         progress.reached(float(job.job.t))
-        if 0 < job.job.most_events <= job.job.n_records:
+        has_records = problem.events is not None
+        if has_records and 0 < job.job.most_events <= job.job.n_records:
             return BUDGET_SPENT, event_message("spends", [], detail=job.job.most_events), False
         # Checked after events, which end a run in any case.
         if limit is not None and others + job.job.n_steps >= limit:

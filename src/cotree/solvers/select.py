@@ -15,9 +15,9 @@ import numpy as np
 from cotree.errors import SolveError
 from cotree.methods import METHODS, method_row
 from cotree.records import changed
-from cotree.solvers.engine import has_sundials, load_engine
+from cotree.solvers.engine import has_sundials
 from cotree.solvers.evaluate import RTOL_FLOOR
-from cotree.solvers.native import begin_in_c, check_available, with_compile_time
+from cotree.solvers.native import begin_in_c, check_available, engine_of, with_compile_time
 from cotree.solvers.problem import beyond_scipy, check_problem, refusal, restart_times
 from cotree.solvers.stiffness import (
     MethodSwitch,
@@ -71,7 +71,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     before = time.perf_counter()
     # The choice takes steps with this engine, whose compilation is counted separately.
     if not refusal("dop853", problem):
-        load_engine("dop853")
+        engine_of("dop853", problem)
     compiling = time.perf_counter() - before
     choice = _choose(problem)
     trajectory = _with_ida(problem, _solve_watched(problem, choice))
