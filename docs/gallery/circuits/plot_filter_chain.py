@@ -1,6 +1,6 @@
 """
-A filter made of filters
-========================
+Butterworth filter from two stages
+==================================
 
 A low-pass filter of fourth order consists of two stages of second order in series. A voltage
 follower between them prevents the second stage from loading the first. Both stages are the shipped

@@ -1,6 +1,6 @@
 """
-Delay of a wire as an RC ladder
-===============================
+Delay of a wire modelled as an RC ladder
+========================================
 
 A wire on a chip behaves like a ladder of many resistors and capacitors, which this script builds in
 a loop. Elmore's delay, the first moment of the impulse response, has a closed form for any number

@@ -1,6 +1,6 @@
 """
-A crane on a controller, its valve as input
-===========================================
+Crane with a valve signal at run time
+=====================================
 
 This example exports the shipped hydraulic crane with its sensitivity to the load and runs the C
 program. Then your own program replaces the main program. It receives a sample of the valve signal

@@ -1,6 +1,6 @@
 """
-Two pendulums collide
-=====================
+Collision of two pendulums
+==========================
 
 A pendulum falls and hits a second pendulum at rest. ``impact`` is an event whose impulse follows
 from the masses and constraints. You specify only the coefficient of restitution.

@@ -1,6 +1,6 @@
 """
-A block on a belt sticks and slips
-==================================
+Stick-slip motion of a block on a belt
+======================================
 
 A belt moves a block against a spring. The block sticks until the spring force reaches the maximum
 static friction. It then slides back and sticks again. Such limit cycles cause the sound of brakes

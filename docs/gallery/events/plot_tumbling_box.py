@@ -1,6 +1,6 @@
 """
-Box that tumbles on a floor
-===========================
+Tumbling box
+============
 
 A box is thrown onto a floor. While a corner is below the surface of the floor, a Hunt-Crossley
 contact force and a friction force act on it. The box comes to rest on one of its sides.

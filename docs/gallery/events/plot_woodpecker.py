@@ -1,6 +1,6 @@
 """
-A woodpecker comes down its pole
-================================
+Woodpecker toy
+==============
 
 In this toy a spring connects a bird to a sleeve, which is slightly wider than the pole. The sleeve
 jams, and friction holds it until the oscillating bird tilts it back. The beak hits the pole and

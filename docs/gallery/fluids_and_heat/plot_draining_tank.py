@@ -1,6 +1,6 @@
 """
-Tank that drains
-================
+Draining tank
+=============
 
 Water leaves a tank through a hole in its bottom (Torricelli's law). An event locates the time at
 which the water reaches a given level. The sensitivity of this time shows the effect of a larger

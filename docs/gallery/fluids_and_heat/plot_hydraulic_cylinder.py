@@ -1,6 +1,6 @@
 """
-Mass on a column of oil
-=======================
+Hydraulic cylinder with compressible oil
+========================================
 
 A pump moves oil through a narrow line into a cylinder, which lifts a mass. Because oil is
 compressible, the mass oscillates on the oil column. The frequency of this oscillation limits the

@@ -1,6 +1,6 @@
 """
-Wall that warms up
-==================
+Transient heat conduction in a wall
+===================================
 
 One side of a wall is suddenly heated to 40 °C. Forty slices, each a heat capacity between two
 thermal resistances, approximate the heat equation.

@@ -1,6 +1,6 @@
 """
-What a notebook shows
-=====================
+Tables in a notebook
+====================
 
 A notebook displays a scene, a model, a result or a linearisation as a table if it is the last line
 of a cell. This page shows these tables for a DC motor at a constant voltage.

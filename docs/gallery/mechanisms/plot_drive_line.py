@@ -1,6 +1,6 @@
 """
-A drive line that shuffles
-==========================
+Shuffle of a drive line
+=======================
 
 A sudden increase of the engine torque twists the half shafts. The car then oscillates against the
 engine, which is called shuffle. The part ``drive-line`` contains all components from the flywheel

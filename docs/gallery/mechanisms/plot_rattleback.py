@@ -1,6 +1,6 @@
 """
-Rattleback that turns back
-==========================
+Rattleback
+==========
 
 A rattleback is an ellipsoid whose principal axes of inertia are slightly rotated relative to the
 axes of its surface. If it spins in one direction, it starts to rock, stops and then spins in the

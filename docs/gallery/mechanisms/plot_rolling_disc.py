@@ -1,6 +1,6 @@
 """
-Disc that rolls in a circle
-===========================
+Disc rolling in a circle
+========================
 
 A disc leans inwards and rolls in a circle without slip. One holonomic constraint determines its
 height, and two nonholonomic constraints determine its velocity. Multipliers enforce all three. The

@@ -1,6 +1,6 @@
 """
-Tennis racket that turns over
-=============================
+Tennis racket theorem
+=====================
 
 A free body that spins about its intermediate principal axis flips over periodically without any
 applied torque (the tennis racket theorem, or Dzhanibekov effect). The period is an elliptic

@@ -1,6 +1,6 @@
 """
-Torques of a given motion
-=========================
+Inverse dynamics of an arm
+==========================
 
 If a joint has a prescribed ``motion``, its output ``drive`` is the force or torque that the motion
 requires. The inverse dynamics of an arm is therefore a scene without states, and no integration is

@@ -1,6 +1,6 @@
 """
-A quadruped of four legs
-========================
+Quadruped built from four legs
+==============================
 
 The leg is defined once and added four times. The shipped part ``quadruped-leg`` has two links,
 springs at the hip and the knee, and a foot on the ground. The trunk falls from a small height. The

@@ -1,6 +1,6 @@
 """
-Restitution of a ball from noisy heights
-========================================
+Coefficient of restitution from noisy heights
+=============================================
 
 A camera records a bouncing ball. This example estimates the initial height and the coefficient of
 restitution from the record. The sensitivities are exact, although they jump at the bounces.

@@ -1,6 +1,6 @@
 """
-Map of a grid
-=============
+Parameter map on a grid
+=======================
 
 This example computes the amplitude and the decay of the slider-pendulum's motion for a grid of
 damping and stiffness values. Each cell of the grid is one run.

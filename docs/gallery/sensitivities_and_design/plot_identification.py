@@ -1,6 +1,6 @@
 """
-Parameters from a measurement
-=============================
+Parameter identification from a measurement
+===========================================
 
 This example fits the stiffness and damping of a mount to a noisy record. SciPy's ``least_squares``
 receives the exact Jacobian of the residuals from the model and converges in a few iterations.

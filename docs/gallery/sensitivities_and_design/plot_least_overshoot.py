@@ -1,6 +1,6 @@
 """
-A damper for least overshoot
-============================
+Damper with the smallest overshoot
+==================================
 
 A car drives onto a step. With a weak damper the body oscillates on the suspension. With a strong
 damper it oscillates on the tyre, which has little damping. A damper between these extremes gives

@@ -1,6 +1,6 @@
 """
-The next measurement
-====================
+Choice of the next measurements
+===============================
 
 An enzyme converts a substrate at a rate that saturates. Early samples contain little information
 about the Michaelis-Menten constant. Exact sensitivities predict the best times of the next samples

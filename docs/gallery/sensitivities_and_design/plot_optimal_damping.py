@@ -1,6 +1,6 @@
 """
-Best damping by gradients
-=========================
+Optimal damping with exact gradients
+====================================
 
 The optimal damper minimises the integral of the squared displacement of a mass. A capacitor
 computes the integral, and the sensitivity of its voltage is the gradient. SciPy's ``minimize``

@@ -1,6 +1,6 @@
 """
-Tolerances of parts
-===================
+Tolerance analysis of a filter
+==============================
 
 The resistors of a filter have a tolerance of 5 %, and its capacitors have a tolerance of 10 %. With
 the sensitivities to all parts, a single run gives the resulting spread of the step response. A

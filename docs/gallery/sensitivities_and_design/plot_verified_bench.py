@@ -1,6 +1,6 @@
 """
-A recommendation, verified
-==========================
+Verification of a recommended method
+====================================
 
 This example finds the fastest method for an error of 1e-6 of the states and sensitivities of a
 given scene. It then verifies the errors in the report. The scene is a mass on a spring, whose

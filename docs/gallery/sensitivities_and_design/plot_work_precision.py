@@ -1,6 +1,6 @@
 """
-Speed against error on a scene of your own
-==========================================
+Work-precision diagram of a scene
+=================================
 
 The fastest method for a required accuracy depends on the scene, the sensitivities and the machine.
 ``cotree.bench`` measures all methods at several tolerances, with respect to a reference on which
