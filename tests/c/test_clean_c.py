@@ -105,7 +105,7 @@ def some_texts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return list({path.name: path for path in files}.values())
 
 
-def complaints(command: list[str], files: Iterable[Path]) -> list[str]:
+def compiler_output(command: list[str], files: Iterable[Path]) -> list[str]:
     is_cpp = "c++" in command
 
     def compiled(file: Path) -> str:
@@ -144,7 +144,7 @@ def test_no_text_is_complained_of(
     if real == "float":
         # The main program prints, and functions that print take doubles.
         own += ["-Wno-double-promotion"] if compiler == "everything" else []
-    texts = complaints([*COMPILERS[compiler], *own], files)
+    texts = compiler_output([*COMPILERS[compiler], *own], files)
     assert not texts, "\n".join(texts)
 
 
@@ -154,14 +154,14 @@ def test_single_precision_computes_nothing_in_double(
     every_text: dict[str, list[Path]], compiler: str
 ) -> None:
     files = [file for file in every_text["float"] if file.name != "main.c"]
-    texts = complaints([*COMPILERS[compiler], "-Wdouble-promotion", "-O0"], files)
+    texts = compiler_output([*COMPILERS[compiler], "-Wdouble-promotion", "-O0"], files)
     assert not texts, "\n".join(texts)
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_no_common_text_is_complained_of(some_texts: list[Path], compiler: str) -> None:
-    texts = complaints([*COMPILERS[compiler], "-O0"], some_texts)
+    texts = compiler_output([*COMPILERS[compiler], "-O0"], some_texts)
     assert not texts, "\n".join(texts)
 
 

@@ -105,7 +105,7 @@ def scene_file(tmp_path: Path) -> Path:
     return tmp_path / "scene.toml"
 
 
-def complaint(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+def error_sentence(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Run, demand exit code 2 and one line on stderr below what lint finds, and give that line."""
     code = main(arguments)
     error = capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_wrong_scene(name: str, scene_file: Path, capsys: pytest.CaptureFixture[
     old, new, culprits = WRONG[name]
     assert TEXT.count(old) >= 1
     scene_file.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
-    sentence = complaint(["run", str(scene_file), "--t-end", "0.1"], capsys)
+    sentence = error_sentence(["run", str(scene_file), "--t-end", "0.1"], capsys)
     for culprit in culprits:
         assert culprit in sentence
 
@@ -132,7 +132,7 @@ def test_wrong_scene(name: str, scene_file: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("text", ["name=" + "[" * 100_000, "a=" + "[" * 5000 + "]" * 5000])
 def test_nested_toml(text: str, scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene_file.write_text(text, encoding="utf-8")
-    assert "nested" in complaint(["run", str(scene_file)], capsys)
+    assert "nested" in error_sentence(["run", str(scene_file)], capsys)
 
 
 def test_byte_order_mark_is_no_error(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,7 +142,7 @@ def test_byte_order_mark_is_no_error(scene_file: Path, capsys: pytest.CaptureFix
 
 def test_binary_file(scene_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene_file.write_bytes(bytes(range(256)))
-    assert "UTF-8" in complaint(["run", str(scene_file)], capsys)
+    assert "UTF-8" in error_sentence(["run", str(scene_file)], capsys)
 
 
 @pytest.mark.parametrize("name", ["slider-pendulun", "", "no/such.toml", "a" * 5000])
@@ -155,7 +155,7 @@ def test_missing_scene(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_folder_as_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert str(tmp_path) in complaint(["run", str(tmp_path)], capsys)
+    assert str(tmp_path) in error_sentence(["run", str(tmp_path)], capsys)
 
 
 ARGUMENTS: list[tuple[list[str], list[str]]] = [
@@ -196,14 +196,14 @@ ARGUMENTS: list[tuple[list[str], list[str]]] = [
 def test_wrong_argument(
     arguments: list[str], culprits: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sentence = complaint(["run", "slider-pendulum", *arguments], capsys)
+    sentence = error_sentence(["run", "slider-pendulum", *arguments], capsys)
     for culprit in culprits:
         assert culprit in sentence
 
 
 def test_unknown_suffix_of_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "graph.docx"
-    assert "'.docx'" in complaint(["graph", "slider-pendulum", "-o", str(target)], capsys)
+    assert "'.docx'" in error_sentence(["graph", "slider-pendulum", "-o", str(target)], capsys)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -138,11 +138,11 @@ def report(model: Model) -> Any:
 
 def test_a_row_that_another_method_computed_is_marked_and_not_recommended(report: Any) -> None:
     replaced, own = report.rows
-    assert (replaced.stand_in, replaced.n_runs, own.stand_in) == ("DOP853", 0, "")
+    assert (replaced.substitute, replaced.n_runs, own.substitute) == ("DOP853", 0, "")
     assert report.recommended(1e-3).method == "RK45"
     assert "DOP853 stood in: not timed" in report.summary()
     assert "DOP853 stood in: not timed" in report._repr_html_()
-    assert [row["stand_in"] for row in report.to_dict()["rows"]] == ["DOP853", ""]
+    assert [row["substitute"] for row in report.to_dict()["rows"]] == ["DOP853", ""]
 
 
 def test_text_and_json_name_the_machine_and_both_errors(report: Any) -> None:

@@ -415,8 +415,8 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
             "option time_limit, or set optimize to '-O0'."
         )
     lines = [line.strip() for line in outcome.output.splitlines() if line.strip()]
-    complaints = [line for line in lines if "error" in line.lower()]
-    shown = next(iter(complaints or lines), "it printed nothing.")
+    errors = [line for line in lines if "error" in line.lower()]
+    shown = next(iter(errors or lines), "it printed nothing.")
     if outcome.status == 0:
         return f"The C compiler ended without an error on '{source}', but wrote no file: {shown}"
     return f"The C compiler failed on '{source}' with exit status {outcome.status}: {shown}"

@@ -218,7 +218,7 @@ def geometry_of(given: Given) -> Component:
 _OFFSET = 1e-30
 
 
-class _Pushing:
+class _ContactForces:
     """Laws of a point that may touch: a normal force while it penetrates, and friction."""
 
     def __init__(self, exponent: Any, is_plane: bool, has_friction: bool) -> None:
@@ -227,7 +227,7 @@ class _Pushing:
         self._slips = ("slip1", "slip2") if is_plane else ("part1", "part2", "part3")
         self._has_friction = has_friction
 
-    def _push(self) -> Any:
+    def _normal_force(self) -> Any:
         """Return the normal force, which never pulls.
 
         The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the force
@@ -251,7 +251,7 @@ class _Pushing:
 
     def ports(self, n_spots: int) -> tuple[Terminal, ...]:
         """Make the ports of all points."""
-        push = Law.formed_by(lambda: -self._push())
+        force = Law.formed_by(lambda: -self._normal_force())
         found = []
         for spot in range(n_spots):
             end = suffix_of(spot, n_spots)
@@ -259,7 +259,7 @@ class _Pushing:
             gap = Touch(spot, "gap")
             found.append(
                 Terminal(
-                    "translational", Kind.SPRING, normal, through=push, is_passive=False, touch=gap
+                    "translational", Kind.SPRING, normal, through=force, is_passive=False, touch=gap
                 )
             )
             if self._has_friction:
@@ -305,10 +305,10 @@ def _exponent(edge: str, given: Given) -> Any:
 
 def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
-    pushing = _Pushing(_exponent(edge, given), "normal" in given, has_friction)
+    forces = _ContactForces(_exponent(edge, given), "normal" in given, has_friction)
     own = replace(
         CONTACT,
-        ports=pushing.ports(n_spots),
+        ports=forces.ports(n_spots),
         measures=pushes(n_spots),
         geometry=geometry_of(given),
     )
@@ -342,7 +342,7 @@ CONTACT = scalar(
     "contact",
     "elastic contact of two bodies, with friction",
     (*SHAPES, *_LAWS),
-    *_Pushing(1.5, True, True).ports(1),
+    *_ContactForces(1.5, True, True).ports(1),
     adapt=_adapt,
     geometry=GEOMETRY,
     measures=pushes(1),

@@ -31,7 +31,7 @@ def _is_positive(given: object) -> bool:
 
 
 @dataclass(frozen=True)
-class _Rubbing:
+class _DryFriction:
     """A component whose friction is one expression of its fields in sliding, and one at rest."""
 
     domain: str  # the domain of its port
@@ -124,7 +124,7 @@ def _stribeck(unit: str) -> Field:
 
 
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
-    rubbing = _Rubbing(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
+    dry = _DryFriction(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
     fields = (
         value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),
         optional(
@@ -137,12 +137,10 @@ def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component
         _stribeck(speed_unit),
         _viscous(f"{force_unit} s/{speed_unit.removesuffix('/s')}"),
     )
-    return rubbing.component(
-        f"{domain}_dry_friction", "dry friction with sticking and sliding", fields
-    )
+    return dry.component(f"{domain}_dry_friction", "dry friction with sticking and sliding", fields)
 
 
-_PRESSED = _Rubbing(
+_PRESSED = _DryFriction(
     "rotational",
     lambda s: s("radius") * s("friction") * s("normal_force"),
     lambda s: s("peak") * s("radius") * s("friction") * s("normal_force"),
@@ -218,7 +216,7 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     return scalar(f"{domain}_lugre", "LuGre friction: bristles that bend and slip", fields, port)
 
 
-def _toothed(given: Given) -> Component:
+def _gear_with_losses(given: Given) -> Component:
     """Make a gear with friction in teeth and bearings, with the fields that a scene gives.
 
     With the torque t that the gear transmits, at the input, and the torque T of the bearings, the
@@ -273,7 +271,7 @@ def _toothed(given: Given) -> Component:
 
 
 def _adapt_gear(edge: str, nodes: Nodes, given: Given) -> Adapted:
-    return _toothed(given), nodes, given
+    return _gear_with_losses(given), nodes, given
 
 
 _RATIO = value("ratio", "1", "speed of the input per speed of the output; may be negative", "")
@@ -305,7 +303,7 @@ _GEAR = scalar(
 
 
 COMPONENTS = (
-    _toothed({}),
+    _gear_with_losses({}),
     _dry("translational", "force", "N", "m/s"),
     _dry("rotational", "torque", "N m", "rad/s"),
     _bristles("translational", "force", "N", "m"),

@@ -195,13 +195,13 @@ def choose(
         )
     # The units may be negative; their outer product scales the information correctly all the same.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
-    weigh = _Weigh(present, found.split.open.shape[1], criterion, names)
-    chosen = _improved(_greedy(rows, n, weigh, range(len(rows)), repeat), rows, weigh, repeat)
+    rating = _Rating(present, found.split.open.shape[1], criterion, names)
+    chosen = _improved(_greedy(rows, n, rating, range(len(rows)), repeat), rows, rating, repeat)
     # Order the final set by benefit.
-    return _described(found, rows, labels, _greedy(rows, n, weigh, chosen, False), weigh)
+    return _described(found, rows, labels, _greedy(rows, n, rating, chosen, False), rating)
 
 
-class _Weigh:
+class _Rating:
     """Rates added information by a criterion; ratings are tuples, of which larger is better."""
 
     def __init__(self, present: Array, n_open: int, criterion: str, names: Sequence[str]) -> None:
@@ -277,13 +277,13 @@ def _rows(
 
 
 def _greedy(
-    rows: Sequence[Array], n: int, weigh: _Weigh, among: Sequence[int], repeat: bool
+    rows: Sequence[Array], n: int, rating: _Rating, among: Sequence[int], repeat: bool
 ) -> list[int]:
     """Add one candidate at a time, always the one with the best rating."""
     left, chosen = list(among), list[int]()
-    added = np.zeros_like(weigh.present)
+    added = np.zeros_like(rating.present)
     while len(chosen) < n:
-        best = max(dict.fromkeys(left), key=lambda i: weigh(added + rows[i].T @ rows[i]))
+        best = max(dict.fromkeys(left), key=lambda i: rating(added + rows[i].T @ rows[i]))
         chosen.append(best)
         added = added + rows[best].T @ rows[best]
         if not repeat:
@@ -291,7 +291,7 @@ def _greedy(
     return chosen
 
 
-def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: bool) -> list[int]:
+def _improved(chosen: list[int], rows: Sequence[Array], rating: _Rating, repeat: bool) -> list[int]:
     """Exchange one candidate at a time for a better one until no exchange improves the set."""
     chosen = list(chosen)
     for _ in range(_MOST_PASSES):
@@ -299,10 +299,10 @@ def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: b
         for k in range(len(chosen)):
             others = chosen[:k] + chosen[k + 1 :]
             free = [i for i in range(len(rows)) if repeat or i not in others]
-            added = sum((rows[i].T @ rows[i] for i in others), np.zeros_like(weigh.present))
-            now = weigh(added + rows[chosen[k]].T @ rows[chosen[k]])
-            best = max(free, key=lambda i: weigh(added + rows[i].T @ rows[i]))
-            value = weigh(added + rows[best].T @ rows[best])
+            added = sum((rows[i].T @ rows[i] for i in others), np.zeros_like(rating.present))
+            now = rating(added + rows[chosen[k]].T @ rows[chosen[k]])
+            best = max(free, key=lambda i: rating(added + rows[i].T @ rows[i]))
+            value = rating(added + rows[best].T @ rows[best])
             # The margin keeps candidates that are equal up to rounding from being swapped forever.
             if value[0] > now[0] or value[1] > now[1] + 1e-9 * abs(now[1]):
                 chosen[k], has_changed = best, True
@@ -316,19 +316,19 @@ def _described(
     rows: Sequence[Array],
     labels: Sequence[tuple[str, str, float, float]],
     order: Sequence[int],
-    weigh: _Weigh,
+    rating: _Rating,
 ) -> NextMeasurements:
     """Describe the benefit of each measurement, given those before it."""
     scaled = found.problem.scaled
     names = scaled.names
     # If the noise was estimated, the variances keep their small-sample correction.
     scale = np.abs(found.split.sizes) * scaled.slopes(found.theta) * math.sqrt(found.spread)
-    added = np.zeros_like(weigh.present)
-    before, is_open = _errors(weigh, added)
+    added = np.zeros_like(rating.present)
+    before, is_open = _errors(rating, added)
     described = []
     for i in order:
         added = added + rows[i].T @ rows[i]
-        errors, now_open = _errors(weigh, added)
+        errors, now_open = _errors(rating, added)
         in_units = np.where(now_open, np.inf, errors * scale)
         output, experiment, t, noise = labels[i]
         with np.errstate(invalid="ignore"):
@@ -352,8 +352,8 @@ def _described(
     return NextMeasurements(described)
 
 
-def _errors(weigh: _Weigh, added: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _errors(rating: _Rating, added: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return relative standard errors, and which parameters are still undetermined."""
-    inverse, opened, _ = weigh.inverse(added)
+    inverse, opened, _ = rating.inverse(added)
     is_open = np.any(np.abs(opened) > 1e-4 * np.max(np.abs(opened), initial=1e-300), axis=1)
     return np.sqrt(np.diag(inverse)), np.asarray(is_open)

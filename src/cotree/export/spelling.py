@@ -22,7 +22,7 @@ _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 
 @dataclass(frozen=True)
-class Spelt:
+class DisplayName:
     """A displayed variable: its short name, and the order of its rate."""
 
     short: str  # the short name: ``theta_h2``
@@ -68,35 +68,35 @@ def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
 
 def spell_states(
     coordinates: Sequence[str], speeds: Sequence[str], taken: Collection[str]
-) -> dict[str, Spelt]:
+) -> dict[str, DisplayName]:
     """Spell coordinates, speeds and accelerations; parameters and inputs are ``taken``.
 
-    >>> spelt = spell_states(["b.x", "h.theta"], ["b.vx", "h.theta_dot"], [])
-    >>> {name: row.text for name, row in spelt.items()}  # doctest: +NORMALIZE_WHITESPACE
+    >>> shown = spell_states(["b.x", "h.theta"], ["b.vx", "h.theta_dot"], [])
+    >>> {name: row.text for name, row in shown.items()}  # doctest: +NORMALIZE_WHITESPACE
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
      'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
     """
     # Angular velocities, and velocities of free bodies, are not rates of coordinates.
     rates = {f"{name}_dot" for name in coordinates}
     short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
-    spelt = {name: Spelt(short[name]) for name in coordinates}
+    shown = {name: DisplayName(short[name]) for name in coordinates}
     for name in speeds:
         if name in rates:
             own = short[name.removesuffix("_dot")]
-            pair = Spelt(own, "_dot"), Spelt(own, "_ddot")
+            pair = DisplayName(own, "_dot"), DisplayName(own, "_ddot")
         else:
-            pair = Spelt(short[name]), Spelt(short[name], "_dot")
-        spelt[name], spelt[acceleration_name(name, coordinates)] = pair
-    return spelt
+            pair = DisplayName(short[name]), DisplayName(short[name], "_dot")
+        shown[name], shown[acceleration_name(name, coordinates)] = pair
+    return shown
 
 
-def spell_multipliers(rows: Iterable[str]) -> dict[str, Spelt]:
+def spell_multipliers(rows: Iterable[str]) -> dict[str, DisplayName]:
     """Spell the multiplier of each constraint by the constraint's name.
 
     >>> spell_multipliers(["D4.x"])["D4.x"].text
     'lambda_D4_x'
     """
-    return {name: Spelt(f"lambda_{name.replace('.', '_')}") for name in rows}
+    return {name: DisplayName(f"lambda_{name.replace('.', '_')}") for name in rows}
 
 
 def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str, str]:
@@ -124,18 +124,18 @@ def _derived(short: str) -> list[str]:
     return [f"{short}{suffix}" for suffix in ACCENTS]
 
 
-def subscript(name: str | None, spelt: Mapping[str, Spelt]) -> str:
+def subscript(name: str | None, shown: Mapping[str, DisplayName]) -> str:
     """Return the subscript of a derivative: ``_L``, or ``_s(0)`` for a state."""
     if name is None:
         return ""
-    return f"_{spelt[name].text}(0)" if name in spelt else f"_{name}"
+    return f"_{shown[name].text}(0)" if name in shown else f"_{name}"
 
 
-def latex_subscript(name: str | None, spelt: Mapping[str, Spelt]) -> list[str]:
+def latex_subscript(name: str | None, shown: Mapping[str, DisplayName]) -> list[str]:
     """Return the subscript of a derivative in LaTeX."""
     if name is None:
         return []
-    return [f"{spelt[name].latex()}(0)" if name in spelt else latex_symbol(name)]
+    return [f"{shown[name].latex()}(0)" if name in shown else latex_symbol(name)]
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
@@ -151,7 +151,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     plain, known = printer._print, {}
 
     def print_once(item: Any, **options: Any) -> Any:
-        # Numbers of different types are equal, but spelt differently: 2 and 2.0.
+        # Numbers of different types are equal, but their texts differ: 2 and 2.0.
         key = (type(item), item)
         if options or not hasattr(item, "free_symbols"):
             return plain(item, **options)

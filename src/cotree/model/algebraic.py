@@ -85,7 +85,7 @@ class Algebraic:
         # The matrix of a root serves the next point nearby; that of a failed search does not.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
-            raise UnsolvedError(self._complaint(t, root.g))
+            raise UnsolvedError(self._failure_message(t, root.g))
         return root.values
 
     def check_index(self, t: float, y: Array) -> None:
@@ -157,7 +157,7 @@ class Algebraic:
         names = [f"'{name}'" for name in self._names[self.cut :]]
         return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
-    def _complaint(self, t: float, g: Array) -> str:
+    def _failure_message(self, t: float, g: Array) -> str:
         # A residual that is not finite counts as the largest.
         order = np.argsort(-np.nan_to_num(np.abs(g), nan=np.inf), kind="stable")
         worst = int(order[0])

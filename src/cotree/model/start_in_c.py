@@ -48,7 +48,7 @@ _CONTRADICTIONS = (100, 102)
 _UNSOLVED, _UNDETERMINED = 104, 108
 
 #: The modes of jumps contradict the states that they lead to.
-_TURNED_BACK = 105
+_REVERSED = 105
 
 #: All states are found, but redundant values contradict each other, a value is not finite, or the
 #: start is at a jump whose time depends on a parameter.
@@ -246,7 +246,7 @@ class StartCall(CObjects):
         y, s = self._found()
         if report is not None and status in _CONTRADICTIONS:
             report.refuse(y, is_of_derivatives=status == _CONTRADICTIONS[1])
-        if status == _TURNED_BACK:
+        if status == _REVERSED:
             raise contradicting_jumps(at)
         if status == _UNDETERMINED or (status in _COMPLETE and self._starts.is_sparse):
             self.search().algebraic.check_index(at.t, y)

@@ -54,8 +54,9 @@ if TYPE_CHECKING:
 
 #: Functions that are defined on both sides of any kink of their arguments. Kinks may occur only in
 #: the dividend of a quotient, and in the right-hand side of a linear system.
-_TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
-_TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines", "solve"}
+_DEFINED_AT_KINKS = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf"})
+_DEFINED_AT_KINKS |= {"abs", "exp", "sinh", "cosh", "select", "sign", "table", "result"}
+_DEFINED_AT_KINKS |= {"sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
 #: Tables with more points than this along an axis are left to the error test: a run would restart
@@ -303,7 +304,7 @@ class _Kinks:
                 if self._moving.isdisjoint(symbols_in([known[reader]])):
                     continue
                 is_dividend = reader.op == "div" and reader.args[1] not in known
-                if not _is_tame(reader) and not is_dividend:
+                if not _is_defined_at_kinks(reader) and not is_dividend:
                     end = max(end, _ENDS, _end_within([known[reader]], ways))
                 waiting.append(reader)
         return max(end, _ENDS)
@@ -420,19 +421,19 @@ def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
     return set(reachable(values))
 
 
-def _is_tame(node: Node) -> bool:
+def _is_defined_at_kinks(node: Node) -> bool:
     """Return whether an operation has a value beyond any kink of its arguments."""
     if node.op == "pow":
         base = node.args[0].value
         return base is not None and base > 0.0
-    return node.op in _TAME or _is_table(node)
+    return node.op in _DEFINED_AT_KINKS or _is_table(node)
 
 
 def _wild(order: Sequence[Node]) -> set[Node]:
     """List the values whose users must not get a branch beyond its end."""
     found: set[Node] = set()
     for node in reversed(order):
-        if node in found or not _is_tame(node):
+        if node in found or not _is_defined_at_kinks(node):
             found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
     return found
 

@@ -65,16 +65,16 @@ def with_stops(scene: _Scene) -> _Scene:
 
 def _with_discs(scene: _Scene) -> _Scene:
     """Extend the friction of rigid contacts to two directions of slip if the scene is spatial."""
-    rubbing = [
+    frictional = [
         edge
         for edge in scene.edges.values()
         if any(terminal.friction and terminal.touch for terminal in edge.component.ports)
     ]
-    if not rubbing or motion_spaces(scene.mechanics).plane:
+    if not frictional or motion_spaces(scene.mechanics).plane:
         return scene
     made = copy.copy(scene)
     made.edges = dict(scene.edges)
-    for edge in rubbing:
+    for edge in frictional:
         component = with_discs(edge.component)
         # All points of a contact act between the same two nodes.
         ports = (edge.ports[0],) * len(component.ports)

@@ -76,12 +76,12 @@ class Callbacks(CObjects):
 class Rescue:
     """Search for points of one integration that the iterations in C do not find.
 
-    ``complaint`` is the reason why the last point was not found, without a capital and a full stop.
+    ``reason`` states why the last point was not found, without a capital and a full stop.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.complaint = ""
+        self.reason = ""
 
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
         """Solve for the algebraic unknowns in place; store the reason of a failure."""
@@ -99,9 +99,9 @@ class Rescue:
             found = y.copy()
             unknowns.solve(t, found)
         except Error as error:
-            self.complaint = str(error).rstrip(".")
+            self.reason = str(error).rstrip(".")
             return False
-        y[:], self.complaint = found, ""
+        y[:], self.reason = found, ""
         return True
 
 

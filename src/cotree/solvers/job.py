@@ -301,7 +301,7 @@ class Job:
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
-        self.rescue.problem, self.rescue.complaint = problem, ""
+        self.rescue.problem, self.rescue.reason = problem, ""
         if not self._has_newton and problem.singular is not None:
             # Rates exist only on dependent constraints: C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
@@ -418,7 +418,7 @@ class Job:
             reasons = [f"SUNDIALS reports: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
         elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
             reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
-        if c.complaint == SINGULAR and not problem.n_algebraic:
+        if c.kernel_status == SINGULAR and not problem.n_algebraic:
             reasons.append("a linear system of the model is singular ahead")
         if c.row >= 0:
             of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
@@ -486,7 +486,7 @@ class Job:
         message = event_message(name, events, float(c.event_time), float(c.event_detail))
         if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
             return f"{message}, '{problem.constraints[int(c.event_detail)]}' first of all"
-        return f"{message} ({self.rescue.complaint})" if self.rescue.complaint else message
+        return f"{message} ({self.rescue.reason})" if self.rescue.reason else message
 
     def _make_records(self, rows: int) -> None:
         """Allocate records of events; existing ones are copied."""

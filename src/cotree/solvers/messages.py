@@ -113,7 +113,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
     if why or not problem.n_algebraic:
         return why
     rescue = Rescue(problem)
-    return "" if rescue.find_unknowns(t, y) else rescue.complaint
+    return "" if rescue.find_unknowns(t, y) else rescue.reason
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:

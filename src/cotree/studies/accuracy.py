@@ -294,7 +294,7 @@ class BenchRow:
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property
-    def stand_in(self) -> str:
+    def substitute(self) -> str:
         """Return the method that replaced the one of the row; empty if none did."""
         ran = self.method if self.statistics is None else self.statistics.method
         return "" if ran == self.method else ran
@@ -304,7 +304,7 @@ class BenchRow:
         """Return why there are no numbers or times; empty if the row is complete."""
         if not self.success:
             return self.message
-        return f"{self.stand_in} stood in: not timed" if self.stand_in else ""
+        return f"{self.substitute} stood in: not timed" if self.substitute else ""
 
     @property
     def spread(self) -> float:

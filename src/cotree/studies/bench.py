@@ -385,7 +385,7 @@ def _time_all(
             trial.status, trial.message = result.status, result.message
         return result is not None and result.success
 
-    left = [trial for trial in trials if trial.status == 0 and not trial.stand_in]
+    left = [trial for trial in trials if trial.status == 0 and not trial.substitute]
     contenders = _contenders(left)
     others = [trial for trial in left if trial not in contenders]
     done = _TO_BUILD + _TO_TRY

@@ -29,7 +29,7 @@ TARGETS = (1e-3, 1e-6, 1e-9)
 _OF_ROW = (
     *("method", "rtol", "atol", "seconds", "least", "noise", "n_runs", "error_states"),
     *("error_sensitivities", "own_error_states", "own_error_sensitivities", "status", "message"),
-    "stand_in",
+    "substitute",
 )
 
 
@@ -97,7 +97,7 @@ class BenchReport(Reported):
             row
             for row in self.rows
             if row.success
-            and not row.stand_in
+            and not row.substitute
             and row.n_runs
             and row.error <= target
             and (not judges_own or row.own_error <= target)

@@ -94,8 +94,8 @@ typedef struct cotree_job {
     long n_factorisations;
     int status; /* status of a failure: a cotree_status or a cotree_events_status */
 #if COTREE_HAS_SUNDIALS
-    int flag;      /* return value of SUNDIALS, if no status corresponds to it */
-    int complaint; /* status of the last kernel called by SUNDIALS */
+    int flag;          /* return value of SUNDIALS, if no status corresponds to it */
+    int kernel_status; /* status of the last kernel called by SUNDIALS */
 #endif
     int entry;       /* index of a rate that was not finite, or -1 */
     int row, column; /* position of a Jacobian entry that was not finite, or -1 */

@@ -410,7 +410,7 @@ const char *cotree_start_message(int status)
         return "the algebraic equations have no solution near the guess";
     case COTREE_START_UNDETERMINED:
         return "the algebraic equations do not determine all unknowns";
-    case COTREE_START_TURNED_BACK:
+    case COTREE_START_REVERSED:
         return "a jump reverses its own condition";
     case COTREE_START_NO_MEMORY:
         return "there is not enough memory";
@@ -434,7 +434,7 @@ const char *cotree_start_culprit(const cotree_start *start, int status)
     case COTREE_START_CONTRADICTED:
         return start->tables->redundant[i].name;
 #if COTREE_HAS_EVENTS
-    case COTREE_START_TURNED_BACK:
+    case COTREE_START_REVERSED:
     case COTREE_START_ON_JUMP:
         return MODEL->hybrid->events[i].name;
 #endif

@@ -19,9 +19,9 @@ COTREE_BEGIN_DECLS
 #define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: a row of the assembly */
 #define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* also column: the sensitivity */
 #define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
-#define COTREE_START_UNSOLVED 104    /* the algebraic equations have no solution */
-#define COTREE_START_TURNED_BACK 105 /* culprit: an event whose jump reverses its own condition */
-#define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
+#define COTREE_START_UNSOLVED 104  /* the algebraic equations have no solution */
+#define COTREE_START_REVERSED 105  /* culprit: an event whose jump reverses its own condition */
+#define COTREE_START_UNDEFINED 106 /* culprit: a state without a finite value */
 #define COTREE_START_NO_MEMORY 107
 #define COTREE_START_ON_JUMP 109      /* culprit: an event whose jump depends on a parameter */
 #define COTREE_START_UNDETERMINED 108 /* the algebraic equations do not determine all unknowns */

@@ -102,7 +102,7 @@ int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t, cotree_re
 #endif
         if (status != 0) return status;
     }
-    return most > 0 ? COTREE_START_TURNED_BACK : 0;
+    return most > 0 ? COTREE_START_REVERSED : 0;
 }
 
 #if COTREE_HAS_SENSITIVITIES

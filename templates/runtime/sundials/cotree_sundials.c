@@ -110,7 +110,7 @@ COTREE_PRIVATE int cotree_bdf_evaluate(cotree_job *job, cotree_run *run, double 
     const int status = rates_at(run, t, z, dz), n = length_of(job, run);
     int entry;
     ++job->n_evaluations;
-    job->complaint = status;
+    job->kernel_status = status;
     if (status != 0) return status > 0 ? RATES_AGAIN : RATES_FAIL;
     entry = cotree_bdf_first_not_finite(dz, n);
     if (entry < 0) return 0;
@@ -181,7 +181,7 @@ static int status_of(cotree_job *job, int flag)
     if (flag >= 0) return flag;
     job->flag = flag;
 #if !COTREE_IDA
-    if (flag == NO_CONVERGENCE && (job->complaint > 0 || job->entry >= 0 || job->row >= 0)) {
+    if (flag == NO_CONVERGENCE && (job->kernel_status > 0 || job->entry >= 0 || job->row >= 0)) {
         return COTREE_RATE_FAILED; /* with every step size */
     }
 #endif

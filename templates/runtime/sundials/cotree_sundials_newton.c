@@ -66,7 +66,7 @@ COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const
             status = model->jacobian(at, z, job->u, job->p, cotree_job_prepared(job), trial);
     }
     ++job->n_jacobians;
-    job->complaint = status;
+    job->kernel_status = status;
     if (status != 0) return status > 0 ? RATES_AGAIN : RATES_FAIL;
     place = cotree_bdf_first_not_finite(trial, size);
     if (place >= 0) {

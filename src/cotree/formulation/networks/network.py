@@ -18,14 +18,6 @@ from cotree.formulation.networks.couplings import (
     through_name,
 )
 from cotree.formulation.networks.names import Names
-from cotree.formulation.networks.rubbing import (
-    Holding,
-    check_friction,
-    holding_of,
-    holding_ports,
-    reacting_fields,
-    used_by_friction,
-)
 from cotree.formulation.networks.solved import Solved, make_plan, solve_plan
 from cotree.formulation.networks.states import (
     Redundant,
@@ -39,6 +31,14 @@ from cotree.formulation.networks.states import (
 from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
+from cotree.formulation.networks.unilateral import (
+    Holding,
+    check_friction,
+    holding_of,
+    holding_ports,
+    reacting_fields,
+    used_by_friction,
+)
 from cotree.formulation.outputs import observe_motion
 from cotree.scene.events import event_expressions
 from cotree.scene.networks import Port, scalar_graphs, scalar_ports

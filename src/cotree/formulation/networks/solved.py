@@ -27,8 +27,8 @@ from cotree.dag.multi_output import SolveShape, solve
 from cotree.dag.nodes import Dag, Node, substitute, symbols_in
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
-from cotree.formulation.networks.rubbing import is_holding
 from cotree.formulation.networks.rules import Given, Lawful, Rule, Tangent, Unknown, Variable
+from cotree.formulation.networks.unilateral import is_holding
 from cotree.linear.factors import LinearSolver, factorise_definite
 from cotree.tolerances import TINY
 

@@ -14,7 +14,6 @@ from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
 from cotree.formulation.fields import guards_of, is_timed
 from cotree.formulation.networks.names import argument_of
-from cotree.formulation.networks.rubbing import limit_law
 from cotree.formulation.networks.rules import (
     FieldRule,
     Lawful,
@@ -36,6 +35,7 @@ from cotree.formulation.networks.rules import (
     through_residual,
 )
 from cotree.formulation.networks.stores import is_of_content
+from cotree.formulation.networks.unilateral import limit_law
 from cotree.scene.networks import GIVES, Swap
 
 if TYPE_CHECKING:

@@ -74,12 +74,12 @@ def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
     """List the symbols of the mechanism that only fields of dry friction on it use."""
-    rubbing = {
+    frictional = {
         port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
     }
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
-        used[edge in rubbing].update(s for s in symbols_in([node]) if s.data[0] == MEASURED)
+        used[edge in frictional].update(s for s in symbols_in([node]) if s.data[0] == MEASURED)
     return frozenset(used[True] - used[False])
 
 
