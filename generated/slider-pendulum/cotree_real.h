@@ -1,4 +1,4 @@
-/* cotree_real.h: the number type, its literals, functions and limits; the features that are
+/* cotree_real.h: the floating-point type, its literals, functions and limits; the features that are
  * compiled; compiler-specific qualifiers.
  *
  * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
@@ -9,8 +9,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
- * tolerances are the same share of the digits of either. */
+/* COTREE_F(x): a literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
+ * in single precision; tolerances scale with the number of digits. */
 typedef double cotree_real;
 #define COTREE_F(x) x
 #define COTREE_SELECT(in_double, in_single) in_double
@@ -32,7 +32,7 @@ typedef double cotree_real;
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
 
-/* Declarations between these have C linkage in C++. */
+/* Declarations between these macros have C linkage in C++. */
 #ifdef __cplusplus
 #define COTREE_BEGIN_DECLS extern "C" {
 #define COTREE_END_DECLS }
@@ -47,7 +47,8 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels are not inlined: joined, they would take too long to compile. */
+/* Blocks of long kernels are not inlined, because a single function would take too long to
+ * compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -56,7 +57,7 @@ typedef double cotree_real;
 #define COTREE_APART
 #endif
 
-/* Alignment of arrays that vectors are loaded from. */
+/* Alignment of arrays that are loaded into vectors. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_ALIGNED __attribute__((aligned(64)))
 #else
@@ -69,7 +70,7 @@ typedef double cotree_real;
 #define COTREE_EXPORT
 #endif
 
-/* Functions called by the runtime only: static if they and their callers form one file. */
+/* Functions that only the runtime calls: static if the whole runtime is compiled as one file. */
 #ifndef COTREE_PRIVATE
 #define COTREE_PRIVATE
 #endif

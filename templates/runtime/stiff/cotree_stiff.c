@@ -9,7 +9,7 @@ typedef cotree_stiff cotree_systems;
 #define N_RATES (stiff->run->n_rates)
 #define MODEL (stiff->run->model)
 
-/* List the places of algebraic unknowns and their sensitivities. */
+/* List the indices of algebraic unknowns and of their sensitivities. */
 static void list_algebraic(cotree_stiff *stiff)
 {
     const int *const rows = MODEL->sensitivity_rows;
@@ -26,7 +26,7 @@ static int rate(cotree_real t, const cotree_real *z, cotree_real *dz, void *cont
     return cotree_run_packed_rate(run, cotree_run_inside(run, t), z, dz);
 }
 
-/* Return the number of sensitivities that do not vanish at all times. */
+/* Return the number of sensitivities that do not always vanish. */
 static int n_reached(const cotree_model *model)
 {
     return model->sensitivity_starts[model->n_sensitivities];
@@ -48,7 +48,7 @@ static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void
     if (stiff->zero_sensitivities == NULL) {
         return stiff->newton->time_slope(t, z, z + N_STATES, run->u, run->p, run->k, dz);
     }
-    /* The kernel computes the sensitivities of the model, too. */
+    /* The kernel also computes sensitivities of the model. */
     status = stiff->newton->time_slope(t, z, stiff->zero_sensitivities, run->u, run->p, run->k,
                                        stiff->zero_sensitivities + n_reached(MODEL));
     for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->zero_sensitivities[n_reached(MODEL) + i];
@@ -64,7 +64,7 @@ static int evaluate_jacobian(cotree_stiff *stiff, cotree_real t, const cotree_re
     return MODEL->jacobian(t, z, run->u, run->p, run->k, values);
 }
 
-/* Evaluate and store the derivatives at z of which the linear systems consist. */
+/* Evaluate and store the derivatives at z that the linear systems contain. */
 static int linearise(cotree_real t, const cotree_real *z, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -105,7 +105,7 @@ static int factorise_values(cotree_stiff *stiff, const cotree_real *values, cotr
     return 0;
 }
 
-/* Factorise with the stored derivatives; Newton's method may have factorised others since. */
+/* Factorise with the stored derivatives; Newton's method may have factorised others since then. */
 static int factorise(cotree_real shift, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -142,7 +142,8 @@ static int solve_states(cotree_stiff *stiff, cotree_real *x)
     return 0;
 }
 
-/* Solve for all blocks. The solution of the states contributes to the sensitivities. */
+/* Solve for all blocks. The solution of the states contributes to the right-hand sides of the
+ * sensitivities. */
 static int solve(cotree_real *u, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -161,16 +162,16 @@ static int solve(cotree_real *u, void *context)
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Error estimates hold if the algebraic equations are nearly linear within the correction of a
- * step: if it is at most this share of the distance over which they bend. At 0.5 the error of
- * the diode bridge is twelve tolerances. */
+/* Error estimates are valid if the algebraic equations are nearly linear within the correction of a
+ * step: it must be at most this fraction of the distance over which their slopes change. At 0.5 the
+ * error of the diode bridge is twelve tolerances. */
 #define LINEAR_SHARE COTREE_F(0.2)
 
-/* A shift so large that the states stay. */
+/* A shift so large that the states do not change. */
 #define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
 
-/* Factorise for Newton's method on the algebraic unknowns with the planned pivots: the shift
- * fixes the states. */
+/* Factorise for Newton's method on the algebraic unknowns, with the planned pivots. The shift keeps
+ * the states constant. */
 static int linearise_algebraic(cotree_real t, const cotree_real *x, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -179,8 +180,8 @@ static int linearise_algebraic(cotree_real t, const cotree_real *x, void *contex
     return status != 0 ? status : factorise_values(stiff, values, FIXING_SHIFT);
 }
 
-/* Compute the changes of unknowns without rates that follow from changes u of the others, which
- * the shift fixes. */
+/* Compute the changes of the unknowns without rates that follow from changes u of the others. The
+ * shift keeps the others constant. */
 static int follow(cotree_real *u, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -191,7 +192,7 @@ static int follow(cotree_real *u, void *context)
     return status != 0 ? status : solve(u, stiff);
 }
 
-/* Return whether the last solution lies far from the start of its iteration. */
+/* Return whether the last solution is far from the start of its iteration. */
 static int is_bent(void *context)
 {
     return !(((cotree_stiff *)context)->run->bend <= LINEAR_SHARE);
@@ -249,7 +250,7 @@ cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
 {
 #if COTREE_HAS_INPUTS
     const cotree_run *const run = stiff->run;
-    /* The time derivatives of replaced inputs are not known. */
+    /* The time derivatives of replaced inputs are unknown. */
     const int is_replaced = run->n_replaced > 0 || run->input_function != NULL;
 #else
     const int is_replaced = 0;
@@ -301,7 +302,7 @@ int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real 
     cotree_run *const run = stiff->run;
     cotree_run_unpack(run, z, run->full);
     if (N_ALGEBRAIC == 0) return 0;
-    /* Between steps unknowns may be inaccurate: if Newton's method fails from there, other
+    /* Between steps the unknowns may be inaccurate: if Newton's method fails from there, other
      * guesses are tried. */
     cotree_run_narrow(run, t, run->full, run->step);
     return cotree_run_find(run, t, run->step);

@@ -1,20 +1,21 @@
 /* cotree_systems.h: linear systems (shift M - J) x = b of a model and of its sensitivities.
  *
- * The including file defines cotree_systems, and cotree_solve_blocks for it. J lies in compressed
+ * The including file defines cotree_systems and cotree_solve_blocks. J is stored in compressed
  * columns: starts of the columns, then the row of each value. */
 #ifndef COTREE_SYSTEMS_H
 #define COTREE_SYSTEMS_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* otherwise the including file defines vectors */
+#ifndef HOLDS /* otherwise the including file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 
-/* Solve for adjacent blocks of as many numbers as there are states, in place. */
+/* Solve in place for n_blocks adjacent blocks, each as long as the states. */
 static inline void cotree_solve_blocks(const cotree_systems *systems, int n_blocks, REAL *x);
 
-/* Return whether x solves the system up to small relative changes of its entries. M is one in the
- * first n_rates of n rows, else zero; residual and size hold n numbers. */
+/* Return whether x solves the system up to small relative changes of the entries of its matrix. M
+ * is one in the first n_rates of n rows, otherwise zero. residual and size: work space of n
+ * numbers. */
 static inline MASK cotree_is_solution(int n, int n_rates, const int *starts, const int *rows,
                                       const REAL *values, REAL shift, const REAL *b, const REAL *x,
                                       REAL *residual, REAL *size)
@@ -40,8 +41,8 @@ static inline MASK cotree_is_solution(int n, int n_rates, const int *starts, con
     return found;
 }
 
-/* Solve for the sensitivities to each parameter. starts and rows list those that do not vanish at
- * all times; whole holds n numbers. */
+/* Solve for the sensitivities to each parameter. starts and rows list those that do not always
+ * vanish. whole: work space of n numbers. */
 static inline void cotree_solve_sensitivities(const cotree_systems *systems, int n,
                                               int n_parameters, const int *starts, const int *rows,
                                               REAL *s, REAL *whole)
@@ -50,7 +51,7 @@ static inline void cotree_solve_sensitivities(const cotree_systems *systems, int
     while (j < n_parameters) {
         const int first = starts[j], n_own = starts[j + 1] - first;
         REAL *const own = s + first;
-        int n_whole = 0; /* adjacent blocks without zeros: one call */
+        int n_whole = 0; /* number of adjacent blocks without zeros, which are solved in one call */
         while (j + n_whole < n_parameters && starts[j + n_whole + 1] - starts[j + n_whole] == n) {
             ++n_whole;
         }

@@ -1,18 +1,18 @@
-/* cotree_sundials.c: the stepper of a job with the backward differentiation formulas of
- * SUNDIALS.
+/* cotree_sundials.c: stepper of a job with the backward differentiation formulas of SUNDIALS.
  *
- * CVODE integrates the states, with algebraic unknowns solved for at each evaluation. IDA
- * integrates both; unknowns are outside its error test, and solved for at each stored point. */
+ * CVODE integrates the states; algebraic unknowns are solved for at each evaluation. IDA integrates
+ * both. It excludes the unknowns from its error test, and they are solved for at each stored
+ * point. */
 #include "cotree_sundials_internal.h"
 
 #include "cotree_limits.h"
 
 #include <string.h>
 
-/* A rounding of t is negligible below this share of the relative tolerance of a step. */
+/* A rounding error of t is negligible below this fraction of the relative tolerance of a step. */
 #define NEGLIGIBLE_ROUNDING 1e-2
 
-/* Write the state that each place of a vector belongs to, and the start of each block. */
+/* Write the state that each vector entry belongs to, and the start of each block. */
 static void list_blocks(const cotree_job *job)
 {
     const cotree_model *const model = job->model;
@@ -46,7 +46,7 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_arena *arena)
     e->run = e->of_states = e->watched =
         cotree_job_begin_run(job, &e->runs[0], has_sensitivities, arena);
     if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, arena);
-    /* New values of events may violate the constraints: their run projects. */
+    /* New values of events may violate the constraints: the run of the events projects them. */
     if (job->model->hybrid != NULL) {
         e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, arena);
     }
@@ -84,7 +84,7 @@ COTREE_PRIVATE int cotree_bdf_first_not_finite(const double *values, int n)
 }
 
 #if COTREE_IDA
-/* Compute the rates of states, and residuals in the places of algebraic unknowns. */
+/* Compute the rates of the states, and the residuals in the entries of algebraic unknowns. */
 static int rates_at(cotree_run *run, double t, const double *z, double *dz)
 {
     const double at = cotree_run_inside(run, t);
@@ -103,7 +103,7 @@ static int rates_at(cotree_run *run, double t, const double *z, double *dz)
 }
 #endif
 
-/* Compute the rates of a run. SUNDIALS retries a shorter step after a positive result. */
+/* Compute the rates of a run. If the result is positive, SUNDIALS tries a shorter step. */
 COTREE_PRIVATE int cotree_bdf_evaluate(cotree_job *job, cotree_run *run, double t, const double *z,
                                        double *dz)
 {
@@ -148,7 +148,7 @@ static int rate(double since, void *y, void *dy, void *data)
     const cotree_sundials *const s = bdf_of(job)->sundials;
     const double t = clock_at(job, since);
 #if COTREE_SENSITIVITIES
-    /* CVODES calls this if the rates of sensitivities need those of the states. */
+    /* CVODES calls this function if the rates of sensitivities need those of the states. */
     const int is_known = bdf_of(job)->has_rates_next && bdf_of(job)->time_of_rates == t;
     bdf_of(job)->has_rates_next = 0;
     if (is_known) return 0;
@@ -158,7 +158,7 @@ static int rate(double since, void *y, void *dy, void *data)
 }
 
 #else
-/* Not used: the nonlinear solver evaluates the residuals, and only IDAS calls this. */
+/* Not used: the nonlinear solver evaluates the residuals; only IDAS calls this function. */
 static int residual(double since, void *y, void *dy, void *left, void *data)
 {
 #if COTREE_SENSITIVITIES
@@ -175,14 +175,14 @@ static int residual(double since, void *y, void *dy, void *left, void *data)
 }
 
 #endif
-/* Return the status of a flag of SUNDIALS. Positive ones are statuses of cotree. */
+/* Return the status for a return value of SUNDIALS. Positive values are statuses of cotree. */
 static int status_of(cotree_job *job, int flag)
 {
     if (flag >= 0) return flag;
     job->flag = flag;
 #if !COTREE_IDA
     if (flag == NO_CONVERGENCE && (job->kernel_status > 0 || job->entry >= 0 || job->row >= 0)) {
-        return COTREE_RATE_FAILED; /* with every step size */
+        return COTREE_RATE_FAILED; /* with any step size */
     }
 #endif
     switch (flag) {
@@ -268,7 +268,7 @@ static int make_parts(cotree_job *job)
     const cotree_sundials *const s = c->sundials;
     int i;
     if (s->SUNContext_Create(0, &c->context) != 0) return COTREE_NO_MEMORY;
-    s->SUNContext_ClearErrHandlers(c->context); /* the default ones print */
+    s->SUNContext_ClearErrHandlers(c->context); /* the default handlers print */
     for (i = 0; i < N_HANDLES; ++i) {
         c->handles[i] = s->N_VMake_Serial(VECTOR(job), vector_of(job, i), c->context);
         if (c->handles[i] == NULL) return COTREE_NO_MEMORY;
@@ -281,7 +281,7 @@ static int make_parts(cotree_job *job)
     return COTREE_OK;
 }
 
-/* Free what was created; may be called at any time. */
+/* Free the SUNDIALS objects that exist; may be called at any time. */
 static void close(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -368,15 +368,16 @@ static int complete(cotree_job *job, double t, double *w, int is_exact)
     double *const z = w;
     w = vector_of(job, STEP);
     cotree_run_unpack(run, z, run->full);
-    cotree_run_narrow(run, t, run->full, w); /* with its unknowns as a guess */
+    cotree_run_narrow(run, t, run->full, w); /* uses the interpolated unknowns as a guess */
 #endif
-    /* A projection leaves the square of its last correction times the speeds: repeat it once. */
+    /* A projection leaves a residual of the square of its last correction times the speeds: repeat
+     * it once. */
     for (i = is_exact ? 1 : 0; i < 2 && is_constrained(job); ++i) {
         if (cotree_run_project(t, w, run) != 0) return COTREE_NOT_PROJECTED;
     }
 #if COTREE_IDA
     if (cotree_run_complete(run, t, w) == 0) return 0;
-    /* Extrapolated voltages are poor guesses where junctions begin to conduct: use the present
+    /* Extrapolated voltages are poor guesses where junctions start to conduct: use the present
      * point. */
     cotree_run_unpack(run, cotree_engine_of(job)->w, run->full);
     cotree_run_narrow(run, job->t, run->full, vector_of(job, MOVED));
@@ -384,8 +385,7 @@ static int complete(cotree_job *job, double t, double *w, int is_exact)
     return cotree_run_find(run, t, w) != 0 ? COTREE_NOT_SOLVED : COTREE_OK;
 }
 
-/* Return whether the end of the last step differs from its rounded time by more than is
- * negligible. */
+/* Return whether the rounding error of the end time of the last step is significant. */
 static int is_rounding_significant(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -393,7 +393,7 @@ static int is_rounding_significant(const cotree_job *job)
     return fabs(rounding) > NEGLIGIBLE_ROUNDING * job->rtol * fabs(c->reached - c->passed);
 }
 
-/* The interpolation of BDF methods is as accurate as their steps. */
+/* The interpolation of BDF methods is as accurate as their steps, so is_careful has no effect. */
 static int between(cotree_job *job, double t, int is_careful, double **w, int *is_exact)
 {
     (void)is_careful;
@@ -408,19 +408,19 @@ static double known(const cotree_job *job, int is_last)
     return job->t;
 }
 
-/* With sensitivities, fresh matrices pay if a factorisation takes at most this many
+/* With sensitivities, new matrices at each step pay off if a factorisation takes at most this many
  * multiplications: they save a quarter of the steps of HIRES and of Robertson's reactions, and
  * every third evaluation. */
 #define FEW_MULTIPLICATIONS 8000.0
 
 #if COTREE_IDA
-/* The same limit for models with algebraic unknowns. */
+/* The corresponding limit for models with algebraic unknowns. */
 #define MANY_MULTIPLICATIONS 3e7
 #endif
 
-/* Return whether each step gets fresh matrices, since these are cheap to factorise: with CVODE
- * for sensitivities, with IDA also for junctions, whose slopes change by orders of magnitude
- * within a step. */
+/* Return whether each step renews its matrices because they are cheap to factorise: with CVODE for
+ * sensitivities, with IDA also for junctions, whose slopes change by orders of magnitude within a
+ * step. */
 static int has_cheap_matrices(const cotree_job *job)
 {
     const cotree_sundials_aid *const aid = bdf_of(job)->aid;
@@ -434,8 +434,8 @@ static int has_cheap_matrices(const cotree_job *job)
 #endif
 }
 
-/* Steps end on the constraints. Rates are evaluated there only if constraints are redundant, or
- * near singular positions. */
+/* Steps end on the constraints. Rates are evaluated at projected points only if constraints are
+ * dependent, or near singular positions. */
 static void hold_rates(const cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -467,7 +467,7 @@ static void open(cotree_job *job)
 #endif
 }
 
-/* A segment at rounding level is skipped if it is shorter than this share of the span. */
+/* A segment at rounding level is skipped if it is shorter than this fraction of the span. */
 #define NEGLIGIBLE 1e-9
 
 static int is_rounding(const cotree_job *job, double length, double t)
@@ -495,7 +495,8 @@ static int begin(cotree_job *job)
     c->has_jacobian = c->has_matrix = c->has_failed = 0;
     c->step_of_solution = -1;
     c->bend = 1.0;
-    if (e->watched != e->run && job->model->n_algebraic > 0) { /* guesses from the last event */
+    if (e->watched != e->run &&
+        job->model->n_algebraic > 0) { /* use the unknowns after the last event as guesses */
         cotree_run_narrow(e->of_states, job->t, e->watched->full, vector_of(job, STEP));
         cotree_run_narrow(e->run, job->t, e->watched->full, vector_of(job, STEP));
     }
@@ -514,7 +515,7 @@ static int begin(cotree_job *job)
     return status_of(job, start(job, end));
 }
 
-/* Take one step; a step at rounding level is skipped. */
+/* Take one step. A step at rounding level is skipped. */
 static int step(cotree_job *job, double end)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -530,7 +531,7 @@ static int step(cotree_job *job, double end)
         if (flag < 0) return status_of(job, flag);
         if (since != whole) {
             t = clock_at(job, since);
-            /* The rounded time must lie before the end and within the step. */
+            /* The rounded time must be before the end and within the step. */
             if (fabs(t - e->origin) > fabs(since) || t == end) t = nextafter(t, e->origin);
         }
     }

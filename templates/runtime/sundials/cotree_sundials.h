@@ -1,6 +1,6 @@
-/* cotree_sundials.h: the functions of SUNDIALS that a job calls, loaded at run time.
+/* cotree_sundials.h: functions of SUNDIALS that a job calls; they are loaded at run time.
  *
- * Vectors, solvers and integrators are opaque pointers; numbers are doubles, indices have 64
+ * Vectors, solvers and integrators are opaque pointers. Numbers are doubles, and indices have 64
  * bits. */
 #ifndef COTREE_SUNDIALS_H
 #define COTREE_SUNDIALS_H
@@ -9,8 +9,9 @@
 
 #include <stdint.h>
 
-/* The library: IDA or CVODE; IDAS or CVODES, with one vector for each sensitivity; and whether
- * these may be solved for simultaneously with the states, as in CVODES. */
+/* The library: COTREE_IDA is 1 for IDA, 0 for CVODE. COTREE_SENSITIVITIES is 1 for IDAS and CVODES,
+ * with one vector for each sensitivity. COTREE_SIMULTANEOUS is 1 if sensitivities may be solved for
+ * simultaneously with the states, as in CVODES. */
 #ifndef COTREE_IDA
 #define COTREE_IDA 0
 #endif
@@ -21,11 +22,11 @@
 #define COTREE_SIMULTANEOUS (COTREE_SENSITIVITIES && !COTREE_IDA)
 #endif
 
-/* A right-hand side of CVODE; a residual of IDA. */
+/* Right-hand side of CVODE; residual of IDA. */
 typedef int (*cotree_sundials_rate)(double t, void *y, void *dy, void *data);
 typedef int (*cotree_sundials_residual)(double t, void *y, void *dy, void *left, void *data);
 #if COTREE_SENSITIVITIES
-/* The same for all sensitivities, one vector each. */
+/* The corresponding functions for all sensitivities, with one vector each. */
 typedef int (*cotree_sundials_sensitivity_rate)(int n, double t, void *y, void *dy, void **s,
                                                 void **ds, void *data, void *work, void *more);
 typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, void *dy, void *left,
@@ -33,7 +34,7 @@ typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, vo
                                                     void *work, void *more, void *most);
 #endif
 
-/* Functions of the library by name. */
+/* Functions of the library, by name. */
 typedef struct cotree_sundials {
     int (*SUNContext_Create)(int communicator, void **context);
     int (*SUNContext_ClearErrHandlers)(void *context);
@@ -106,16 +107,16 @@ typedef struct cotree_sundials {
 #endif
 } cotree_sundials;
 
-/* The aid of a job that SUNDIALS integrates. */
+/* Data of a job that SUNDIALS integrates. */
 typedef struct cotree_sundials_aid {
     const cotree_sundials *sundials;
-    int lower, upper;  /* bandwidths of the Jacobian, unknowns ordered by places */
-    const int *places; /* of the unknowns in a banded order; NULL: their own order */
-    int are_followed;  /* 1: sensitivities are outside the error test and follow the states */
-    int corrector;     /* of separate sensitivity vectors: 1 simultaneous, 2 staggered */
+    int lower, upper;  /* bandwidths of the Jacobian, with the unknowns ordered by places */
+    const int *places; /* position of each unknown in a banded order; NULL: unchanged order */
+    int are_followed;  /* 1: sensitivities are outside the error test */
+    int corrector;     /* for separate sensitivity vectors: 1 simultaneous, 2 staggered */
 } cotree_sundials_aid;
 
-/* Return the stepper of a job. Each is defined in the library that is compiled for it. */
+/* Return the stepper of a job. Each function is defined in the library that is compiled for it. */
 COTREE_EXPORT const cotree_stepper *cotree_cvode_stepper(void);
 COTREE_EXPORT const cotree_stepper *cotree_cvodes_stepper(void);
 COTREE_EXPORT const cotree_stepper *cotree_ida_stepper(void);

@@ -1,30 +1,33 @@
-/* cotree_sundials_newton.c: the nonlinear solver of the BDF methods.
+/* cotree_sundials_newton.c: nonlinear solver of the BDF methods.
  *
- * Newton's method for M (factor slopes + of_own e) = of_rates rates(t, start + e), with M zero
- * for algebraic unknowns. The states are solved for first. The sensitivities follow from linear
- * equations at the solution, with the same factorised matrix of_own M - of_rates J: blocks below
- * the diagonal, second derivatives, are not needed. Matrices are kept over several steps, as
- * CVODE does, or each step gets a fresh one for the states, and a second one for the
- * sensitivities if the solution is far from the prediction; these then need a single correction. */
+ * Newton's method for M (factor slopes + of_own e) = of_rates rates(t, start + e), with M zero for
+ * algebraic unknowns. The states are solved for first. The sensitivities then follow from linear
+ * equations at the solution, with the same factorised matrix of_own M - of_rates J. The blocks
+ * below the diagonal, which contain second derivatives, are not needed.
+ *
+ * Matrices are kept over several steps, as CVODE does, or renewed at each step: one matrix for the
+ * states and, if the solution is far from the prediction, a second one for the sensitivities, which
+ * then need a single correction. */
 #include "cotree_sundials_internal.h"
 
 #include "cotree_limits.h"
 
-/* An iteration with fresh matrices fails if a correction exceeds this share of the one before. */
+/* An iteration with new matrices fails if a correction exceeds this fraction of the previous
+ * one. */
 #define MAX_RATE 0.9
 
-/* At convergence rates up to this, the matrix of the prediction serves the sensitivities, too:
- * the error of their single correction is this share of it. */
+/* At convergence rates up to this, the matrix at the predicted point also serves the sensitivities:
+ * the error of their single correction is this fraction of it. */
 #define FAST_RATE 0.01
 
-/* Lower bound of the error after a correction, per square of its size in tolerances. */
+/* Lower bound of the error after a correction, divided by the square of its size in tolerances. */
 #define MIN_BEND 0.1
 
-/* The loosest relative tolerance at which iterations with fresh matrices end. */
+/* The loosest relative tolerance at which iterations with new matrices end. */
 #define MAX_RTOL 1e-6
 
-/* Iterations with older matrices end at this share of SUNDIALS' tolerance; with CVODE only if
- * there are sensitivities, whose equations contain the errors of the states. */
+/* Iterations with older matrices end at this fraction of the tolerance of SUNDIALS; with CVODE only
+ * if there are sensitivities, whose equations contain the errors of the states. */
 #define TIGHTENING 0.1
 
 #if COTREE_IDA
@@ -33,21 +36,21 @@
 #define MAX_CORRECTIONS 3
 #endif
 
-/* Corrections of sensitivities outside the error test. A single one would show the errors of
- * outdated Jacobians. */
+/* Number of corrections of sensitivities outside the error test. After a single one, the errors of
+ * outdated Jacobians would be visible. */
 #define CORRECTIONS 2
 
-/* The largest age of a Jacobian and of a matrix, in steps, unless each step has fresh ones. */
+/* Maximum age of a Jacobian and of a matrix in steps, unless both are renewed at each step. */
 #define OLD_JACOBIAN 50
 #define OLD_MATRIX 20
 
-/* A matrix is replaced if its factors differ from the present ones by more than FAR_SHARES;
- * below NEAR_SHARES a failure is not due to them. */
+/* A matrix is replaced if its coefficients differ from the present ones by more than FAR_SHARES.
+ * Below NEAR_SHARES a failure has another cause. */
 #define FAR_SHARES 0.3
 #define NEAR_SHARES 0.2
 
-/* Evaluate the Jacobian. If it is not finite at a trial point, keep the previous one, which
- * slows convergence. */
+/* Evaluate the Jacobian. If it is not finite at a trial point, keep the previous one, which slows
+ * convergence. */
 COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const double *z)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -86,7 +89,7 @@ COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const
     return 0;
 }
 
-/* Write -share J to the matrix, without the rows of rates if only_algebraic. */
+/* Write -share J to the matrix; if only_algebraic is set, without the rows of rates. */
 static void write_jacobian(cotree_job *job, const cotree_lu *m, double share, int only_algebraic)
 {
     const cotree_model *const model = job->model;
@@ -131,8 +134,8 @@ COTREE_PRIVATE int cotree_bdf_form_matrix(cotree_job *job, cotree_shares shares,
     return cotree_lu_factorise(m) != 0 ? NOT_CONVERGED : 0;
 }
 
-/* Solve for one block of b, and multiply by a factor that corrects for outdated factors of the
- * matrix. Entries left out are zero. */
+/* Solve for one block of b, and multiply by a factor that corrects for outdated coefficients of the
+ * matrix. Sensitivities that always vanish are zero. */
 COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, int block,
                                            double *b)
 {
@@ -153,22 +156,22 @@ COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, 
     for (i = first; i < end; ++i) b[i] = share * whole[places != NULL ? places[rows[i]] : rows[i]];
 }
 
-/* Return the ratio of the factors with which the matrix was formed to the present ones. */
+/* Return the ratio of the coefficients with which the matrix was formed to the present ones. */
 static double share_ratio(const cotree_job *job, const cotree_system *s)
 {
     const cotree_shares *const old = &bdf_of(job)->shares;
     return old->of_own / s->shares.of_own * (old->of_rates / s->shares.of_rates);
 }
 
-/* Return the least weight of a correction with a fresh matrix. Beyond the current of a junction
- * Newton's method advances by one thermal voltage at a time, which is far below a loose
- * tolerance of ten volts. */
+/* Return the smallest weight of a correction with a new matrix. Above the forward voltage of a
+ * junction, Newton's method advances by about one thermal voltage per iteration, which is far below
+ * a loose tolerance of ten volts. */
 static double least_weight(const cotree_job *job, int i, double value)
 {
     return 1.0 / (MAX_RTOL * fabs(value) + job->atols[i]);
 }
 
-/* Return the residual of an equation with known rates. */
+/* Return the residual of an equation, given the rates. */
 static double residual_of(const cotree_system *s, int i, int has_rate, const double *rates,
                           const double *e)
 {
@@ -176,8 +179,8 @@ static double residual_of(const cotree_system *s, int i, int has_rate, const dou
     return s->shares.of_rates * rates[i] - (has_rate ? own : 0.0);
 }
 
-/* Return whether the corrections of the states oppose their residuals, where these exceed the
- * tolerance: a mode then grows fast, according to the matrix, and small corrections do not show
+/* Return whether the corrections of the states oppose their residuals, which exceed the tolerance.
+ * According to the matrix, a mode then grows fast, and small corrections do not indicate
  * convergence. e is not corrected yet. */
 static int opposes_residual(const cotree_job *job, const cotree_system *s, const double *rates,
                             const double *weights, const double *e)
@@ -197,8 +200,8 @@ static int opposes_residual(const cotree_job *job, const cotree_system *s, const
     return product < -COTREE_OPPOSED_COSINE * sqrt(squares * sum);
 }
 
-/* Correct the blocks from first to before last by their residuals with known rates. Return the
- * sum of squares of the weighted corrections. */
+/* Correct the blocks from first to last - 1 by their residuals, given the rates. Return the sum of
+ * squares of the weighted corrections. */
 static double correct(cotree_job *job, const cotree_system *s, int first, int last,
                       const double *rates, const double *weights, double *e)
 {
@@ -236,7 +239,7 @@ static int has_converged(cotree_bdf *c, int which, int n, double size, double to
     return 0;
 }
 
-/* The same with a fresh matrix: convergence is quadratic. */
+/* As has_converged, with a new matrix: convergence is quadratic. */
 static int has_converged_quadratically(cotree_bdf *c, int n, double size, double tolerance)
 {
     if (n > 0) {
@@ -249,7 +252,7 @@ static int has_converged_quadratically(cotree_bdf *c, int n, double size, double
     return c->bend * size * size <= tolerance;
 }
 
-/* Update the matrix if it is outdated; is_again: after a failure in this step. */
+/* Update the matrix if it is outdated. is_again: an attempt with it has failed in this step. */
 COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_system *s, int is_again,
                                              int *is_fresh)
 {
@@ -269,12 +272,12 @@ COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_syste
     return cotree_bdf_form_matrix(job, s->shares, 0);
 }
 
-/* Correct blocks, and return the size of the corrections in the norm of the test. */
+/* Correct blocks, and return the size of the corrections in the norm of the error test. */
 static double size_of_corrections(cotree_job *job, const cotree_system *s, int first, int last,
                                   const double *rates, const double *weights, double *e)
 {
 #if COTREE_SENSITIVITIES
-    /* Blocks with vectors of their own: the largest of their norms. */
+    /* Blocks with separate vectors: the largest of their norms. */
     double largest = 0.0;
     int block;
     for (block = first; block < last; ++block) {
@@ -284,16 +287,17 @@ static double size_of_corrections(cotree_job *job, const cotree_system *s, int f
     }
     return sqrt(largest / BLOCK(job->model));
 #else
-    /* The norm of all entries, also if sensitivities are outside the test. */
+    /* The norm over all entries, even if sensitivities are outside the test. */
     const int are_all = first > 0 || bdf_of(job)->aid->are_followed;
     const int count = are_all ? job->n : BLOCK(job->model);
     return sqrt(correct(job, s, first, last, rates, weights, e) / count);
 #endif
 }
 
-/* Iterate from block first on: the states alone, the sensitivities at their solution, or all
- * blocks with the matrix of the states. In the last case the residuals of the sensitivities
- * change with the states, so that one more correction follows if they are outside the test. */
+/* Iterate from block first on: the states alone, the sensitivities at the solution of the states,
+ * or all blocks with the matrix of the states. In the last case the residuals of the sensitivities
+ * change with the states, so that one more correction follows if the sensitivities are outside the
+ * test. */
 static int iterate(cotree_job *job, cotree_run *run, const cotree_system *s, int first,
                    const double *weights, double tolerance, double *e)
 {
@@ -348,7 +352,7 @@ COTREE_PRIVATE int cotree_bdf_correct_sensitivities(cotree_job *job, const cotre
     return iterate(job, all_of(job), s, 1, weights, tolerance, e);
 }
 
-/* Project the solution onto the constraints. Fail if this moves it too far. */
+/* Project the solution onto the constraints. Fail if the projection changes it by too much. */
 COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const cotree_system *s,
                                       const double *weights, double *e)
 {
@@ -397,8 +401,8 @@ COTREE_PRIVATE void cotree_bdf_set_zero(double *e, int n)
 }
 
 #if COTREE_IDA
-/* Start from algebraic unknowns that solve their equations at the predicted states: their own
- * prediction fails where junctions begin to conduct. */
+/* Start from algebraic unknowns that solve their equations at the predicted states. Predicted
+ * unknowns may be far from a solution where junctions start to conduct. */
 static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
                                         const double *weights, double tolerance, double *e)
 {
@@ -421,7 +425,7 @@ static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
 }
 
 #endif
-/* Solve the equations of a step with the present matrix; after a failure with a fresh one. */
+/* Solve the equations of a step with the present matrix; if that fails, with a new one. */
 COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e)
 {
@@ -454,7 +458,7 @@ COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system 
 static int solver_type(void *solver)
 {
     (void)solver;
-    return 0; /* a root-finding solver */
+    return 0; /* type of a root-finding solver */
 }
 
 static int solver_take_system(void *solver, void *system)
@@ -463,7 +467,7 @@ static int solver_take_system(void *solver, void *system)
     return 0;
 }
 
-/* Return a nonlinear solver for SUNDIALS; NULL without memory. */
+/* Return a nonlinear solver for SUNDIALS, or NULL if there is no memory. */
 COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -476,7 +480,7 @@ COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
     return solver;
 }
 
-/* Read the equations of the present step, without sensitivities that have vectors of their own. */
+/* Read the equations of the present step, without those of sensitivities in separate vectors. */
 COTREE_PRIVATE int cotree_bdf_read_system(const cotree_job *job, void *integrator,
                                           cotree_system *system)
 {

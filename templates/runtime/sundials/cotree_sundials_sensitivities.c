@@ -1,13 +1,13 @@
-/* cotree_sundials_sensitivities.c: sensitivities in vectors of their own, for CVODES and IDAS.
+/* cotree_sundials_sensitivities.c: sensitivities in separate vectors, for CVODES and IDAS.
  *
- * Staggered: one solver solves for the states, and after their error test another one for the
- * sensitivities. Simultaneous, in CVODES: the first one solves for both. IDAS has no error test
- * of simultaneous sensitivities, so that they are always staggered there. */
+ * Staggered: one solver solves for the states and, after their error test, another one for the
+ * sensitivities. Simultaneous, in CVODES only: the first solver solves for both. IDAS has no error
+ * test for simultaneous sensitivities. */
 #include "cotree_sundials_internal.h"
 
 #if COTREE_SENSITIVITIES
 
-/* A vector, and an array of vectors, of SUNDIALS. */
+/* Layout of a SUNDIALS vector, and of an array of vectors. */
 typedef struct cotree_vector {
     void *content;
     void *operations;
@@ -32,8 +32,8 @@ static void **vectors_of(void *several)
     return content->vectors;
 }
 
-/* Copy vectors to adjacent blocks of an array, from block first on, without sensitivities that
- * vanish. */
+/* Copy vectors to adjacent blocks of an array, starting at block first, without the sensitivities
+ * that always vanish. */
 static void gather(const cotree_job *job, void *const *vectors, int first, double *to)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -44,7 +44,8 @@ static void gather(const cotree_job *job, void *const *vectors, int first, doubl
     }
 }
 
-/* The inverse: entries of sensitivities that vanish get the value others. */
+/* Copy blocks back to vectors. Entries of sensitivities that always vanish get the value
+ * `others`. */
 static void scatter_among(const cotree_job *job, const double *from, int first, double others,
                           void *const *vectors)
 {
@@ -170,7 +171,7 @@ static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, vo
     return status;
 }
 #else
-/* Not called: the nonlinear solver evaluates the residuals. */
+/* Never called: the nonlinear solver evaluates the residuals. */
 static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, void **s, void **ds,
                                 void **lefts, void *data, void *work, void *more, void *most)
 {
@@ -187,7 +188,7 @@ COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
     const cotree_sundials *const s = c->sundials;
     const int n = BLOCK(job->model);
     int i, kind;
-    /* Vectors cloned from this one have fused operations, which saves calls. */
+    /* Vectors cloned from this one have fused operations, which reduces the number of calls. */
     if (s->N_VEnableFusedOps_Serial(c->handles[Y], 1) != 0) return COTREE_NO_MEMORY;
     for (kind = 0; kind < N_KINDS; ++kind) {
         void **const vectors = sensitivities_of(job, kind);
@@ -205,7 +206,7 @@ COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
     return c->follower == NULL ? COTREE_NO_MEMORY : 0;
 }
 
-/* Free them; may be called at any time. */
+/* Free the sensitivity vectors and their solver; may be called at any time. */
 COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -220,7 +221,7 @@ COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job)
     }
 }
 
-/* Copy the start to the vectors. */
+/* Copy the initial sensitivities to the vectors. */
 static void scatter_start(const cotree_job *job)
 {
     scatter(job, vector_of(job, Y), 1, sensitivities_of(job, OWN_VALUES));
@@ -260,7 +261,7 @@ COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
     return flag;
 }
 
-/* Restart it. */
+/* Restart the integration of sensitivities. */
 COTREE_PRIVATE int cotree_bdf_restart_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -288,7 +289,7 @@ COTREE_PRIVATE int cotree_bdf_read_sensitivities(const cotree_job *job)
     return flag;
 }
 
-/* Read them at a time within it. */
+/* Read the sensitivities at a time within the last step. */
 COTREE_PRIVATE int cotree_bdf_read_sensitivities_between(const cotree_job *job, double since)
 {
     const cotree_bdf *const c = bdf_of(job);

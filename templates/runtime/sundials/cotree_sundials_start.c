@@ -1,9 +1,9 @@
-/* cotree_sundials_start.c: slopes and size of IDA's first step. */
+/* cotree_sundials_start.c: initial slopes, and the size of the first step, for IDA. */
 #include "cotree_sundials_internal.h"
 
 #if COTREE_IDA
 
-/* The estimated error of the first step, as a share of the tolerance. */
+/* Estimated error of the first step, as a fraction of the tolerance. */
 #define FIRST_ERROR 0.01
 
 /* Return a time so short that differences over it approximate derivatives. */
@@ -15,14 +15,14 @@ static double small_time(const cotree_job *job)
     double time = fabs(end - job->t);
     int i;
     for (i = 0; i < job->n; ++i) {
-        /* Scale: at most 1 for states, the tolerance for sensitivities. */
+        /* Largest change: at most 1 for states, the tolerance for sensitivities. */
         const double size = fabs(y[i]) + job->atols[i] * fmin(1.0 / job->rtol, 1.0 / job->atol);
         if (fabs(slopes[i]) * time > size) time = size / fabs(slopes[i]);
     }
     return fmin(fmax(sqrt(DBL_EPSILON) * time, least), 0.5 * fabs(end - job->t));
 }
 
-/* Evaluate rates a short time ahead along the slopes. */
+/* Evaluate the rates a short time ahead, after an Euler step along the slopes. */
 static int evaluate_ahead(cotree_job *job, double time)
 {
     double *const moved = vector_of(job, MOVED);
@@ -31,7 +31,8 @@ static int evaluate_ahead(cotree_job *job, double time)
     return cotree_bdf_evaluate(job, all_of(job), job->t + time, moved, vector_of(job, RATES));
 }
 
-/* Solve for the slopes of algebraic unknowns in some blocks, which keep the residuals zero. */
+/* Solve for the slopes of the algebraic unknowns in a range of blocks, such that the residuals stay
+ * zero. */
 static void solve_algebraic_slopes(cotree_job *job, double time, int first, int last)
 {
     const double *const before = vector_of(job, BETWEEN), *const rates = vector_of(job, RATES);
@@ -50,7 +51,7 @@ static void solve_algebraic_slopes(cotree_job *job, double time, int first, int 
     }
 }
 
-/* Return the size of the first step from the change of the rates. */
+/* Return the size of the first step, estimated from the change of the rates. */
 static double first_step(const cotree_job *job, double time)
 {
     const double *const y = vector_of(job, Y), *const before = vector_of(job, BETWEEN),
@@ -69,7 +70,8 @@ static double first_step(const cotree_job *job, double time)
     return fmin(sqrt(FIRST_ERROR / fmax(steepest, DBL_MIN)), 1e-3 * length);
 }
 
-/* Compute the slopes at a start, also of algebraic unknowns, and the size of the first step. */
+/* Compute the slopes at a start, including those of algebraic unknowns, and the size of the first
+ * step. */
 COTREE_PRIVATE int cotree_bdf_find_slopes(cotree_job *job, double *step)
 {
     const int n_rates = job->model->n_states - job->model->n_algebraic,
