@@ -32,11 +32,11 @@
 #define SLIDER_PENDULUM_N_INPUTS 0
 #define SLIDER_PENDULUM_N_OUTPUTS 1
 #define SLIDER_PENDULUM_N_SENSITIVITIES 1
-#define SLIDER_PENDULUM_N_REACHED 4 /* sensitivities that do not vanish */
+#define SLIDER_PENDULUM_N_REACHED 4 /* sensitivities that do not always vanish */
 #define SLIDER_PENDULUM_N_PREPARED 7
 #define SLIDER_PENDULUM_N_NONZEROS 8
 
-/* The scene's values of the parameters: cotree_real p[] = SLIDER_PENDULUM_DEFAULTS; */
+/* The parameter values of the scene: cotree_real p[] = SLIDER_PENDULUM_DEFAULTS; */
 #define SLIDER_PENDULUM_DEFAULTS \
     { \
         1.0, 5.0, 1.0, 0.03, 10.0, 50.0, 0.5, 9.81, \
@@ -137,7 +137,7 @@ COTREE_EXPORT int slider_pendulum_output_sensitivity(double t, const double *COT
                                                      const double *COTREE_RESTRICT k,
                                                      double *COTREE_RESTRICT dy);
 
-/* All of it in one structure. */
+/* Return the model as one structure. */
 COTREE_EXPORT const cotree_model *slider_pendulum_abi(void);
 
 COTREE_END_DECLS

@@ -30,11 +30,11 @@
 #define SPRING_MASS_DAMPER_N_INPUTS 0
 #define SPRING_MASS_DAMPER_N_OUTPUTS 1
 #define SPRING_MASS_DAMPER_N_SENSITIVITIES 1
-#define SPRING_MASS_DAMPER_N_REACHED 2 /* sensitivities that do not vanish */
+#define SPRING_MASS_DAMPER_N_REACHED 2 /* sensitivities that do not always vanish */
 #define SPRING_MASS_DAMPER_N_PREPARED 3
 #define SPRING_MASS_DAMPER_N_NONZEROS 3
 
-/* The scene's values of the parameters: cotree_real p[] = SPRING_MASS_DAMPER_DEFAULTS; */
+/* The parameter values of the scene: cotree_real p[] = SPRING_MASS_DAMPER_DEFAULTS; */
 #define SPRING_MASS_DAMPER_DEFAULTS \
     { \
         2.0, 50.0, 1.5, 0.3, 4.0, 3.0, 0.5, 0.0, \
@@ -134,7 +134,7 @@ COTREE_EXPORT int spring_mass_damper_output_sensitivity(double t, const double *
                                                         const double *COTREE_RESTRICT k,
                                                         double *COTREE_RESTRICT dy);
 
-/* All of it in one structure. */
+/* Return the model as one structure. */
 COTREE_EXPORT const cotree_model *spring_mass_damper_abi(void);
 
 COTREE_END_DECLS

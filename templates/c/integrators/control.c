@@ -1,6 +1,6 @@
 static REAL smallest_step(REAL t) { return LEAST_SPACINGS * cotree_abs(t) + COTREE_MIN; }
 
-/* Return the tolerance of a value. At least COTREE_MIN, so that no division by zero occurs if
+/* Return the tolerance of a value. It is at least COTREE_MIN, which avoids a division by zero if
  * atol and y are zero. */
 static inline REAL tolerance(const integrator *d, int i, REAL size)
 {
@@ -19,8 +19,8 @@ static REAL norm(const integrator *d, const REAL *v, const REAL *y)
     return cotree_sqrt(sum / COUNT);
 }
 
-/* Step size control (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
- * Equations I, second edition, section II.4). Errors are mean squares. */
+/* Step size control (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations
+ * I, second edition, section II.4). Errors are mean squares. */
 
 /* Initialise the step size control with the size of the first step. */
 static void begin_control(course *on, int lane, cotree_real step)
@@ -48,17 +48,17 @@ static void plan(integrator *d)
     on->step = cotree_smaller(on->step, ALL(d->max_step));
     d->lands = STRETCH * on->step >= cotree_abs(distance);
     d->t_new = cotree_choose(d->lands, d->goal, on->t + d->ahead * on->step);
-    d->h = d->t_new - on->t; /* as rounded: late in a run the two differ */
+    d->h = d->t_new - on->t; /* of the rounded times: late in a run the two differ */
 }
 
-/* Return whether the error of the last trial step is within the tolerance, and not small by
+/* Return whether the error of the trial step is within the tolerance and not small by
  * coincidence. */
 static MASK is_passed(integrator *d)
 {
     const MASK is_small = d->error <= COTREE_F(1.0);
 #if COTREE_TWO_ERRORS
-    /* A second estimate below the tolerance is never sudden, nor is that of a first step. An error
-     * that may be small by coincidence must be confirmed by a step of another size. */
+    /* A second estimate below the tolerance, or that of a first step, is never sudden. An error
+     * that may be small by coincidence must be confirmed by a step of different size. */
     const course *const on = ON(d);
     const REAL ratio = d->h / on->last_size, square = ratio * ratio, fourth = square * square;
     const REAL expected = SUDDEN * SUDDEN * on->last_rough * (fourth * fourth);
@@ -72,7 +72,7 @@ static MASK is_passed(integrator *d)
 #endif
 }
 
-/* Choose the size of the next step from the error of the last trial step. */
+/* Choose the next step size from the error of the trial step. */
 static void choose_step(integrator *d, MASK accepted)
 {
     course *const on = ON(d);
@@ -97,7 +97,7 @@ static void choose_step(integrator *d, MASK accepted)
     factor = cotree_choose(d->is_doubted, ALL(COTREE_F(0.5)), factor);
 #endif
     next = cotree_abs(d->h) * factor;
-    /* A step that was shortened to end at the goal does not limit the next one. */
+    /* A step that was shortened to end at the goal does not limit the next step. */
     on->step = cotree_choose(accepted & d->lands, cotree_larger(on->step, next), next);
     on->largest_factor = cotree_choose(accepted, ALL(LARGEST_FACTOR), ALL(COTREE_F(1.0)));
 #if COTREE_IMPLICIT

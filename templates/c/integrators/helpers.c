@@ -1,4 +1,4 @@
-/* A relative tolerance of one or more would accept steps of any error. */
+/* A relative tolerance of one or more would accept steps with any error. */
 static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
     return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&
@@ -21,7 +21,7 @@ static cotree_status begin_at(integrator *d, cotree_real t, const cotree_real *y
 }
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
-/* Project the solution at t in place; leave it unchanged on failure. */
+/* Project the solution at t in place; on failure it is unchanged. */
 static cotree_status project(integrator *d, cotree_real t)
 {
     int i;
@@ -34,11 +34,11 @@ static cotree_status project(integrator *d, cotree_real t)
 }
 
 #if COTREE_IMPLICIT
-#define ROUNDS 3 /* failures after which the distance is rounding: the step is then 1/64 as long */
+#define ROUNDS 3 /* failures after which the distance is rounding: the step is 1/64 as long */
 
-/* Return whether a projection moved the algebraic unknowns too far from their equations for the
- * error estimate to be reliable; shares are the moves in units of the tolerance, and are reset
- * to zero. A distance that does not decrease in ROUNDS shorter steps is rounding. */
+/* Return whether a projection moved the algebraic unknowns so far that the error estimate is
+ * unreliable. shares: the moves in units of the tolerance; they are reset to zero. A distance that
+ * does not decrease in ROUNDS shorter steps is at rounding level. */
 static int is_off_equations(integrator *d, cotree_real *shares)
 {
     const int *const places = d->equation.algebraic, n = d->equation.n_algebraic;
@@ -55,7 +55,7 @@ static int is_off_equations(integrator *d, cotree_real *shares)
 }
 
 #endif
-/* Project the end of a step. Fail if it moves by more than the limit. */
+/* Project the end of a step. Fail if the projection moves it by more than the limit. */
 static cotree_status project_end(integrator *d, cotree_real t)
 {
     cotree_status status;

@@ -9,7 +9,7 @@ static void monitor_stiffness(integrator *d)
     s->n_calm = 0;
     reach = stability_ratio(d, d->t - d->t_before);
     if (s->is_found) {
-        /* A method at its stability limit oscillates about it, or settles there. */
+        /* A method at its stability limit oscillates about the limit, or stays there. */
         if (reach == COTREE_F(0.0) || reach > COTREE_F(0.5) * STABLE) s->n_steps += CALM_STEPS;
     } else if (reach > STABLE) {
         if (s->n_stiff == 0) s->since = d->t_before;
@@ -102,14 +102,14 @@ cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void
 
 #define FAILURE_FACTOR COTREE_F(0.25) /* after a failure of the right-hand side */
 
-/* Set the end and the direction of integration. */
+/* Set the end time and the direction of integration. */
 static void set_goal(integrator *d, cotree_real t_stop)
 {
     d->goal = t_stop;
     d->ahead = t_stop < d->t ? -COTREE_F(1.0) : COTREE_F(1.0);
 }
 
-/* If the caller has not set the first step, compute it. */
+/* Compute the first step size, unless the caller has set it. */
 cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
 {
 #if COTREE_IMPLICIT
@@ -208,7 +208,7 @@ cotree_status METHOD(step)(integrator *d, cotree_real t_stop)
     status = take_step(d);
     if (status != COTREE_OK) {
         exchange(d);
-        d->step = planned; /* so that a second attempt is independent */
+        d->step = planned; /* discard the step size of the first attempt */
     }
     return status;
 }

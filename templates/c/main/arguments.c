@@ -1,4 +1,4 @@
-/* Read a finite number that fills the whole text. */
+/* Read a finite number that occupies the whole text. */
 static int read_number(const char *text, cotree_real *value)
 {
     char *end;
@@ -6,7 +6,7 @@ static int read_number(const char *text, cotree_real *value)
     return end != text && *end == '\0' && COTREE_FABS(*value) <= COTREE_MAX;
 }
 
-/* Read a number from least on and below end. */
+/* Read a number that is at least `least` and below `end`. */
 static int read_within(const char *text, cotree_real *value, cotree_real least, cotree_real end,
                        const char *why)
 {
@@ -137,7 +137,7 @@ static int read_option(const char *option, const char *value)
     return refuse(option, "there is no such option; --help lists them");
 }
 
-/* Fill in parameters and the request. Return -1 to continue, or the exit code. */
+/* Read the parameters and the request. Return -1 to continue, otherwise the exit code. */
 static int read_arguments(int argc, char **argv)
 {
     int i, n_plain = 0, status = 0;

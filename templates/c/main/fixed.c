@@ -4,7 +4,7 @@ static cotree_run run;
 static cotree_stiff stiff;
 #endif
 
-/* Lay out the memory of the run in an arena; count the bytes while the arena has no memory. */
+/* Initialise the run in an arena; without memory, only count the bytes. */
 static void begin_run(cotree_arena *arena)
 {
     cotree_run_init(&run, MODEL, problem.p, problem.k, problem.u, 1, arena);
@@ -14,7 +14,7 @@ static void begin_run(cotree_arena *arena)
 #endif
 }
 
-/* Compute run.full, all states and sensitivities, at the point of the integrator. */
+/* Compute run.full, all states and sensitivities, at the present point of the integrator. */
 static int complete(const integrator *d)
 {
 #if COTREE_HAS_IMPLICIT
@@ -25,7 +25,7 @@ static int complete(const integrator *d)
     return status == 0 ? 0 : fail("the algebraic equations cannot be solved");
 }
 
-/* Set up the integrator at the start. */
+/* Initialise the integrator at the start. */
 static cotree_status set_up(integrator *d, cotree_real step)
 {
     static cotree_real w[LENGTH(N_UNKNOWNS)], workspace[LENGTH(WORKSPACE(N_UNKNOWNS))];
@@ -53,7 +53,7 @@ static cotree_status set_up(integrator *d, cotree_real step)
     return status;
 }
 
-/* Return the step that is nearest to a point. */
+/* Return the index of the step that is nearest to a point of the table. */
 static long step_of(long row, long n_points, long n)
 {
     const cotree_real ratio = (cotree_real)row * (cotree_real)n / (cotree_real)(n_points - 1);
@@ -63,7 +63,7 @@ static long step_of(long row, long n_points, long n)
 int main(int argc, char **argv)
 {
     static integrator d;
-    static cotree_arena arena; /* of nothing */
+    static cotree_arena arena; /* initially without memory */
     cotree_real steps;
     cotree_status status;
     long i, n, row = 0;
@@ -75,11 +75,11 @@ int main(int argc, char **argv)
     out = request.csv == NULL ? stdout : fopen(request.csv, "w");
     if (out == NULL) return refuse(request.csv, "the file cannot be written");
     steps =
-        COTREE_FLOOR(COTREE_FABS(t_end / request.step) + COTREE_F(0.5)); /* the nearest number */
+        COTREE_FLOOR(COTREE_FABS(t_end / request.step) + COTREE_F(0.5)); /* rounded to the nearest integer */
     if (!(steps < COTREE_F(1e9))) return fail("there are too many steps to the end time");
     n = (long)steps;
     begin_run(&arena);
-    /* All that is allocated; without a heap, an array of this size serves. */
+    /* The only allocation; without a heap, an array of this size can be used. */
     arena.base = (char *)calloc(1, arena.used);
     if (arena.base == NULL) return fail("there is no memory");
     arena.used = 0;

@@ -1,11 +1,11 @@
-static cotree_job job; /* all zero */
+static cotree_job job; /* initially all zero */
 #if COTREE_MAIN_EVENTS
 #define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
 #endif
 
 #if COTREE_MAIN_STOPS
-/* List the start, the times at which rates have kinks, and the end. Return their number; count them
- * only if corners is NULL. */
+/* List the breakpoints: the start, the times at which rates have kinks, and the end. Return their
+ * number. If corners is NULL, only count them. */
 static int list_corners(cotree_real t_end, cotree_real *corners)
 {
     cotree_real t = COTREE_F(0.0);
@@ -23,7 +23,7 @@ static int list_corners(cotree_real t_end, cotree_real *corners)
 /* Print the times of events, with their sensitivities. */
 static void print_events(void)
 {
-    FILE *const to = job.n_wanted > 0 ? stderr : out; /* not among rows of values */
+    FILE *const to = job.n_wanted > 0 ? stderr : out; /* separate from the rows of values */
     static long counts[N_EVENTS];
     int i;
     for (i = 0; i < job.n_records; ++i) {
@@ -76,7 +76,8 @@ static void report(void)
 }
 
 #if COTREE_MAIN_TURNS
-/* Set the derivatives of the times of kinks by the parameters; slopes has space for these twice. */
+/* Set the derivatives of the breakpoint times by the parameters. slopes has space for two such
+ * arrays. */
 static void set_slopes(cotree_real *slopes)
 {
     static cotree_real tolerances[N_SENSITIVITIES];
@@ -89,15 +90,15 @@ static void set_slopes(cotree_real *slopes)
         cotree_find_breakpoint_slopes(&stops, job.corners[i], job.corners[i] == COTREE_F(0.0),
                                       slopes + at, slopes + n + at);
     }
-    for (i = 0; i < N_SENSITIVITIES; ++i) { /* errors of sensitivities that are zero */
+    for (i = 0; i < N_SENSITIVITIES; ++i) { /* tolerances of sensitivities that are zero */
         tolerances[i] = LEAST_SIZE * cotree_job_sensitivity_atol(&job, seeds[i]);
     }
     job.turn_tolerances = tolerances;
 }
 
 #endif
-/* Run the job to its end. Its memory and a list of its corners are all that is allocated; without a
- * heap, arrays of these sizes serve. */
+/* Run the job to its end. This allocates its memory and a list of its breakpoints, and nothing
+ * else; without a heap, arrays of these sizes can be used. */
 static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
@@ -110,7 +111,7 @@ static int integrate(cotree_real t_end)
     int result = COTREE_JOB_MORE;
     job.n_corners = 2;
     job.corners = corners;
-    if (job.n_wanted == 0) job.wanted = corners; /* none of them */
+    if (job.n_wanted == 0) job.wanted = corners; /* unused */
 #if COTREE_MAIN_STOPS
     if (corners == NULL) return fail("there is no memory");
     job.n_corners = list_corners(t_end, corners);
@@ -146,7 +147,7 @@ static int integrate(cotree_real t_end)
     return result == COTREE_JOB_FAILED;
 }
 
-/* Allocate evenly spaced points up to the end, which the job fills in. */
+/* Allocate evenly spaced times up to the end, for which the job stores points. */
 static int want_points(long n, cotree_real t_end)
 {
     const size_t row = N_UNKNOWNS, rows = (size_t)n;
@@ -232,7 +233,7 @@ int main(int argc, char **argv)
                 TITLE, job.stiff_since);
     }
 #endif
-    /* A run that failed is printed up to its last point. */
+    /* After a failure, the rows up to the last point are printed. */
     if (n_points > 0 && print_rows() != 0) return EXIT_FAILURE;
     if (has_failed) return EXIT_FAILURE;
     if (n_points > 0) return EXIT_SUCCESS;

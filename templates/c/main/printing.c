@@ -1,4 +1,4 @@
-/* The stream that values are printed to. */
+/* The stream to which values are printed. */
 static FILE *out;
 
 static int fail(const char *what)
@@ -7,7 +7,7 @@ static int fail(const char *what)
     return EXIT_FAILURE;
 }
 
-/* Refuse an argument. */
+/* Reject an argument. */
 static int refuse(const char *argument, const char *why)
 {
     fprintf(stderr, "%s: %s: %s.\n", TITLE, argument, why);
@@ -15,10 +15,10 @@ static int refuse(const char *argument, const char *why)
 }
 
 #if COTREE_MAIN_TABLES
-/* Compute states and sensitivities that satisfy all equations and keep the given values. */
+/* Compute states and sensitivities that satisfy all equations and keep the prescribed values. */
 static int find_start(void)
 {
-    static cotree_start_call call; /* all zero */
+    static cotree_start_call call; /* initially all zero */
     int status;
     call.model = MODEL;
     call.tables = &start_tables;
@@ -39,7 +39,7 @@ static int find_start(void)
 }
 
 #endif
-/* Prepare the parameters, and compute the initial states and sensitivities. */
+/* Compute the prepared values, and the initial states and sensitivities. */
 static int begin(void)
 {
     int status = MODEL->prepare(problem.p, problem.k);
@@ -155,7 +155,7 @@ static void print_slope_cells(const cotree_real *values, int n)
 }
 
 #endif
-/* Print the titles of a table of comma-separated values. */
+/* Print the header of a table of comma-separated values. */
 static void print_head(void)
 {
     fprintf(out, "t");
@@ -169,7 +169,7 @@ static void print_head(void)
     fprintf(out, "\n");
 }
 
-/* Print a row of it. 17 digits distinguish every number from its neighbours. */
+/* Print a row of the table. 17 digits identify every number uniquely. */
 static int print_row(cotree_real t, const cotree_real *z)
 {
     if (find_outputs(t, z) != 0) return EXIT_FAILURE;
