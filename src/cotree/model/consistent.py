@@ -21,10 +21,11 @@ from cotree.errors import ParameterError, listed
 from cotree.quiet import level_of_user
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy.typing as npt
 
+    from cotree.equations import RedundantRow
     from cotree.model.arrays import Array
     from cotree.model.model import EvaluationPoint
     from cotree.model.start_in_c import StartCall
@@ -193,3 +194,61 @@ class Report:
             "dependent there: start elsewhere, let all affected values depend on that parameter, "
             "or compile without this sensitivity"
         )
+
+
+def contradiction(
+    at: EvaluationPoint, y: Array, s: Array, is_apart: npt.NDArray[np.bool_]
+) -> ParameterError:
+    """Return the error of initial values that contradict those of states or sources.
+
+    Parameters
+    ----------
+    at : EvaluationPoint
+        The model at the start.
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        The start.
+    is_apart : ndarray of bool, shape (1 + n_parameters, n_redundant)
+        Which redundant values, and which of their derivatives, contradict it.
+    """
+    rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
+    if is_apart[0].any():
+        # The kernel ends with these two rows: derived values, then given values.
+        follows, given = at.call("start", y)[-2 * n :].reshape(2, n)
+        apart = {
+            f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
+            f"{_origin(rows[i].states, at.t)}": rows[i]
+            for i in np.flatnonzero(is_apart[0])
+        }
+        return ParameterError(
+            f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
+            f"leave these out{_hint(apart.values())}"
+        )
+    # For each parameter, the same two rows of derivatives are last.
+    found = at.call("start_sensitivity", y, s).reshape(m, -1)[:, -2 * n :].reshape(m, 2, n)
+    apart = {
+        f"d({rows[i].name})/d({at.model.sensitivities[j]}) is {found[j, 1, i]:.6g} as given but "
+        f"{found[j, 0, i]:.6g} by {_origin(rows[i].states, at.t)}": rows[i]
+        for j, i in np.argwhere(is_apart[1:])
+    }
+    return ParameterError(
+        "initial values agree for these parameters, but not as they change: "
+        f"{'; '.join(apart)}. Give them by expressions that agree for all values of the "
+        f"parameters, or leave these out{_hint(apart.values())}"
+    )
+
+
+def _hint(rows: Iterable[RedundantRow]) -> str:
+    """Return advice for positions that follow from those of nodes."""
+    if not any(row.is_position for row in rows):
+        return ""
+    return (
+        "; edges between the same nodes have one position, and positions along a circuit add up to "
+        "zero: set the initial stretch of a spring by its free_length or free_angle"
+    )
+
+
+def _origin(states: Sequence[str], t: float) -> str:
+    """Name the states or sources that determine a value."""
+    if not states:
+        return f"the sources at t = {t:g}"
+    return ", ".join(f"'{name}'" for name in states)

@@ -10,7 +10,7 @@ results of the steps before it:
 4. A check of what was given twice: redundant values of network variables change nothing where
    they agree with what they follow from, and all that do not are refused together.
 
-C takes the first three (:mod:`cotree.model.start_in_c`).
+C takes all steps (:mod:`cotree.model.start_in_c`).
 """
 
 from __future__ import annotations
@@ -28,120 +28,9 @@ from cotree.model.unknowns import check_followers
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Mapping, Sequence
+    from collections.abc import Mapping
 
-    from cotree.equations import RedundantRow
     from cotree.model.arrays import Array
-
-
-#: Values agree if they differ by less than this fraction of the largest value that they follow
-#: from: the error of a step at the default tolerance.
-_AGREE = 1e-8
-
-#: They also agree if they differ by less than this, a rounding error of larger terms.
-_ROUNDING = 1e-12
-
-#: The smallest magnitude of a parameter for comparisons of derivatives: at zero all would agree.
-_SMALLEST = 1e-3
-
-
-def check_redundant(
-    at: EvaluationPoint,
-    start: Start,
-    replaced: Container[str],
-) -> None:
-    """Raise an error if initial values contradict those of states or sources.
-
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model at the start.
-    start : Start
-        The start that follows from the initial values of states.
-    replaced : container of str
-        States whose initial value is not the scene's: what follows from them is free.
-
-    Raises
-    ------
-    ParameterError
-        If some do, or if their sensitivities do; all of them are named.
-    """
-    model, t = at.model, at.t
-    rows, names = model.layout.redundant, model.states
-    if not rows:
-        return
-    held = [
-        (i, [names.index(name) for name in row.states])
-        for i, row in enumerate(rows)
-        # If the run replaces a state, values of the scene that follow from it are ignored.
-        if not any(name in replaced for name in row.states)
-    ]
-    # The kernel ends with these two rows: derived values, then given values.
-    follows, given = at.call("start", start.y)[-2 * len(rows) :].reshape(2, -1)
-    apart = {
-        f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
-        f"{_origin(rows[i].states, t)}": rows[i]
-        for i, states in held
-        if not _agree(follows[i], given[i], start.y[states])
-    }
-    if apart:
-        raise ParameterError(
-            f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
-            f"leave these out{_hint(apart.values())}"
-        )
-    if model.sensitivities:
-        _check_sensitivities(at, start, held)
-
-
-def _check_sensitivities(
-    at: EvaluationPoint, start: Start, held: Sequence[tuple[int, list[int]]]
-) -> None:
-    """Raise an error if parameter derivatives of redundant values contradict the states'."""
-    model, s = at.model, start.s.T
-    rows, m = model.layout.redundant, len(model.sensitivities)
-    found = at.call("start_sensitivity", start.y, start.s).reshape(m, -1)
-    # For each parameter, the same two rows of derivatives are last.
-    follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0)
-    apart: dict[str, RedundantRow] = {}
-    for j, name in enumerate(model.sensitivities):
-        if name not in model.parameters:  # a state's own initial value, which the others follow
-            continue
-        size = max(abs(at.p[model.parameters.index(name)]), _SMALLEST)
-        apart |= {
-            f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
-            f"{_origin(rows[i].states, at.t)}": rows[i]
-            for i, states in held
-            # Compare changes of the values for a change of the parameter by its own magnitude.
-            if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
-        }
-    if apart:
-        raise ParameterError(
-            "initial values agree for these parameters, but not as they change: "
-            f"{'; '.join(apart)}. Give them by expressions that agree for all values of the "
-            f"parameters, or leave these out{_hint(apart.values())}"
-        )
-
-
-def _hint(rows: Iterable[RedundantRow]) -> str:
-    """Return advice for positions that follow from those of nodes."""
-    if not any(row.is_position for row in rows):
-        return ""
-    return (
-        "; edges between the same nodes have one position, and positions along a circuit add up to "
-        "zero: set the initial stretch of a spring by its free_length or free_angle"
-    )
-
-
-def _agree(follows: float, given: float, terms: Array) -> bool:
-    size = max(abs(follows), abs(given), float(np.max(np.abs(terms), initial=0.0)))
-    return bool(abs(follows - given) <= _AGREE * size + _ROUNDING)
-
-
-def _origin(states: Sequence[str], t: float) -> str:
-    """Name the states or sources that determine a value."""
-    if not states:
-        return f"the sources at t = {t:g}"
-    return ", ".join(f"'{name}'" for name in states)
 
 
 def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
@@ -173,7 +62,6 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
             "values of all states"
         )
     check_followers(model, initial, found.y)
-    check_redundant(at, found, set(initial))
     return found
 
 

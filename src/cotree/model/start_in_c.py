@@ -18,7 +18,7 @@ import numpy as np
 from cotree.codegen.start_tables import start_tables
 from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
 from cotree.model.arrays import Array, CObjects
-from cotree.model.consistent import Report, Start
+from cotree.model.consistent import Report, Start, contradiction
 from cotree.model.kernels import NO_COMPILER, SINGULAR, build_engine, shared_code
 from cotree.model.unknowns import contradicting_jumps, of_model
 from cotree.sharing import locked_cache
@@ -52,7 +52,8 @@ _REVERSED = 105
 
 #: All states are found, but redundant values contradict each other, a value is not finite, or the
 #: start is at a jump whose time depends on a parameter.
-_COMPLETE = (0, 103, 106, 109)
+_REDUNDANT = 103
+_COMPLETE = (0, _REDUNDANT, 106, 109)
 
 #: Kernels of a start that may solve linear systems.
 _LINEAR = (
@@ -99,7 +100,7 @@ class StartInC:
     def find(
         self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
     ) -> Start:
-        """Find the start of a run; redundant values are not checked.
+        """Find the start of a run.
 
         Parameters
         ----------
@@ -113,7 +114,7 @@ class StartInC:
         Raises
         ------
         ParameterError
-            If given values contradict the constraints.
+            If given values contradict the constraints or each other.
         SolveError
             If the algebraic equations have no solution, or modes of jumps none that agree.
         SingularSystemError
@@ -226,6 +227,9 @@ class StartCall(CObjects):
         places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
         self.places = places
         c.set = self.pointer(places, "int")
+        shape = 1 + m, len(model.layout.redundant)
+        self._contradictions = np.zeros(shape, dtype=np.intc)
+        c.contradictions = self.pointer(self._contradictions, "int")
         c.values = self.pointer(np.array([float(value) for value in initial.values()]))
         if given is not None:
             c.initial = self.pointer(given)
@@ -252,6 +256,8 @@ class StartCall(CObjects):
             self.search().algebraic.check_index(at.t, y)
         if status not in _COMPLETE:
             self.fail(status)
+        if status == _REDUNDANT:
+            raise contradiction(at, y, s, self._contradictions > 0)
         if report is None:
             return Start(y, s, bool(c.is_chosen))
         note = report.note(is_warning=not self._initial)

@@ -244,7 +244,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
     const cotree_run *const run = start->run;
     const int n = tables->n_redundant;
     const cotree_real *values = start->assembly.conditions;
-    int first, i, j, status;
+    int first, i, j, status, found = 0;
     if (n == 0 || values == NULL) return 0;
     first = tables->assembly->n_start - 2 * n;
     status = MODEL->start(t, z, run->u, run->p, run->k, start->assembly.conditions);
@@ -260,11 +260,14 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
         if (j > 0) values = start->assembly.start_slopes + (j - 1) * tables->assembly->n_start;
         for (i = 0; i < n && status == 0; ++i) {
             if (is_agreed(start, i, values + first, z + j * N_STATES, size)) continue;
-            start->culprit = i;
-            status = COTREE_START_CONTRADICTED;
+            if (found == 0) start->culprit = i;
+            found = COTREE_START_CONTRADICTED;
+#if COTREE_HAS_MENDING
+            if (start->contradictions != NULL) start->contradictions[j * n + i] = 1;
+#endif
         }
     }
-    return status;
+    return status == 0 ? found : status;
 }
 
 static int check_finite(cotree_start *start, const cotree_real *z)
@@ -323,6 +326,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
 #if COTREE_HAS_MENDING
     if (call->report != NULL && call->tables->assembly != NULL)
         cotree_assembly_report_to(&start->assembly, call->report, arena);
+    start->contradictions = call->contradictions;
 #endif
     start->guess = call->guess;
     start->initial = call->initial;

@@ -47,6 +47,9 @@ typedef struct cotree_start_call {
     int is_dependent; /* 1: constraints are (nearly) dependent at the start */
 #if COTREE_HAS_MENDING
     cotree_start_report *report; /* NULL: prescribed values may not change */
+    /* Results: 1 for redundant values, then for their derivatives by each parameter, that
+     * contradict the states; or NULL. */
+    int *contradictions;
 #endif
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     const cotree_helper *helper; /* solver of the caller for algebraic unknowns; NULL: none */
@@ -73,6 +76,9 @@ typedef struct cotree_start {
     int is_chosen;             /* 1: the projection is ambiguous; one of several was chosen */
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     int is_trusted; /* 1: unknowns are assumed to be determined */
+#endif
+#if COTREE_HAS_MENDING
+    int *contradictions; /* as of a call */
 #endif
     cotree_assembly assembly;
     /* The rest is private. */
