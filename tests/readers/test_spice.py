@@ -216,6 +216,8 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("M1 a b 0 0 m\n.model m NMOS(TOX=1n)", 3, "'tox' of model 'm' is not supported"),
         ("M1 a b 0 0 m\n.model m NMOS(LEVEL=3)", 3, "only field-effect transistors of level 1"),
         ("D1 a 0 m\n.model m NPN", 2, "is not for elements D"),
+        ("R1 a 0 1\n.step param r 1 2 1", 3, "unsupported statement '.step': give the values to"),
+        ("R1 a 0 1\n.stop", 3, "unsupported statement '.stop'"),
         ("R1 a 0 1\n.include x.lib", 3, "would read another file"),
         ("R1 a 0 1\n.lib x.lib", 3, "would read another file"),
         ("R1 a 0 1\n.func f(x)", 3, ".func is written as"),

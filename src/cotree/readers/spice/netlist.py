@@ -142,7 +142,12 @@ _DEEPEST = 20  # subcircuits within each other
 #: Analyses and output statements, which are ignored.
 _PASSED_OVER = frozenset(
     (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
-) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
+) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto", ".backanno", ".wave"}
+#: What to do instead of statements that are refused.
+_REMEDIES = {
+    ".step": "give the values to 'ensemble', or to the command 'sweep'",
+    ".if": "write the chosen branch only, or an expression with a ? b : c",
+}
 _ELEMENTS = frozenset("rlckviefghbswdqmjx")
 
 
@@ -243,7 +248,8 @@ class _Parser:
         elif key in _PASSED_OVER:
             self.netlist.passed_over.append(key)
         elif key.startswith("."):
-            raise line.at.error(f"unknown statement '{brief(key)}'{nearest(key, self.commands)}")
+            instead = f": {_REMEDIES[key]}" if key in _REMEDIES else nearest(key, self.commands)
+            raise line.at.error(f"unsupported statement '{brief(key)}'{instead}")
         elif key[0] not in _ELEMENTS:
             raise line.at.error(
                 f"{line.name} delays signals, which is not supported: replace the line by sections "
