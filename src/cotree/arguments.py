@@ -46,8 +46,18 @@ def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...
     return found
 
 
+def by_name(value: Any) -> Any:
+    """Return a column of pandas with names as labels as a mapping; other values are unchanged."""
+    if isinstance(value, Mapping) or not hasattr(value, "to_dict"):
+        return value
+    # Its positions mean nothing: labels may be in any order.
+    found = value.to_dict()
+    return found if all(isinstance(name, str) for name in found) else value
+
+
 def check_mapping(value: object, what: str) -> dict[str, Any]:
     """Return a mapping of names to values; an empty one for None."""
+    value = by_name(value)
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import by_name
 from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
@@ -296,6 +297,7 @@ class Model(Reported):
         >>> round(float(result["j1.s"][-1]), 6)
         0.526045
         """
+        parameters, initial, inputs = map(by_name, (parameters, initial, inputs))
         given: dict[str, Any] = {
             "t_span": t_span,
             "t_eval": t_eval,

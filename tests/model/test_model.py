@@ -256,3 +256,31 @@ def test_the_summary_lists_formulations_by_cycles():
         found.append(int(row[2]))
     assert len(found) > 1
     assert found == sorted(found)
+
+
+def test_columns_of_pandas_are_read_by_their_labels():
+    pandas = pytest.importorskip("pandas")
+    scene = cotree.Scene("driven")
+    scene.parameter("m", 2.0)
+    scene.parameter("k", 0.0)
+    scene.input("F", np.array(1.0))
+    scene.translational_mass("M", "ground", "x", mass="m", initial={"v": 1.0})
+    scene.force_source("f", "ground", "x", force="F - k*M.v")
+    model = scene.compile(optimize="-O0")
+    assert model.parameters == ("m", "k")
+    values = {"k": 0.0, "m": 4.0}
+    for form in (dict, pandas.Series):
+        result = model.simulate(
+            (0, 1),
+            [0, 1],
+            parameters=form(values),
+            initial=form({"M.v": 3.0}),
+            inputs=form({"F": 8.0}),
+        )
+        # v = v0 + F t / m, which every method takes exactly.
+        assert result["M.v"][-1] == pytest.approx(5.0, rel=1e-12)
+        assert model.rhs(0.0, [0.0], form(values)) == pytest.approx([0.25])
+    many = model.ensemble((0, 1), {"k": [0.0, 0.0]}, parameters=pandas.Series({"m": 4.0}))
+    assert many["M.v"].values[:, -1] == pytest.approx([1.25, 1.25], rel=1e-12)
+    # Without names, numbers have the order of the parameters.
+    assert model.rhs(0.0, [0.0], pandas.Series([4.0, 0.0])) == pytest.approx([0.25])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.arguments import doubles
+from cotree.arguments import by_name, doubles
 from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 
@@ -44,6 +44,7 @@ def as_parameters(
     Raises ParameterError if a name is unknown, a value is not a finite number, or an array has
     another shape. ``derived`` parameters follow from these, for messages.
     """
+    values = by_name(values)
     if not isinstance(values, Mapping):
         return as_array(values, (len(places),), "the parameters")
     p = defaults.copy()

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypedDict, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cotree.arguments import check_mapping, doubles
+from cotree.arguments import by_name, check_mapping, doubles
 from cotree.errors import ParameterError, SceneError, SolveError, brief, check_known, nearest
 from cotree.methods import METHODS, names_of
 from cotree.naming import check_path, check_text
@@ -85,8 +85,8 @@ def _quoted(family: str) -> str:
     return f"``{names_of(family).replace(', ', '``, ``')}``"
 
 
-def _unchecked(value: Any, name: str) -> Any:
-    return value
+def _values(value: Any, name: str) -> Any:
+    return by_name(value)  # the model checks names and shape
 
 
 # A bound against mistyped numbers.
@@ -231,7 +231,7 @@ class Settings:
     parameters: Any = _setting(  # noqa: RUF009 - a field
         None,
         "Values that replace the scene's, by name or as an array of shape (n_parameters,).",
-        _unchecked,
+        _values,
         option="Value of a parameter; may be repeated.",
         metavar="NAME=NUMBER",
         flag="--set",

@@ -264,7 +264,9 @@ def make_table(value: object, where: str, argument: str) -> Table:
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
     """Check a number, an expression string or a pair (times, values)."""
-    if isinstance(value, numbers.Number):
+    # An array without axes is a number; strings of NumPy have no axes, either.
+    is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
+    if isinstance(value, numbers.Number) or is_scalar:
         value = check_number(value, where)
     if isinstance(value, (str, float)):
         return converted(parse(value, where), unit, where)

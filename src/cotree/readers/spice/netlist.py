@@ -140,9 +140,11 @@ _LARGEST = 100_000  # statements
 _DEEPEST = 20  # subcircuits within each other
 
 #: Analyses and output statements, which are ignored.
-_PASSED_OVER = frozenset(
-    (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
-) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto", ".backanno", ".wave"}
+_PASSED_OVER = (
+    frozenset((".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four"))
+    | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
+    | {".backanno", ".wave"}
+)
 #: What to do instead of statements that are refused.
 _REMEDIES = {
     ".step": "give the values to 'ensemble', or to the command 'sweep'",
