@@ -156,7 +156,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
                 RuntimeWarning,
                 stacklevel=2,
             )
-        # Time of the call that the stages do not account for.
+        # Time of the call that is not part of any stage.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
@@ -205,8 +205,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
 
         with locating_errors(self):
             costs = count_trees(self)
-            # The report shows the tree that compile() would take. A scene whose equations cannot be
-            # formed has no costs, and its trees are chosen without them.
+            # The report shows the tree that compile() would choose. If the equations of a scene
+            # cannot be formed, costs is empty and the trees are chosen without it.
             if tree is None and costs:
                 tree = list(costs[0].trees.branches)
             return graph_report(*draw_graphs(self, tree), costs, tuple(self.members))

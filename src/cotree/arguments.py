@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 
-# Larger integers are not all exact as doubles.
+# Not all larger integers have an exact double.
 _LARGEST_INTEGER = 2**53
 _UNREAL = {"c", "m", "M"}  # kinds of complex numbers, durations and dates in NumPy
-_DEEPEST = 4  # more levels than any field has; a list may contain itself
+_DEEPEST = 4  # deeper than any valid field; a list may contain itself
 
 
 def check_whole(value: object, what: str, least: int = 0) -> int:
@@ -72,7 +72,7 @@ def plain(value: Any, depth: int = 0) -> Any:
     """
     if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
         return value
-    # Numbers of NumPy become Python's, which TOML can write and which compare equal.
+    # NumPy scalars become Python numbers, which TOML can write.
     if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
         return int(value)
     if isinstance(value, numbers.Real):

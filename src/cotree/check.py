@@ -92,7 +92,7 @@ class Experiment:
         """Return the value of a parameter, or the initial value of a state."""
         p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
-            # The scene's own value, before it is changed to satisfy constraints.
+            # The value in the scene, before it is changed to satisfy constraints.
             own = self.model.kernels.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
@@ -393,7 +393,7 @@ class _Runs:
     #: Runs with sensitivities, at the tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result
-    #: The same without sensitivities, if the experiment has none.
+    #: The corresponding runs without sensitivities, if the experiment has none.
     tight: Result
     loose: Result
 
@@ -458,8 +458,8 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
-    # The largest ratio of deviation to tolerance; a quantity without any difference counts as
-    # largest.
+    # The quantity with the largest ratio of deviation to tolerance. One without any difference
+    # ranks highest.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""

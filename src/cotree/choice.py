@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
 
-_LONG = 5  # moving branches above which elimination along the tree is a candidate
-_PER_OPERATION = 0.5  # cycles of an independent operation
+_LONG = 5  # number of moving branches above which elimination along the tree is tried
+_PER_OPERATION = 0.5  # cycles per operation without dependencies
 _SHARE_OF_JACOBIANS = 0.1  # evaluations of the Jacobian per evaluation of the right-hand side
-_FEW = 3  # rotating clusters up to which all choices are tried
+_FEW = 3  # number of rotating clusters up to which all choices are tried
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
     turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # numbered in the order of the traversal
     for step in tree_walk(trees.translation):
-        # The freedoms of an edge that is traversed backwards are in reverse order.
+        # If an edge is traversed backwards, its freedoms are in reverse order.
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:
@@ -232,13 +232,13 @@ def _estimates(
         if not middle or not unknowns:
             yield n_alone, time_alone
             continue
-        # The unknowns depend on the way of elimination, the differentiated expressions do not.
+        # The unknowns depend on the elimination method; the differentiated expressions do not.
         direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
         known = dict(zip(first.unknowns, unknowns, strict=True))
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
         (derivative,) = solved.along([direction])
         shared = set(alone)
-        # Nodes of the right-hand side are not computed again.
+        # Nodes of the right-hand side are already computed.
         apart = [node for node in reachable(derivative.unknowns) if node not in shared]
         along = count_operations(apart).total
         # Derivatives along several directions are independent of each other. A Jacobian has a

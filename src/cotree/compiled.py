@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from cotree.model.trim import TrimPoint
     from cotree.scene.settings import OtherSettings, Settings, SettingsDict
 
-#: Methods for users, in the order of a session.
+#: Public methods, in the order of a typical session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Number of variants that a model caches: texts with changing numbers, such as those of an
-# optimiser, would accumulate. Dropped variants are still in the cache on disk.
+# Number of variants that a model caches. Without a limit, texts with changing numbers, such as
+# those of an optimiser, would accumulate. Removed variants are still in the cache on disk.
 _MOST_VARIANTS = 32
 
 # Number of settings for which a model caches preparations of runs.
@@ -98,7 +98,7 @@ class Model(Reported):
         ModelError
             If the model was unpickled and its scene cannot be read in this process.
         """
-        # Components registered in that process need not be known before.
+        # Components registered in another process must be known before the model is opened.
         if isinstance(self._spec, bytes):
             self._spec = open_spec(self._spec)
         return self._spec
@@ -620,7 +620,7 @@ class Model(Reported):
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # C projects do not search for operating points.
         start = self.start() if self.kernels.begins_at_rest else None
-        # Kernels of the project are new nodes of the program's arena, which threads share.
+        # Kernels of the project become new nodes of the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(
@@ -682,7 +682,7 @@ class Model(Reported):
         d = self._defaults
         rest = self.start() if self.kernels.begins_at_rest else None
         to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
-        # Further kernels are new nodes of the program's arena, which threads share.
+        # Further kernels become new nodes of the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             numbers = d.t_end, d.rtol, d.atol

@@ -149,7 +149,8 @@ _ROWS = (
         ("molar flow", "n", "mol/s"),
         ("N", "mol"),
         remedy="a species or a reaction",
-        # A concentration counts from zero, so that a storage of it begins at the reference.
+        # A concentration has an absolute zero, so that its storage edge must start at the
+        # reference.
         absolute=(
             "is connected to '{tail}', but its amount follows from its concentration "
             "relative to zero: name its node first, then 'ground'"

@@ -55,7 +55,7 @@ LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
 
 #: Whether texts are cached. Tests that change the generator disable it.
 KEEPS = True
-# Age at which a private folder is abandoned, since no build takes as long.
+# Age after which a private folder counts as abandoned; no build takes this long.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
 

@@ -51,9 +51,9 @@ _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
 # takes minutes.
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
-# Number of operations of all functions above which gcc uses -Og. Straight-line code then takes half
-# as long to compile as with -O1 (panda with 70 parameters 16 instead of 30 thousand million
-# instructions) and runs in 0.9 to 1.2 times the time. For clang it is -O1.
+# Number of operations of all functions above which gcc uses -Og. Straight-line code then compiles
+# twice as fast as with -O1 (panda with 70 parameters: 16e9 instead of 30e9 instructions) and runs
+# in 0.9 to 1.2 times the time. With clang, -Og equals -O1.
 _LONG_FOR_GCC = 6_000
 # The number of equations is read through a pointer; only with strict aliasing is it a loop
 # constant.
@@ -165,7 +165,7 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
     if options.optimize != "auto":
         return options.optimize
     limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
-    # One function that is too long for register allocation decides for the whole library.
+    # The longest function decides, since register allocation takes too long there.
     if n_operations > limit:
         return "-O0"
     # Contraction to fused operations requires -O2, whose compilation takes twice as long.
@@ -179,14 +179,14 @@ def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
         # Only Zig compiles for the host processor by default.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # On other processors than x86, compilers only share -mcpu. Packing independent statements into
+    # On other processors, all compilers accept only -mcpu. Packing independent statements into
     # vectors adds dependencies: without it most kernels are faster, short ones by up to a third.
     return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
 
 
 _FILE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\.[ch]")
 _OUTPUT = "library.so"
-# Largest number of attempts to build a library that the clear_cache() of other processes removes.
+# Maximum number of attempts to build a library while other processes call clear_cache().
 ATTEMPTS = 3
 _FULL = re.compile("no space left on device|disk quota exceeded", re.IGNORECASE)
 # With less free space than this, a compiler cannot write its temporary files.
@@ -198,7 +198,7 @@ class BuiltLibrary:
     """A shared library in the cache."""
 
     path: Path  # absolute path of the library
-    seconds: float  # time spent on finding or building it, [s]
+    seconds: float  # time to find or build it, [s]
     cached: bool  # true if the compiler was not needed
     #: Command lines of the compiler, with file names relative to the folder of the C text.
     command: str
@@ -254,7 +254,7 @@ def build_library(
         )
 
     *compiling, linking = _steps((*toolchain.command, *flags), sources, levels)
-    # The longest steps begin first, so that no processor idles at the end.
+    # The longest steps start first, which balances the load of the processors.
     compiling.sort(key=lambda step: (step.source not in levels, -len(files[step.source])))
     steps = [*compiling, linking]
     # Levels of single files affect the library, so they are part of its key.
@@ -305,7 +305,7 @@ def _steps(
     compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
 ) -> list[_Step]:
     """Return the commands: one for a single file, otherwise one per file and one that links."""
-    # Libraries come last: a linker only takes from them what preceding files require.
+    # Libraries come last: a linker resolves symbols only for files that precede a library.
     to = ("-o", _OUTPUT, "-lm")
     # The level of a single file follows the common one, since the last level takes effect.
     own = {source: (*compiler, *levels.get(source, "").split()) for source in sources}
@@ -383,7 +383,7 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
     """Run all steps in parallel but the last, then the last; return it, or a failure."""
     *first, last = steps
-    owner = threading.current_thread()  # the owner of all steps, whichever thread runs them
+    owner = threading.current_thread()  # also of steps that run in other threads
 
     def run(step: _Step) -> Outcome:
         made = directory / f"{step.source}.o"
@@ -456,9 +456,9 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are resolved at first use, where the wrong library would cause an obscure error. An
-    # engine also declares functions of other libraries: only a library without any of the names is
-    # foreign.
+    # Names are resolved at first use, where a wrong library would cause an obscure error. An engine
+    # also declares functions of other libraries; a library is wrong only if it has none of the
+    # names.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(

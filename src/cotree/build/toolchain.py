@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # Ordinary models need a few hundred MiB.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
-# Time limit for the output of a command that was killed, [s].
+# Time limit for reading the remaining output of a killed command, [s].
 _LAST_WORDS = 2.0
 
 

@@ -16,7 +16,7 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, with the arguments of the process by default; return the exit code."""
     begin_engine(sys.argv[1:] if arguments is None else arguments)
-    # This import takes long; the compiler works at the same time.
+    # This import is slow; meanwhile the compiler runs in other processes.
     from cotree.cli.app import main as run
 
     code = run(arguments)

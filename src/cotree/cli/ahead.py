@@ -41,7 +41,7 @@ def begin_engine(arguments: Sequence[str]) -> None:
 def abandon_engine() -> None:
     """Stop the compilation for a command that failed."""
     engine = sys.modules.get("cotree.solvers.engine")
-    if engine is not None:  # else nothing was begun
+    if engine is not None:  # otherwise no build was started
         engine.abandon_ahead()
 
 

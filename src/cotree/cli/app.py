@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from cotree.scene.graphs import TreeChoice
 
 
-# Findings that a run prints.
+# Maximum number of findings that a run prints.
 _MOST_WARNINGS = 5
 
 
@@ -285,7 +285,8 @@ _ORDER = (
     "scenes"
 )
 
-#: Functions of commands; their modules are imported when one is called, or all are listed.
+#: Functions of commands. Each module is imported when its command is called, or when all are
+#: listed.
 _LATER = {
     "sweep": "sweep.sweep_scene",
     "optimise": "fitting.optimise_scene",

@@ -358,7 +358,7 @@ def read_scene(
     from cotree.api import load
     from cotree.readers import is_urdf
 
-    if is_urdf(source):  # only robots have options of their own
+    if is_urdf(source):  # the options below apply to robots only
         from cotree.reading import read_urdf
 
         scene = read_urdf(source, *_ROBOT.get())

@@ -53,11 +53,12 @@ NUMBER, VECTOR = 8, 64
 #: The return address and the frame pointer of the caller; the size of a word, of pointers and of
 #: arguments.
 _LINK, _WORD = 16, 8
-#: Frames are multiples of this; arrays that are read as vectors are multiples of a vector.
+#: Frame sizes are multiples of this; arrays that are loaded into vectors have sizes that are
+#: multiples of a vector.
 _ALIGNMENT = 16
-#: Bytes for a register that a function with calls saves, and for padding.
+#: Bytes for a saved register in a function that makes calls, and for padding.
 _SAVED = 16
-#: Most intermediate values that wait for the results of other functions.
+#: Maximum number of intermediate values held while other functions are called.
 _MOST_WAITING = 3
 
 # Stack use of the functions of every model by gcc 12 (-O0 -mno-red-zone -fstack-usage), in bytes.
@@ -150,7 +151,7 @@ class Crossing:
         self.places: dict[Temporary, CExpression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
         self._groups = groups
-        self._reads: list[set[str | Temporary]] = []  # of each group
+        self._reads: list[set[str | Temporary]] = []  # values that each group reads
         last: dict[str | Temporary, int] = {}
         for i, group in enumerate(groups):
             reads: set[str | Temporary] = set()
@@ -167,14 +168,14 @@ class Crossing:
                 # A temporary that only its own group reads needs no storage.
                 if made is None or last[made] == i:
                     continue
-                if isinstance(row, Assign) and len(row.to) > 1:  # it is stored in an array anyway
+                if isinstance(row, Assign) and len(row.to) > 1:  # stored in an array anyway
                     self.places[made] = row.to[1]
                     continue
                 kind = kind_of(made)
                 if not free[kind]:
                     free[kind].append(self.lengths[kind])
                     self.lengths[kind] += 1
-                # The lowest free place keeps the array short.
+                # Using the lowest free element keeps the array short.
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
@@ -202,11 +203,11 @@ class Crossing:
         return found
 
 
-#: Upper limit of the operations of a block. With gcc 12 longer blocks compile slower and run no
-#: faster; shorter ones pass more values through memory.
+#: Maximum number of operations in a block. With gcc 12, longer blocks compile more slowly and run
+#: no faster; shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: The caller's status, through a pointer; the name includes the star.
+#: The caller's status, passed as a pointer; the name includes the asterisk.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
@@ -215,8 +216,8 @@ _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 class Blocks:
     """A kernel, divided into functions if it is long."""
 
-    functions: list[FunctionPart]  # in the order of their calls; empty if the kernel is not divided
-    statements: list[Statement]  # those of the kernel itself
+    functions: list[FunctionPart]  # in calling order; empty if the kernel is not divided
+    statements: list[Statement]  # the statements that remain in the kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,8 +271,8 @@ def cut_into_blocks(
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
-    # Blocks return nothing, so statements that return from the kernel stay in it, after the calls.
-    # A kernel that may return before its end is not cut.
+    # Blocks return no status. Statements that may return from the kernel therefore remain in it,
+    # after the calls. A kernel that may return earlier is not divided.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -307,7 +308,7 @@ def _written_early(
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
             continue
-        # Results that were moved to a statement follow it.
+        # Results that were moved to another statement are placed after it.
         moved[i].insert(0, item)
         if item.makes:
             known[item.makes] = i
@@ -320,13 +321,13 @@ def _choose_cuts(
 ) -> list[int]:
     """Return the ends of blocks, from half to all of the longest length, by fewest crossings."""
     n = len(items)
-    # The number of live names at each possible cut is the sum of plus one after the first use of a
-    # name and minus one after its last.
+    # The number of live names at a cut is a cumulative sum: plus one after the first use of a name,
+    # and minus one after its last use.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # A temporary that is stored in an array anyway needs no storage. Arrays count, since they are
-    # shared if their uses are separated.
+    # A temporary that is stored in an array anyway does not count. Arrays count: they must be
+    # shared if a cut separates their uses.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:
@@ -336,7 +337,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # Among the cuts that fewest values cross, the latest is taken.
+        # Cut at the latest place among those that the fewest values cross.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))
@@ -358,7 +359,7 @@ class _BlockCutter:
         self._arguments = arguments
         self.arrays = {row.name: row for row in statements if isinstance(row, Array)}
         self._tables = {row.name: row for row in statements if isinstance(row, ConstantTable)}
-        self._shared: list[str] = []  # arrays that several blocks use
+        self._shared: list[str] = []  # arrays used by several blocks
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
         # The statements that stay in the kernel are the last group.

@@ -104,7 +104,7 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
 }
 
 _HEADER = "cotree_sundials.h"
-#: Modules with the types of a job and of a start.
+#: Modules that define the types of a job and of a start.
 _JOB_MODULES = ("abi", "run", "start_tables")
 
 
@@ -139,16 +139,16 @@ def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
 #: Every integrator with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
-#: Every method whose steps C takes, by name: cotree's own, and the libraries of SUNDIALS.
+#: All methods with steppers in C, by name: those of cotree, and the libraries of SUNDIALS.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
-#: Modules that all engines share and that include only each other; they are compiled once.
+#: Modules that all engines share and that include only each other. They are compiled once.
 SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
 
-#: What templates of all methods read.
+#: Context for the templates of all methods.
 _COMMON: dict[str, Any] = {"generator": VERSION, "limits": LIMITS}
 
-#: Sources that are compiled with a method's own, so that what is called often can be inlined.
+#: Sources that are compiled together with a method, so that their functions can be inlined.
 _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 
@@ -218,7 +218,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     types = ["cotree_start_tables"]
     functions: Mapping[str, tuple[str, str]] = {}
     stepper = f"const cotree_stepper *cotree_{name}_stepper(void);\n"
-    if name in SUNDIALS:  # its header declares the steppers of all libraries
+    if name in SUNDIALS:  # one header declares the steppers of all libraries
         headers.append(_HEADER)
         types += ["cotree_sundials", "cotree_sundials_aid"]
         functions = {**sundials_functions(name), **VERSION_FUNCTION}
@@ -230,8 +230,8 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-#: Libraries that are the same for every model: the modules whose sources they have, and those whose
-#: headers cffi reads. Jobs of a batch run in the engine of a method.
+#: Libraries that do not depend on the model: their modules, and the modules whose headers cffi
+#: reads. The engine of a method also runs the jobs of a batch.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),

@@ -20,7 +20,7 @@ _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTA
 
 #: Qualifier of functions that other programs call.
 _EXPORT = "COTREE_EXPORT"
-#: Macros around the declarations of headers, for compilers of C++.
+#: Macros around the declarations of headers for C++ compilers.
 _FRAME = ("COTREE_BEGIN_DECLS\n", "COTREE_END_DECLS\n")
 
 
@@ -29,7 +29,7 @@ class Item:
     """A comment, a directive or a declaration at file scope."""
 
     text: str
-    names: tuple[str, ...] = ()  # names that it defines or declares, including enumerators
+    names: tuple[str, ...] = ()  # names that the declaration defines, including enumerators
 
     @property
     def is_comment(self) -> bool:
@@ -138,10 +138,10 @@ def _declared(text: str) -> tuple[str, ...]:
     """Return the names that a declaration introduces."""
     bare = "".join(token for token in tokens(text) if not token.startswith("/*"))
     head, brace, body = bare.partition("{")
-    if head.startswith("typedef ") and "(*" in head:  # a type of functions
+    if head.startswith("typedef ") and "(*" in head:  # a function type
         return (head.partition("(*")[2].partition(")")[0],)
     argument, closed, _ = head.partition("(")[2].partition(")(")
-    if closed and argument.isidentifier():  # a macro writes the name of a function
+    if closed and argument.isidentifier():  # the macro generates a function of this name
         return (f"cotree_{argument}",)
     if "(" in head or "=" in head or not brace:
         head = head.partition("=")[0].partition("(")[0]
@@ -229,7 +229,7 @@ def _reached(
         for word in words(item.text):
             for row in by_name.get(word, ()):
                 scope = _scope(*row)
-                # A header may use macros of the sources that include it.
+                # A header may use macros that are defined in the including source.
                 is_known = scope in ("", file) or not file.endswith(".c")
                 if is_known and (word, scope) not in reached:
                     reached.add((word, scope))

@@ -82,7 +82,7 @@ class KernelFile:
     digest: str
     uses_math: bool
     uses_solve: bool
-    definite_sizes: list[int]  # of symmetric systems that are written out
+    definite_sizes: list[int]  # sizes of symmetric systems with unrolled code
     tables: list[Constants]
     lookups: list[str]
     functions: list[str]
@@ -166,13 +166,13 @@ def kernel_context(
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        # The other kernel is called, since computing only its last results would save little.
+        # Call the other kernel: computing only its last results would save little.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        # The order of values of a kernel does not include those of guards.
+        # The order of evaluation of a kernel does not include its guards.
         order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
@@ -180,7 +180,7 @@ def kernel_context(
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
-    # Guards follow all results, on which cut_into_blocks relies. They are numbered from one, since
+    # Guards follow all results; cut_into_blocks relies on this. They are numbered from one, since
     # zero means success. Equal conditions are checked once.
     checked: dict[tuple[CExpression, bool], int] = {}
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1):
@@ -234,7 +234,7 @@ def _arguments(kernel: Kernel) -> list[Argument]:
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
     """Return the arguments that no statement reads or writes."""
-    # Templates cast these to void, since compilers warn of unused arguments.
+    # Arguments that templates cast to void, to avoid compiler warnings about unused arguments.
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
@@ -249,12 +249,12 @@ class ModelContext(KernelFile):
 
     target: Target
     layout: Layout
-    guards: list[str]  # C literals of the demands of guards
+    guards: list[str]  # C literals of the conditions that guards require
     n_prepared: int
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
-    constants: list[Constants]  # of maps: values that columns do not share, and starts of columns
+    constants: list[Constants]  # values that columns do not share, starts of columns
     clears_columns: bool
     kernel_pointers: dict[str, str]
     enums: dict[str, list[str]]  # enumerators by kind of quantity
@@ -310,13 +310,14 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
-    # A kernel that copies the tail of another contains no map.
+    # A kernel that copies the tail of another kernel contains no map.
     starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # In the order of the registry, a kernel follows those that it calls, whose stack is known then.
+    # In the order of the registry, a kernel follows those that it calls, so that their stack sizes
+    # are known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)
@@ -332,9 +333,9 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constants=[*columns.values(), *starts.values()],
-        # Columns that are not constant are filled at each call, after they were set to zero.
+        # Columns that are not constant are cleared and filled at each call.
         clears_columns=any(node not in columns for node in maps),
-        # The structure of a model has a place for each kernel of the registry.
+        # The model structure has a pointer for each kernel of the registry.
         kernel_pointers={
             k.spec.field: f"{prefix}_{k.spec.name}" if k in present else "NULL"
             for k in program.kernels.values()

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 #: A temporary: its prefix and its number.
 Temporary = tuple[str, Any]
 
-#: Names, calls and elements, which bind tightest.
+#: Precedence of names, calls and array elements, the highest.
 _ATOM = 9
-#: Precedence of an operation, and the least one of its arguments. The right operand needs a higher
-#: one, so that values are computed in the order of the program.
+#: Precedence of an operation, and minimum precedence of its arguments. The right operand requires
+#: a higher one, so that values are computed in the order of the program.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
     "sub": (1, (1, 2)),
@@ -39,12 +39,14 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "not": (3, (_ATOM,)),
     "fails": (0, (1,)),
 }
-#: A leaf's number, if it has one: a constant, a whole number, an index, a temporary's number.
+#: Type of the number that a leaf contains: a constant, a whole number, an index, or the number of
+#: a temporary.
 _SLOTS = {
     **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
     **{"name": "", "zero": "", "tolerance": ""},
 }
-#: Operations that do not count as one: a sign has comparisons, conversions and leaves cost nothing.
+#: Number of operations that an operation counts as, if not one: a sign consists of comparisons;
+#: conversions and leaves are free.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
 
@@ -53,7 +55,7 @@ def fields_of(spelling: str) -> list[int]:
     return [int(name) for _, name, _, _ in Formatter().parse(spelling) if name is not None]
 
 
-#: Operations whose text repeats an argument or exchanges some.
+#: Operations whose text repeats or reorders arguments.
 _ARRANGED = {
     name: fields
     for name, row in OPERATIONS.items()
@@ -70,16 +72,16 @@ class Form:
     #: ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
     #: text, or an operation.
     op: str
-    name: str  # of a name, an array or a function; the prefix of a temporary; a tolerance's value
-    args: tuple[Form, ...]  # the arguments of an operation or a function
-    level: int  # its precedence
-    #: The kind of each number, in the order of the text: ``r`` for a constant, ``w`` for a whole
+    name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
+    args: tuple[Form, ...]  # arguments of the operation or function
+    level: int  # precedence of the form
+    #: Type of each number, in the order of the text: ``r`` for a constant, ``w`` for a whole
     #: number, ``i`` for an index, ``t`` for the number of a temporary.
     slots: str
-    n_operations: int  # operations in it
-    width: int  # characters in C, without those of numbers
-    names: frozenset[str]  # all names in it, without those of temporaries
-    #: Place among the numbers, and prefix, of each temporary.
+    n_operations: int  # number of operations
+    width: int  # number of characters in C, without those of numbers
+    names: frozenset[str]  # all names that occur, except temporaries
+    #: Position among the numbers, and prefix, of each temporary.
     temporaries: tuple[tuple[int, str], ...]
     _hash: int
 
@@ -114,7 +116,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
     names = frozenset(chain.from_iterable(arg.names for arg in args))
     temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
-    # The numbers of an argument follow those of the arguments before it.
+    # The numbers of an argument follow those of the previous arguments.
     start = 0
     for arg in args:
         temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
@@ -216,7 +218,7 @@ def apply(op: str, *args: CExpression) -> CExpression:
     The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
     """
     if op in _ARRANGED:
-        # Arguments are listed in the order of the text, repeated ones several times.
+        # Arguments are listed in the order of the text, including repetitions.
         args = tuple(args[i] for i in _ARRANGED[op])
     return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
 
@@ -305,7 +307,7 @@ class Assign(Simple):
     @property
     def declares(self) -> Temporary | None:
         """The temporary that it declares, if any."""
-        # A second place is an element of an array that stores the same value.
+        # A second target is an array element that stores the same value.
         first = self.to[0]
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
@@ -356,7 +358,7 @@ class Array(Simple):
     kind: str = REAL
     values: tuple[CExpression, ...] = ()
     is_constant: bool = False
-    is_aligned: bool = False  # vectors are read from it
+    is_aligned: bool = False  # whether it is loaded into vectors
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
@@ -409,11 +411,11 @@ class Argument:
     """An argument of a function."""
 
     name: str
-    kind: str = SCALAR  # ``REAL``, ``SCALAR``, ``WHOLE``, or a type of C
+    kind: str = SCALAR  # ``REAL``, ``SCALAR``, ``WHOLE``, or a C type
     is_array: bool = True  # whether it is an array
     is_constant: bool = True  # whether the function only reads it
     is_restricted: bool = True  # whether no other pointer leads to its elements
-    given: str = ""  # the caller's expression, if it differs from the name
+    given: str = ""  # the caller's expression, if it differs from the argument's name
 
 
 @dataclass(frozen=True, slots=True)
@@ -448,7 +450,7 @@ def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
         elif isinstance(row, Loop):
             yield from simple(row.body)
         elif isinstance(row, When):
-            # The condition is one expression, like a call.
+            # The condition is treated as one expression, like a call.
             yield from simple((Call(row.condition), *row.body, *row.otherwise))
 
 
@@ -495,5 +497,5 @@ def n_operations(statements: Iterable[Statement]) -> int:
             if isinstance(row, Loop):
                 numbers = chain.from_iterable(e.numbers for e in part.expressions)
                 found += sum(n.n_operations for n in numbers if isinstance(n, Affine))
-        found += isinstance(row, Loop)  # the comparison of i
+        found += isinstance(row, Loop)  # the comparison of the loop index
     return found

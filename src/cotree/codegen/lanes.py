@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
 
-#: Functions of the C library, which are called lane by lane.
+#: Functions of the C library, which are called separately for each lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
-#: Most operations; beyond, compilation takes longer than vectors save.
+#: Maximum number of operations; above, compilation takes longer than vectors save.
 _MOST_OPERATIONS = 20_000
 
 
@@ -46,9 +46,9 @@ class Lanes:
 
     width: int  # numbers in a vector
     n_bundles: int  # interleaved vectors, which hide the latency of operations
-    #: Compiler names of the instruction sets that they need.
+    #: Compiler names of the instruction sets that the vectors need.
     instructions: str
-    is_fused: bool  # whether a product and a sum are rounded once
+    is_fused: bool  # whether a product plus a term is rounded once
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import Number, Statement, Temporary
 
 
-LONGEST_BODY = 150  # statements of a loop's body: those of a spatial link
-FEWEST_LINES = 64  # that a loop replaces; fewer statements are as short and read better
-_FEWEST_EVEN = 24  # the same for loops without tables
+LONGEST_BODY = 150  # maximum number of statements in a loop body: those of a spatial link
+FEWEST_LINES = 64  # minimum number of statements that a loop replaces
+_FEWEST_EVEN = 24  # the same minimum for loops without tables
 _FEWEST_TIMES = 8
 
 
@@ -52,10 +52,11 @@ _FEWEST_TIMES = 8
 class StatementRow:
     """A statement, split into its form and its numbers."""
 
-    #: Equal for statements that differ in their numbers only; None for those outside of loops.
+    #: Key that is equal for statements that differ only in their numbers; None for statements
+    #: that must stay outside loops.
     form: Hashable
-    whole: tuple[int, ...] = ()  # its whole numbers, in order
-    real: tuple[float, ...] = ()  # its constants, in order
+    whole: tuple[int, ...] = ()  # whole numbers of the statement, in order
+    real: tuple[float, ...] = ()  # constants of the statement, in order
 
 
 def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:
@@ -73,7 +74,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     start = plain = 0
     while start < n:
         period, length = 0, int(reach[start])
-        # A loop that begins one statement later may be longer.
+        # A loop that starts one statement later may be longer.
         is_longest = length > 0 and reach[start + 1] <= length
         # Tables are used only if even loops cover less than half of these statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
@@ -106,8 +107,8 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # Number of statements that equal those one period later; the last iteration is not among
-        # them.
+        # Number of statements that equal those one period later. The last iteration is not
+        # included.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
@@ -158,7 +159,8 @@ def _even_reach(
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
-        # Each index represents three iterations, hence two more than periods in the run.
+        # Each match involves three iterations, so that the run has two more iterations than
+        # matches.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -176,7 +178,7 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
         at = int(np.searchsorted(begins, start))
         if at == len(begins):
             return marked
-        # A loop that begins later may be longer.
+        # A loop that starts later may be longer.
         start = int(begins[at])
         while even[start + 1] > even[start]:
             start += 1
@@ -208,8 +210,8 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: Up to so many statements compile fast. Loops run a fifth slower, so that they are used only if
-#: they reduce the statements to less than this share.
+#: Up to this number of statements, compilation is fast. Loops run a fifth slower, so they are
+#: used only if they reduce the number of statements below this fraction.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
@@ -254,8 +256,8 @@ def _row(statement: Statement) -> StatementRow:
     if isinstance(statement, Assign):
         declared = statement.declares
         is_temporary = declared is not None and kind_of(declared) == REAL
-        # Results of a node with several stay outside: a loop that fills them is short, and would
-        # move temporaries of long straight lines into an array.
+        # Results of a node with several results stay outside: a loop that fills them is short, and
+        # would move temporaries of long straight lines into an array.
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):
@@ -286,7 +288,7 @@ def _kept_in_array(
         if times > 1:
             for row in rows[start : start + period * times]:
                 kept.update(_temporaries(row))
-    # Places of evenly spaced temporaries are then mostly evenly spaced, too.
+    # Indices of evenly spaced temporaries are then mostly evenly spaced, too.
     return {key: element(array, place) for place, key in enumerate(sorted(kept))}
 
 
@@ -369,7 +371,7 @@ def _of_all(comments: Sequence[str]) -> str:
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first
-    # The last one without the words that both begin with: "angle of link 1 to 9".
+    # Remove the words that both labels start with: "angle of link 1 to 9".
     words = last.split(" ")
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first.split(" "), words, strict=False))
     return f"{first} to {' '.join(words[len(list(same)) :])}"

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 class Segments:
     """A map as segments."""
 
-    parts: list[list[Statement]]  # its statements; several parts if it is long
-    #: For each block of columns, 1 for each guarded segment that is run there, else 0.
+    parts: list[list[Statement]]  # statements of the map; several parts if it is long
+    #: For each block of columns: 1 for each guarded segment that is executed, else 0.
     live: list[list[int]]
     n_crossing: int  # length of the array of crossing values
 
@@ -90,7 +90,7 @@ def cut_into_segments(
     groups = printed.parts[1:]  # leaves take no statement
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # With zero added, the sign of zero does not depend on the width of vectors.
+            # Adding zero makes the sign of a zero result independent of the vector width.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -111,7 +111,7 @@ def _joined(
     everywhere = (1 << len(blocks)) - 1
     guarded: list[int] = []
     parts: list[list[Statement]] = []
-    length = longest  # the first segment begins a part
+    length = longest  # the first segment starts a part
     for number, segment in enumerate(segments):
         if length + len(segment.nodes) > longest:
             parts.append([])
@@ -154,8 +154,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # Next is the class of the first statement in the original order, with all its statements
-        # that are or become ready: segments are then few and long.
+        # The next class is that of the first statement in the original order, with all its
+        # statements that are or become ready. Segments are then few and long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -178,7 +178,7 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
     """
     blocks: dict[Node, int] = {}
     roots = set(linear.results)
-    # Backwards, so that the blocks of all readers are known.
+    # In reverse order, so that the blocks of all readers are known.
     for node in reversed(linear.statements):
         around = {blocks[reader] for reader in readers[node]}
         moves = (
@@ -220,22 +220,23 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
     ]
 
 
-#: Least share of the work that segments skip; otherwise the map is written with loops.
+#: Minimum fraction of the work that segments skip; otherwise the map is written with loops.
 _SKIPPED = 0.15
-#: Upper limit of the operations of a block. With gcc 12, a map of 2261 operations in blocks of 500
+#: Maximum number of operations in a block. With gcc 12, a map of 2261 operations in blocks of 500
 #: compiles with a third of the instructions and runs a fifth faster in vectors of four.
 _LONGEST_BLOCK = 500
-#: The same if latency limits the map: two vectors are then interleaved in each block, which hides
-#: their latency.
+#: Maximum for maps limited by latency: two vectors are interleaved in each block, which hides the
+#: latency.
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; with fewer, too many values cross between blocks
 
-#: Vectors of the macro that transposes, at the largest width: one for each lane and stage.
+#: Number of vectors in the macro that transposes, at the largest width: one for each lane and
+#: stage.
 _TURNING = 8 * 4
 #: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24
 
-#: The names in statements, as arguments of a function.
+#: Names in statements, as arguments of a function.
 _ARGUMENTS = {
     argument.name: argument
     for argument in (
@@ -257,20 +258,20 @@ class MapContext:
     name: str
     doc: str
     n_columns: int
-    width: int  # of a row
+    width: int  # length of a row
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # offsets of values that columns do not share, for each eight columns
-    n_own: int  # rows of these
+    places: list[str]  # offsets of values that columns do not share, by eight columns
+    n_own: int  # number of rows of these values
     n_results: int
     block: int
     body: Body
     n_crossing: int
-    n_together: int  # interleaved vectors
+    n_together: int  # number of interleaved vectors
     n_guards: int
     live: list[str]  # for each block of columns, the flags of the guarded segments that are run
-    n_stack: int  # upper bound of its stack, [byte]
+    n_stack: int  # upper bound of the stack size, [byte]
 
 
 @dataclass(frozen=True)
@@ -288,7 +289,7 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
     linear: LinearMap = node.data
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
-    # Segments pay if many statements are skipped in some blocks of columns.
+    # Segments are worthwhile if many statements are skipped in some blocks of columns.
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
     cut = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(cut.live[0]) if cut.live else 0
@@ -371,7 +372,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
         Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    # Blocks have their own array of crossing values.
+    # Each block declares its array of crossing values.
     arguments = [row for key, row in _ARGUMENTS.items() if key != "w"]
     return _Cut(
         cut_into_blocks(f"{name}_{{}}", roll(statements), arguments, ("result",), _LONGEST_BLOCK)
@@ -386,7 +387,7 @@ def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
             return symbol(kind, i)
         place = i - own.first
         row = whole(own.width * place) if own.is_whole else element("at", place)
-        # The width of other inputs, so that the same expressions are inlined.
+        # Use the width of other inputs, so that the same expressions are inlined.
         return replace(call("OWN", named("here"), row), width=symbol(kind, i).width)
 
     return read

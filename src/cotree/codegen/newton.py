@@ -47,7 +47,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
     for row in ranks:
         starts.append(starts[-1] + len(row))
     place = {(k, j): starts[k] + at for k, row in enumerate(ranks) for at, j in enumerate(row)}
-    # The plan numbers factors in another order.
+    # The plan uses another numbering of the factors.
     number = {(k, k): factor for k, factor in enumerate(plan.pivots)}
     for k in range(len(plan.rows)):
         number |= {(k, j): factor for j, factor in (*plan.lower[k], *plan.upper[k])}
@@ -108,7 +108,7 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-# Beyond this number of products, loops over tables replace straight lines, of which gcc compiles
+# Number of products above which loops over tables replace straight-line code, of which gcc compiles
 # a thousand in half a second.
 _LONGEST = 3000
 
@@ -133,10 +133,10 @@ class LinearSystem:
     """The linear systems of an implicit method, for states and their sensitivities."""
 
     elimination: EliminationContext | None  # None if the matrix is structurally singular
-    has_slope: bool  # whether rates change with time
-    n_carried: int  # values of the two kernels of second derivatives
+    has_slope: bool  # whether rates depend on time
+    n_carried: int  # number of values of the two kernels of second derivatives
     n_couplings: int
-    places: Constants  # of the couplings among the sensitivities
+    places: Constants  # positions of the couplings among the sensitivities
 
     @property
     def bodies(self) -> list[Body]:
@@ -269,7 +269,7 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []
     for i, entry in enumerate(plan.factors):
-        # An entry of shift M - J, less the products of factors before it. M is one on the diagonal
+        # An entry of shift M - J, minus the products of earlier factors. M is one on the diagonal
         # for states with a rate, and zero for algebraic unknowns.
         total = named("shift") if entry.has_shift else None
         if entry.value >= 0:

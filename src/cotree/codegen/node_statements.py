@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel
 
 
-#: Numbers in a vector, on any machine.
+#: Maximum number of lanes in a vector, on any machine.
 _WIDEST = 8
-#: Upper limit of the numbers in rows that are stored completely: half of the level-1 cache.
+#: Maximum number of values in rows that are stored completely: half of the level-1 cache.
 _MOST_WHOLE = 2048
 
 
@@ -69,7 +69,7 @@ class OwnRows:
     def _pieces(self) -> dict[tuple[int, int], int]:
         """Number the nonzero pieces, by their columns and row, from one on."""
         given = self.linear.given
-        # Piece zero is the common copy of zeros.
+        # Block zero is the common copy of zeros.
         found = (
             (at, i)
             for at in range(0, len(given), _WIDEST)
@@ -155,7 +155,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
         if node.op != "map":
             continue
         n, own = len(node.data.results), results_of(node, node.data.n_results)
-        # Places of the first results of columns, which the others must follow.
+        # First result index of each column, which the other results must follow.
         places = tuple(first.get(root, 0) for root in own[::n])
         if all(
             kernel.results[place : place + n] == own[n * j : n * (j + 1)]
@@ -173,8 +173,8 @@ def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants
     return {places: int_table(f"cotree_starts{i}", places) for i, places in enumerate(tables)}
 
 
-_LARGEST_SYSTEM = 12  # unknowns of a system that is solved without loops: 300 statements
-_LONGEST_INLINE = 72  # characters of an expression that is inlined
+_LARGEST_SYSTEM = 12  # maximum number of unknowns of a system without loops: 300 statements
+_LONGEST_INLINE = 72  # maximum number of characters of an inlined expression
 
 #: The key of the function that computes several sines.
 SINES = "sines"
@@ -190,12 +190,12 @@ def symbol(kind: str, position: int) -> CExpression:
 class Printed:
     """Statements that compute some values."""
 
-    #: The statements, with comments, in one part or in the requested ones.
+    #: Statements with comments, in one part or in the requested parts.
     parts: list[list[Statement]]
     values: list[CExpression]  # an expression for each requested value
-    n_statements: int  # number of values with a statement
+    n_statements: int  # number of values that have a statement
     uses_status: bool  # whether a statement may set ``status``
-    #: Arrays that only maps read.
+    #: Arrays that are read by maps only.
     filled: list[str] = field(default_factory=list)
 
     @property
@@ -271,7 +271,7 @@ class _StatementWriter:
 
     def __post_init__(self) -> None:
         self._known: dict[Node, CExpression] = {}
-        self._number: dict[Node, int] = {}  # of the values that have a statement
+        self._number: dict[Node, int] = {}  # number of each value that has a statement
         self._uses: dict[Node, int] = {}
         self._factors: dict[Any, int] = {}  # number of each factorised matrix
         self._section = ""
@@ -280,7 +280,7 @@ class _StatementWriter:
         """Count how often each value is read."""
         uses = self._uses
         for node in order:
-            # The arguments of a prepared value are not read.
+            # A prepared value is read from the array, so its arguments are not needed.
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
@@ -314,7 +314,7 @@ class _StatementWriter:
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
-            i += padded(owner.data) - owner.data  # cosines begin at a new vector
+            i += padded(owner.data) - owner.data  # cosines start at a new vector
         # C stores results by padded rows; nodes number them by columns.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))
@@ -347,7 +347,7 @@ class _StatementWriter:
         n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
         sizes, is_apart = sizes_of(node), is_written_out(node)
-        # Solutions share factors only if the decisions on rank are the same.
+        # Solutions share factors only if they use the same rank decisions.
         key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
             self._factors[key] = at
@@ -420,7 +420,7 @@ class _StatementWriter:
         at, n, width = self._declare(node), node.data, padded(node.data)
         angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
-            # Vectors read the padding, too.
+            # Vectors also read the padding.
             filled = (*angles, *[number(0.0)] * (width - n))
             cosines = apply("add", named(v), whole(width))
             given = [whole(n), named(f"a{at}"), named(v), cosines]
@@ -453,7 +453,7 @@ class _StatementWriter:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
             self.statements.append(Array(to, max(1, width * len(linear.results))))
-        # Sensitivities in order are read from ``s``.
+        # Sensitivities in their original order are read from ``s``.
         own = "s" if rows.first else given
         args = map(named, (shared, own, given, starts, to))
         self.statements.append(Call(call(self.names[rows], *args)))

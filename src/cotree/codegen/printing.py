@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "
-#: From this precedence on a sign needs no parentheses.
+#: Precedence from which a sign needs no parentheses.
 _TIGHTEST = 4
 
-#: Expressions without arguments, with a mark in the place of the number.
+#: Expressions without arguments; %s marks the position of the number.
 _LEAVES = {
     "number": "%s{suffix}",
     "whole": "%s",
@@ -66,10 +66,10 @@ class BlockText:
 class Body:
     """The statements of a function as text."""
 
-    lines: list[str]  # its own
-    blocks: list[BlockText]  # the functions that it was cut into, in the order of their calls
-    #: Number of operations of each of these kernels, of this one last; operations in a loop count
-    #: once.
+    lines: list[str]  # lines of the kernel itself
+    blocks: list[BlockText]  # functions into which it was divided, in calling order
+    #: Number of operations of each of these functions, then of the kernel; operations in a loop
+    #: count once.
     written: list[int]
 
     @property
@@ -151,7 +151,7 @@ class _Printer:
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
             numbers = self._fitted(expression)
-        # Outside of loops all numbers are plain, and formatting is faster.
+        # Outside loops all numbers are plain, and formatting is faster.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
@@ -176,7 +176,7 @@ class _Printer:
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
-            # Negated, so that nan leaves the function.
+            # Negated, so that nan also leaves the function.
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -188,7 +188,7 @@ class _Printer:
         head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
         if row.is_aligned:
             head = f"{self._target.aligned}{head}"
-        # An array without values is filled later, so that it cannot be const.
+        # An array without values is filled later, so it cannot be const.
         if not row.values:
             return f"{head};"
         constant = "const " if row.is_constant else ""
@@ -242,7 +242,7 @@ class _Printer:
                 a, b = map(self._format, left.args)
                 return f"{self._target.fused}({a}, {b}, {self._signed(op, right)})"
             if right.op == "mul":
-                # Numbers stay in the order of the form.
+                # Numbers keep the order of the form.
                 a, b = self._signed(op, right.args[0]), self._format(right.args[1])
                 return f"{self._target.fused_onto}({self._format(left)}, {a}, {b})"
         args = [self._format(arg) for arg in form.args]
@@ -272,8 +272,8 @@ def _number(number: Number, slot: str) -> str:
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
-    # Numbers of a loop are indices or counts, never negative, so that a falling one begins with its
-    # first value.
+    # Numbers in a loop are indices or counts and never negative, so a decreasing one is written
+    # with its first value in front.
     step, first = number.step, number.first
     if step < 0:
         text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"

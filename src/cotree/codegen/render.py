@@ -51,14 +51,14 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
-        # A name that a context lacks is an error, never an empty text in C.
+        # A name missing from a context raises an error instead of producing empty C text.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=is_html,  # untrusted texts in C have been escaped in naming.py
     )
-    # In the environment, so that imported macros know them as well.
+    # Set in the environment, so that imported macros can use them as well.
     made.globals |= {
         "real": target.scalar,
         "f": target.suffix,
@@ -110,21 +110,21 @@ class Features:
     sensitivities: bool = True  # whether states have sensitivities
     inputs: bool = True  # whether there are inputs
     algebraic: bool = True  # whether some states satisfy algebraic equations
-    constraints: bool = True  # whether states are projected on constraints
+    constraints: bool = True  # whether states are projected onto constraints
     events: bool = True  # whether there are events, or kinks of rates whose times depend on states
     modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
-    discs: bool = True  # whether modes are those of friction on planes in space
-    #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
+    discs: bool = True  # whether there is friction on planes in space
+    #: Whether rates have kinks at times that depend on parameters of sensitivity.
     moving_corners: bool = True
-    implicit: bool = True  # whether a method takes a Jacobian
-    helper: bool = True  # whether another program finds states if iterations fail
-    mending: bool = True  # whether given values that contradict constraints move, with a report
+    implicit: bool = True  # whether an implicit method uses a Jacobian
+    helper: bool = True  # whether a caller's function finds states if iterations fail
+    mending: bool = True  # whether prescribed values may change to satisfy constraints
     sundials: bool = True  # whether a method of SUNDIALS may take the steps
-    #: Of an FMU: whether its start satisfies constraints or conditions, or has modes that follow;
-    #: whether there are time events or upper bounds of steps.
+    #: FMU: whether its start satisfies constraints or conditions, or selects modes; whether there
+    #: are time events or upper bounds of the step size.
     start: bool = True
     breakpoints: bool = True
-    #: Whether an FMU offers Model Exchange, and Co-Simulation.
+    #: FMU: whether it offers Model Exchange, and Co-Simulation.
     exchange: bool = True
     steps: bool = True
 
@@ -135,12 +135,12 @@ class Features:
         }
 
 
-#: What Python's engine is compiled with.
+#: Features of Python's engine.
 ALL = Features()
 
 
 _INTERNAL = "_internal.h"
-#: A source, or several, in one file: functions that only the module calls are its own.
+#: Text around sources in one file: functions that only one module calls become static.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
 
@@ -174,7 +174,7 @@ def with_runtime(
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # present already, or a file of the model
+            continue  # already present, or a file of the model
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)
@@ -284,7 +284,7 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
     if not any(name in text for name in known):
         return text
     lines: list[str] = []
-    # Of each open condition: whether it is decided here, and whether its lines are kept.
+    # For each open condition: whether it is decided here, and whether its lines are kept.
     open_: list[tuple[bool, bool]] = []
     for line in text.splitlines():
         if (value := _value(line, known)) is not None:

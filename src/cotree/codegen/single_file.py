@@ -130,7 +130,7 @@ def _renamed(part: str, names: Mapping[str, str]) -> str:
 
 def _are_members(found: Sequence[str]) -> Iterator[bool]:
     """Return for each token whether it is a member: behind a dot or an arrow, or in a structure."""
-    depth = body = 0  # open braces; as many are open in the body of a structure, which is read
+    depth = body = 0  # open braces: in total, and in the body of a structure
     is_head = False
     for i, token in enumerate(found[:-2]):
         if is_word(token):

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 class StartTables:
     """Tables of a model's start; the attributes are named as the fields in C."""
 
-    #: Numbers.
+    #: Counts.
     n_coordinates: int
     n_speeds: int
     n_values: int
     n_rows: int
     n_start: int
     n_groups: int
-    #: Arrays.
+    #: Index arrays.
     value_rows: tuple[int, ...]
     quaternions: tuple[int, ...]
     is_rate: tuple[int, ...]
@@ -37,7 +37,7 @@ class StartTables:
     given: tuple[int, ...]
     seeds: tuple[int, ...]
     contents: tuple[int, ...]
-    #: The states that each redundant value follows from, one after another.
+    #: Concatenated lists of the states that determine each redundant value.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
     #: Names and units.
@@ -52,7 +52,7 @@ class StartTables:
     @property
     def arrays(self) -> list[Constants]:
         """The arrays as C text, each named as its field with ``start_`` before it."""
-        # Only callers that print C have these.
+        # Needed only by callers that print C.
         from cotree.codegen.printing import Constants, int_table
 
         numbers = {
@@ -76,7 +76,8 @@ def start_tables(layout: Layout) -> StartTables:
     n_values = len(layout.constraints) - n_rows - len(layout.quaternions)
     conditions = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
     rates = layout.constraints[n_values : n_values + n_rows]
-    # The axes of an edge's constraints are arbitrary, so that its rows of one unit form a group.
+    # The axes of an edge's constraints are arbitrary; therefore its rows with the same unit form a
+    # group.
     edges = [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
     edges += [(split_name(row.name)[0], row.unit) for row in conditions]
     numbers = {edge: i for i, edge in enumerate(dict.fromkeys(edges))}

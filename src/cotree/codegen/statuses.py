@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-#: Sentences of ``cotree_status`` in C, in the order of its numbers, without a capital and a full
-#: stop. Names follow ``COTREE_``.
+#: Descriptions of ``cotree_status`` in C, in the order of its numbers, without capital and full
+#: stop. Names have the prefix ``COTREE_``.
 SENTENCES = {
     "OK": "all is well",
     "BAD_ARGUMENT": "a size, time, tolerance or initial value is out of range",
@@ -30,7 +30,7 @@ SENTENCES = {
 #: Numbers of ``cotree_status`` by name.
 NUMBERS = {name: number for number, name in enumerate(SENTENCES)}
 
-#: Failures of events by number, those of ``cotree_events_status``. Their sentences are in
+#: Failures of events by number, see ``cotree_events_status``. Their descriptions are in
 #: :mod:`cotree.solvers.messages`.
 EVENT_FAILURES = {
     20: "EVENTS_FAILED",
@@ -59,5 +59,6 @@ EVENT_FAILURES = {
     48: "EVENTS_BELOW_TOLERANCE",
 }
 
-#: A sensitivity that does not exist after a breakpoint; the field ``turned`` of a job is its entry.
+#: Status if a sensitivity is undefined after a breakpoint; the field ``turned`` of the job is its
+#: index.
 TURNED = 60

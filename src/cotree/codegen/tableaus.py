@@ -12,20 +12,21 @@ from dataclasses import dataclass
 class Tableau:
     """An explicit method with an error estimate."""
 
-    name: str  # its name, ``cotree_`` left out
-    title: str  # a description, as a part of a sentence
-    source: str  # reference of its coefficients
+    name: str  # name without the prefix ``cotree_``
+    title: str  # description, as part of a sentence
+    source: str  # reference for the coefficients
     error_order: int  # order of the error estimate
-    memory: str  # exponent of the previous step's error in the choice of the next step size
-    nodes: tuple[str, ...]  # times of the stages but the first, as shares of a step
-    stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage but the first
+    memory: str  # exponent of the previous step's error in the step size control
+    nodes: tuple[str, ...]  # times of the stages except the first, as fractions of a step
+    stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage except the first
     solution: dict[int, str]  # weights of the stages in the new solution
-    #: Weights in the error estimate; if there are two rows, the second forms a mean with the first
-    #: that is of higher order. The stage after the last one is the rate at the new solution.
+    #: Weights in the error estimate. If there are two rows, the second one is combined with the
+    #: first one into an estimate of higher order. The stage after the last one is the rate at the
+    #: new solution.
     errors: tuple[dict[int, str], ...]
-    stable: str  # stability bound on the negative real axis, a little rounded down
-    #: Weights in the term that the polynomial of degree 4 adds to the cubic through both ends of a
-    #: step; empty without one.
+    stable: str  # stability limit on the negative real axis, rounded down
+    #: Weights of the term that extends the cubic through both ends of a step to a polynomial of
+    #: degree 4; empty if there is none.
     dense: dict[int, str]
 
     is_implicit = False
@@ -38,9 +39,9 @@ class Tableau:
     @property
     def probe(self) -> int:
         """Number of the other stage at the end of a step: the latest before the last one."""
-        # Both stages at the end of the step have nearly the same point. The difference of their
-        # rates, over that of their points, estimates the largest eigenvalue: a test of stiffness
-        # (Hairer and Wanner, section IV.2).
+        # Both stages at the end of the step are evaluated at nearly the same point. The difference
+        # of their rates, divided by that of their points, estimates the largest eigenvalue: a
+        # stiffness test (Hairer and Wanner, section IV.2).
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property
@@ -83,7 +84,7 @@ _DOPRI5 = Tableau(
         5: "11.0 / 84.0",
     },
     errors=(
-        # The solution of order 5 less that of order 4.
+        # The solution of order 5 minus that of order 4.
         {
             0: "71.0 / 57600.0",
             2: "-71.0 / 16695.0",
@@ -134,7 +135,7 @@ _RKF45 = Tableau(
         5: "2.0 / 55.0",
     },
     errors=(
-        # Likewise.
+        # The solution of order 5 minus that of order 4.
         {
             0: "1.0 / 360.0",
             2: "-128.0 / 4275.0",
@@ -231,7 +232,7 @@ _DOP853 = Tableau(
         11: "0.04471061572777259",
     },
     errors=(
-        # The error of order 5, of which the program DOP853 names the weights er.
+        # Error estimate of order 5, whose weights the program DOP853 calls er.
         {
             0: "0.01312004499419488",
             5: "-1.2251564463762044",
@@ -242,7 +243,7 @@ _DOP853 = Tableau(
             10: "0.08192320648511571",
             11: "-0.022355307863886294",
         },
-        # The solution less that of order 3, with the weights bhh of that program.
+        # The solution minus that of order 3, whose weights the program calls bhh.
         {
             0: "-0.18980075407240762",
             5: "4.450312892752409",
@@ -258,7 +259,7 @@ _DOP853 = Tableau(
     dense={},
 )
 
-#: Every explicit method with step control, by name.
+#: All explicit methods with step size control, by name.
 TABLEAUS: dict[str, Tableau] = {row.name: row for row in (_DOPRI5, _RKF45, _DOP853)}
 
 
@@ -270,20 +271,20 @@ class RosenbrockTableau:
     + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
     """
 
-    #: As in :class:`cotree.codegen.tableaus.Tableau`.
+    #: See :class:`cotree.codegen.tableaus.Tableau`.
     name: str
     title: str
     source: str
     error_order: int  # order of the error estimate
-    gamma: str  # the diagonal
-    #: c and d, one of each stage.
+    gamma: str  # the diagonal coefficient
+    #: Coefficients c and d of each stage.
     nodes: tuple[str, ...]
     time: tuple[str, ...]
-    #: a and C, a row for each stage but the first.
+    #: Coefficients a and C, one row for each stage except the first.
     stages: tuple[tuple[str, ...], ...]
     couplings: tuple[tuple[str, ...], ...]
-    #: Weights of the stages in the polynomial through both ends of a step, a row for each of its
-    #: degrees from 2.
+    #: Weights of the stages in the interpolation polynomial of a step, one row for each of its
+    #: degrees from 2 on.
     dense: tuple[tuple[str, ...], ...]
 
     is_implicit = True
@@ -346,7 +347,7 @@ _RODAS4 = RosenbrockTableau(
     ),
 )
 
-# The weights of stage 6. Stages 7 and 8 are evaluated at these with the stages before them added.
+# The weights of stage 6. Stages 7 and 8 are evaluated at the same point plus the preceding stages.
 _SIXTH = (
     "-7.502846399306121",
     "2.561846144803919",
@@ -466,7 +467,7 @@ _RODAS5 = RosenbrockTableau(
     ),
 )
 
-#: Every Rosenbrock method, by name.
+#: All Rosenbrock methods, by name.
 ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _RODAS5)}
 
 
@@ -474,12 +475,12 @@ ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _
 class FixedStep:
     """A method whose steps all have the length that the caller chose."""
 
-    name: str  # in C, after ``cotree_``
-    title: str  # a description, as a part of a sentence
+    name: str  # name in C, after ``cotree_``
+    title: str  # description, as part of a sentence
     source: str  # reference
-    order: int  # of the error at the end
-    n_stages: int  # evaluations of the rates in a step
-    is_implicit: bool  # whether it solves linear systems
+    order: int  # order of the error at the end
+    n_stages: int  # number of evaluations of the rates in a step
+    is_implicit: bool  # whether the method solves linear systems
 
 
 _RK4 = FixedStep(
@@ -502,5 +503,5 @@ _EULER = FixedStep(
     is_implicit=True,
 )
 
-#: Every method with fixed steps, by name.
+#: All methods with fixed steps, by name.
 FIXED: dict[str, FixedStep] = {row.name: row for row in (_RK4, _EULER)}

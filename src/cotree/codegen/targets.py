@@ -24,28 +24,29 @@ class Target:
 
     real: str = "double"  # type that statements compute with: one number, or a vector of some
     scalar: str = "double"  # type of one number, in arguments and tables
-    zero: str = "0.0"  # a zero of type ``real``
-    suffix: str = ""  # ending of literals and of the names of the C library's functions
-    limits: str = "DBL"  # beginning of the names of the type's limits in ``float.h``
-    infinity: str = "HUGE_VAL"  # what ``math.h`` calls a positive infinity of the type
+    zero: str = "0.0"  # zero of the type ``real``
+    suffix: str = ""  # suffix of literals and of C library functions
+    limits: str = "DBL"  # prefix of the type's limits in ``float.h``
+    infinity: str = "HUGE_VAL"  # name of positive infinity in ``math.h``
     reader: str = "strtod"  # function of the C library that reads a number from text
-    #: Qualifiers and result of a function that is part of another.
+    #: Qualifiers and result type of a function that is part of another one.
     function: str = "COTREE_APART static void"
-    name: str = "{}"  # format of such a function's name
-    aligned: str = "COTREE_ALIGNED "  # qualifier of an array that vectors are read from
-    #: Qualifier of an argument that no other leads to the same array.
+    name: str = "{}"  # format of the name of such a function
+    aligned: str = "COTREE_ALIGNED "  # qualifier of arrays that are loaded into vectors
+    #: Qualifier of pointers to arrays that no other pointer accesses.
     restrict: str = "COTREE_RESTRICT "
-    number: str = "{}"  # a constant, its digits left open
+    number: str = "{}"  # format of a constant
     entry: str = ""  # type of one number in a table; empty where it is ``scalar``
-    #: Prefix of the functions that replace those of the C library and selections; empty if these
-    #: are called directly.
+    #: Prefix of functions that replace those of the C library, and selections; empty if these are
+    #: called directly.
     calls: str = ""
-    #: Function ``(a, b, c)`` for ``a * b + c``; empty if two operators are written.
+    #: Name of the function ``(a, b, c)`` that computes ``a * b + c``; empty if two operators are
+    #: written.
     fused: str = ""
     fused_onto: str = ""  # the same with the arguments in the order of ``c + a * b``
     size: int = 8  # bytes of one number
     digits: int = 53  # binary digits of a number
-    most_decades: int = 308  # powers of ten up to which its numbers reach
+    most_decades: int = 308  # largest power of ten that the type can represent
 
     @property
     def has_lanes(self) -> bool:
@@ -145,7 +146,7 @@ class Target:
         else:
             row = OPERATIONS[op]
             if self.calls and row.is_call:
-                # Arguments in the order, and as often, as the row spells them.
+                # Arguments are repeated and ordered as in the C text of the operation.
                 return f"{self.calls}{op}({', '.join(f'{{{i}}}' for i in fields_of(row.c))})"
             # Functions of the C library have a suffix by type, sinf for float; operators have none.
             is_named = row.is_call and row.c[0].isalpha()
@@ -168,11 +169,11 @@ SINGLE = Target(
     digits=24,
     most_decades=38,
 )
-#: Targets of C projects, by the type of their numbers.
+#: Targets of C projects, by floating-point type.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
-#: Maps of columns: as many at a time as a vector has lanes, for any number of columns.
+#: Target of maps: as many columns at a time as a vector has lanes.
 LANES = DOUBLE.lanes
-#: Members of an ensemble: whole kernels, a member in each lane.
+#: Target of ensembles: whole kernels, with one member in each lane.
 MEMBERS = Target(
     real="VECTOR",
     scalar="VECTOR",

@@ -23,7 +23,7 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Names of the built-in types by module, whose ``COMPONENTS`` has their rows.
+#: Names of the built-in types by module; the ``COMPONENTS`` of each module contains their rows.
 FAMILIES: Mapping[str, str] = {
     "multibody": "rigid_body arm weld revolute prismatic cylindrical universal spherical planar "
     "free screw distance slot knife_edge rolling_disc rolling_ellipsoid gear constraint spring "
@@ -55,7 +55,7 @@ class Catalogue(MutableMapping[str, Component]):
     """Component types by name; the module of a family is imported on first use."""
 
     def __init__(self) -> None:
-        #: Each type, or the module that has it.
+        #: The row of each type, or the module that contains it.
         self._rows: dict[str, Component | str] = {
             name: family for family, names in FAMILIES.items() for name in names.split()
         }
@@ -87,7 +87,7 @@ class Catalogue(MutableMapping[str, Component]):
         return len(self._rows)
 
 
-#: Every component type, by the name that scenes use.
+#: All component types, by the names that scenes use.
 COMPONENTS = Catalogue()
 
 

@@ -89,12 +89,12 @@ class Freedom:
     name: str  # name of the coordinate
     unit: str  # unit of the coordinate
     rotates: bool  # true for a rotation about the axis, false for a translation along it
-    #: The field of the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the preceding
-    #: freedoms of the motion space have moved, which is parallel to the first node's if they are
-    #: zero.
+    #: Field of the axis, or ``x``, ``y``, ``z``. The axis is fixed in the frame that results from
+    #: the preceding freedoms of the motion space. At zero coordinates this frame is parallel to
+    #: that of the first node.
     axis: str
     rate: str = ""  # name of the coordinate's rate; ``<name>_dot`` if empty
-    #: Of a screw: the field of its translation along the axis per radian.
+    #: For a screw: field of the translation along the axis per radian.
     pitch: str = ""
 
     @property
@@ -135,7 +135,7 @@ class Demand:
     """Condition on several fields of a component together, if parameters decide it."""
 
     law: Law  # function of the fields, whose value must be positive
-    breach: str  # predicate of the message if the condition fails, after the name of the edge
+    breach: str  # predicate of the error message, which follows the name of the edge
 
 
 @dataclass(frozen=True)
@@ -209,8 +209,8 @@ class Component:
     @property
     def tree_weight(self) -> float | None:
         """Weight of the edge as a branch of the tree; None if it cannot be a branch."""
-        # A tree of least weight then has the fewest coordinates: a branch adds as many as its
-        # motion space has dimensions, and a free body has the six of absolute coordinates.
+        # A tree of minimum weight then has the fewest coordinates: a branch adds as many as its
+        # motion space has dimensions; a free body has the six absolute coordinates.
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:

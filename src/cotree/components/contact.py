@@ -79,7 +79,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
         return own, nodes, given
 
     fields = (
-        # A moving limit would push: nodes move, limits do not.
+        # A moving limit would do work on the node: the node moves, limits do not.
         Field("lower", unit, f"smallest {length}; unlimited if omitted"),
         Field("upper", unit, f"largest {length}; unlimited if omitted"),
         RESTITUTION,
@@ -180,7 +180,7 @@ def box_edges(size: Any) -> tuple[int, ...]:
     if isinstance(size, Mapping) and "value" in size:
         return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
-        return (0, 1, 2)  # refused later: it is not a vector
+        return (0, 1, 2)  # rejected later: it is not a vector
     return tuple(i for i, edge in enumerate(size) if not _is_written_zero(edge))
 
 
@@ -359,7 +359,7 @@ def _gap(spot: int, end: str) -> Terminal:
 
 def _slip(spot: int, end: str) -> Terminal:
     def most(way: int) -> Law:
-        # The normal force is the negative of the through variable along the gap.
+        # The normal force is minus the through variable along the gap.
         return Law.formed_by(
             lambda: -way * law_symbol("friction") * law_symbol(f"through_normal{end}")
         )
@@ -391,7 +391,7 @@ def _disc(spot: int, end: str) -> list[Terminal]:
 
     def friction(name: str) -> Friction:
         return Friction(
-            # The component of the direction of the slip is a field, which the scene adds.
+            # The component of the slip direction is a field that the scene adds.
             Law.formed_by(lambda: most() * law_symbol(f"way_{name}")),
             # In impacts the slip is that after the impact, and friction acts along it.
             Law.formed_by(lambda: most() * law_symbol(f"direction_{name}")),

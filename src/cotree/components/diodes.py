@@ -95,7 +95,7 @@ def split_extras(
     """
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
-    # Fields without a term are dropped, since the adapted component does not use them.
+    # Remove the fields of terms that are absent.
     return has, {
         key: item
         for key, item in given.items()
@@ -113,7 +113,7 @@ _DOMAIN = "electrical"
 _DOC = "Shockley diode with the current I (exp(v / V) - 1)"
 _CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
-#: Optional fields that add a term to the laws, or a port.
+#: Optional fields, each of which adds a term to the laws, or a port.
 _EXTRAS = (
     optional("leakage", "S", "conductance parallel to the junction", 0.0, "nonnegative"),
     optional(

@@ -165,8 +165,8 @@ def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
     """Make a controlled source."""
-    # Only the controlled port absorbs power, which no other port supplies: none of these is
-    # passive.
+    # Power is absorbed at the controlled port only, and no other port supplies it: none of these
+    # components is passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
@@ -235,7 +235,7 @@ CURRENT_SOURCE = through_source(
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
     import sympy
 
-    # The argument is constant until the end of the delay, so that the waveform is continuous there.
+    # The argument is constant until the delay has passed, so that the waveform is continuous there.
     passed = sympy.Max(0, t - delay)
     return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
 
@@ -252,7 +252,8 @@ def _pulse(
 ) -> Any:
     import sympy
 
-    # ``s`` counts from the beginning of the current period; it is negative before the first pulse.
+    # ``s`` is the time since the start of the current period; it is negative before the first
+    # pulse.
     count = sympy.floor(sympy.Max(0, (t - delay) / period))
     s = t - delay - period * count
     # Branches are evaluated in order; each begins at the end of the previous one.
@@ -294,7 +295,8 @@ def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
     """Make voltage and current sources with a waveform."""
-    # One law serves both: the field that has the waveform determines the given variable.
+    # One law is used for both sources: the field with the waveform determines the prescribed
+    # variable.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
     return (
@@ -337,7 +339,7 @@ def _piecewise(source: Component) -> Component:
     return replace(own, fields=fields, adapt=_tabled(own))
 
 
-#: Names of the windings' ports, in order.
+#: Port names of the windings, in order.
 WINDINGS = ("primary", "secondary", "winding3", "winding4", "winding5", "winding6")
 
 _COMPLETE = (
@@ -366,7 +368,7 @@ def _induced(*values: Any) -> Any:
 def _winding(i: int, n: int) -> Terminal:
     """Make the port of a winding among n: its own flux, and the induction by the others."""
     own = f"inductance{i}"
-    # ``_induced`` separates these names in threes (k, Lj and the rate of ij).
+    # ``_induced`` reads these names in groups of three: k, Lj and the rate of ij.
     names = [own]
     for j in (j for j in range(1, n + 1) if j != i):
         names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
@@ -389,8 +391,8 @@ def _determinant(n: int, *couplings: Any) -> Any:
     return sympy.expand(matrix.det())
 
 
-# Positive leading minors make the matrix of inductances positive definite (Sylvester), so that
-# energy is stored and the fluxes determine the currents.
+# Positive leading minors make the matrix of inductances positive definite (Sylvester's criterion):
+# the stored energy is positive, and the fluxes determine the currents.
 def _demand(n: int) -> Demand:
     """Require a positive minor of the first n windings: then the fluxes determine the currents."""
     names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))
@@ -414,7 +416,7 @@ def _windings(n: int) -> Component:
             *couplings,
         ),
         *(_winding(i, n) for i in every),
-        # The first leading minor is one, so that the minors of two windings and more remain.
+        # The first leading minor is one, so that only those of two or more windings are required.
         demands=tuple(_demand(k) for k in range(2, n + 1)),
     )
 
@@ -422,7 +424,7 @@ def _windings(n: int) -> Component:
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Make as many windings as have an inductance."""
     del edge
-    # Windings are counted by the inductances that a scene gives in order.
+    # The number of windings is the number of consecutive inductances in the scene.
     n = 2
     while n < len(WINDINGS) and f"inductance{n + 1}" in fields:
         n += 1

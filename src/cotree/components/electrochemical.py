@@ -38,7 +38,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
-        # The integral of its own through variable is a state that ``voltage`` may use.
+        # The state of charge, the integral of the through variable, may occur in ``voltage``.
         across=Law.field("voltage"),
         integral=STATE_OF_CHARGE,
     ),
@@ -117,7 +117,7 @@ NERNST = scalar(
 )
 
 
-_EVERY = range(1, 4)  # numbers of the RC pairs that a cell may have
+_EVERY = range(1, 4)  # possible numbers of RC pairs in a cell
 
 
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
@@ -128,7 +128,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
-    # One pair of nodes remains, that of the charge storage at the minus end.
+    # The remaining pair of nodes is that of the charge storage at the minus terminal.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = Law.field(f"capacitance{i}")
         ports += [
@@ -177,7 +177,7 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Leave out the RC pairs that a scene does not give."""
     del edge
-    # A pair with one of its two fields is kept, so that the missing one is reported as required.
+    # A pair with only one of its two fields is kept, so that the missing field is reported.
     pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
     given = tuple(replace(row, required=True) for row in _fields(pairs))
     own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))

@@ -21,7 +21,7 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
 
-#: Function from symbols by field name to an expression.
+#: Function that maps symbols by field name to an expression.
 _Expression = Callable[[Callable[[str], Any]], Any]
 
 
@@ -34,12 +34,12 @@ def _is_positive(given: object) -> bool:
 class _DryFriction:
     """A component whose friction is one expression of its fields in sliding, and one at rest."""
 
-    domain: str  # the domain of its port
+    domain: str  # domain of the port
     force: _Expression  # the force of dry friction
-    raised: _Expression  # the largest force at rest, if the field named by ``peak`` is given
-    peak: str  # that field
-    #: The fields without which there is no force: it is disengaged if one of them is zero. The last
-    #: one may be a table of speeds.
+    raised: _Expression  # maximum force at rest, if the field named by ``peak`` is given
+    peak: str  # name of that field
+    #: Fields without which there is no force: friction is disengaged if one of them is zero. The
+    #: last one may be a table over speeds.
     factors: tuple[str, ...]
     is_one_way: bool = False
 
@@ -65,8 +65,8 @@ class _DryFriction:
                 return sliding()
             import sympy
 
-            # From the force at rest down to that of sliding (L. C. Bo, D. Pavelescu, Wear 82 (1982)
-            # 277, with the exponent two).
+            # Decreases from the force at rest to that of sliding (L. C. Bo, D. Pavelescu, Wear 82
+            # (1982) 277, with the exponent two).
             share = sympy.exp(-((law_symbol("across") / law_symbol("stribeck_speed")) ** 2))
             return sliding() + (holding() - sliding()) * share
 

@@ -35,7 +35,7 @@ def _root(pressure: Any, transition: Any) -> Any:
     import sympy
 
     size = sympy.Abs(pressure)
-    size = (size + transition + sympy.Abs(size - transition)) / 2  # the larger of both
+    size = (size + transition + sympy.Abs(size - transition)) / 2  # smooth maximum of both
     # At u = 1 the polynomial has the root's value 1, slope 1/2 and second derivative -1/4.
     u = pressure / size
     return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
@@ -78,7 +78,7 @@ VALVE = scalar(
         _DENSITY,
         _TRANSITION,
     ),
-    # A closed valve conducts nothing: the equations are then only semidefinite.
+    # A closed valve does not conduct: the equations are then only positive semidefinite.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
@@ -128,7 +128,7 @@ def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Put half the capacity of an elastic pipe at each end other than ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
-    # A capacity from the ground to itself has no effect, and would be a self-loop.
+    # A capacity between the ground and itself has no effect, and would be a self-loop.
     ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
     halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields

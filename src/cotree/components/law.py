@@ -34,8 +34,8 @@ class Law:
     free_length - length
     """
 
-    #: Function of SymPy symbols that returns the law as a SymPy expression; its argument names are
-    #: the law's arguments.
+    #: Function of SymPy symbols that returns the law as an expression. Its argument names are the
+    #: arguments of the law.
     function: Callable[..., Any]
 
     @cached_property
@@ -56,7 +56,7 @@ class Law:
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
         """Make a law whose arguments have other names than those in the function's signature."""
         made = cls(function)
-        # The cached property finds this entry and does not inspect the signature.
+        # Stored under the name of the cached property, so that the signature is not inspected.
         made.__dict__["arguments"] = arguments
         return made
 
@@ -68,7 +68,7 @@ class Law:
     @classmethod
     def of(cls, expression: Any) -> Law:
         """Make the law of a SymPy expression whose symbols are real."""
-        # A set of symbols has no defined order; sorted names give equal laws equal C text.
+        # A set of symbols is unordered; sorting the names makes the C text reproducible.
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
@@ -89,7 +89,7 @@ class Law:
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # A condition that SymPy leaves undecided at zero has the same value as near zero.
+        # If SymPy cannot decide a condition at zero, the value near zero is used.
         divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
         divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)
@@ -104,15 +104,16 @@ class Law:
         """
         import sympy
 
-        # SymPy leaves the derivative of a floor as it is, and so that of a remainder.
+        # SymPy does not differentiate floor, and therefore not the remainder either.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
         floors = {item: sympy.Dummy(real=True) for item in whole.atoms(sympy.floor, sympy.ceiling)}
-        # Floors are constants while the law is differentiated, as they are between their jumps.
+        # Floors are replaced by constants while the law is differentiated, since they are constant
+        # between their jumps.
         fixed = whole.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
             name: _derivative(fixed, sympy.Symbol(name, real=True))
-            # The derivative of a sign is an impulse at its change, which events handle.
+            # SymPy's derivative of a sign is an impulse at zero, which events handle.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
             for name in self.arguments
@@ -210,7 +211,7 @@ def _derivative(expression: Any, symbol: Any) -> Any:
         return exponent.is_number and not exponent.is_integer and not item.base.is_Symbol
 
     found = [root for root in expression.atoms(sympy.Pow) if is_root(root) and root.has(symbol)]
-    # Each represents a function of the argument, which is differentiated within its branch.
+    # Each symbol represents a root of the argument, which is differentiated within its branch.
     roots = {root: sympy.Function(f"root_{i}", real=True)(symbol) for i, root in enumerate(found)}
     total = expression.xreplace(roots).diff(symbol)
     slopes = {

@@ -95,13 +95,14 @@ def _linear(m: _Motion) -> Terminal:
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Use an expression instead of a spring's stiffness."""
-    # The expression may have any slope, so that it is not passive and has no constant ``storage``.
+    # The slope of the expression is arbitrary, so the port is not passive and has no constant
+    # ``storage``.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # A spring is linear, or follows an expression: each form has its own fields and law.
+        # A spring is either linear or given by an expression, with different fields and laws.
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -209,7 +210,7 @@ def _backlash(m: _Motion) -> Component:
 
         names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
         whole = Law.taking(names, law)
-        # Arguments of a limit that is absent drop out.
+        # Remove the arguments of a limit that is absent.
         through = Law.formed_by(lambda: whole.expression)
         return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
 
@@ -289,7 +290,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Sources of velocity, which are constraints on joints: whether they rotate, and their field.
+#: Velocity sources, which become constraints on joints: whether they rotate, and their field.
 VELOCITY_SOURCES = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
@@ -412,7 +413,7 @@ COMPONENTS = (
 )
 
 
-#: Rotational components, each with its translational counterpart.
+#: Rotational components with their translational counterparts.
 _PAIRS = {
     "rotational_inertia": "translational_mass",
     "rotational_spring": "translational_spring",
@@ -431,7 +432,7 @@ _PAIRS = {
 }
 _COUNTERPARTS = {**_PAIRS, **{along: about for about, along in _PAIRS.items()}}
 
-#: For components between two nodes: those of one-dimensional graphs that may act on a joint.
+#: Components between two nodes: those of one-dimensional graphs that may act on a joint.
 ON_JOINTS = {
     "spring": ("translational_spring", "rotational_spring"),
     "damper": ("translational_damper", "rotational_damper"),

@@ -22,7 +22,7 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 
-#: The axes that follow each normal cyclically.
+#: The two axes that follow each normal in cyclic order.
 PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
@@ -229,7 +229,8 @@ SCREW = Component(
 )
 
 
-# An empty Plane sets no condition: a distance between points of a plane stays within it.
+# An empty Plane sets no condition: the distance of two points in a plane is independent of its
+# orientation.
 DISTANCE = Component(
     "distance",
     Role.CONSTRAINT,

@@ -22,7 +22,7 @@ def scalar(
     ``options`` are further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``,
     ...
     """
-    # Domains keep the order of the ports: sets would make the order of edges depend on the run.
+    # Domains keep the order of the ports: with sets, the order of edges would vary between runs.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
     return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
 
@@ -87,7 +87,8 @@ def resistive(
         domain,
         Kind.DISSIPATOR,
         port,
-        # Both forms: a branch needs its across variable explicitly, a chord its through variable.
+        # Both forms are needed: a branch requires its across variable explicitly, a chord its
+        # through variable.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,
@@ -110,8 +111,9 @@ def ideal_coupling(
     """
     sign = -1 if reverses else 1
     laws = (
-        # Across and through of the first port, then of the second: v1 = r v2 and f2 = -r f1, each
-        # solved both ways, since the tree determines which one is needed.
+        # Across and through variable of the first port, then of the second: v1 = r v2 and f2 = -r
+        # f1. Each equation is solved for both variables, since the tree determines which form is
+        # needed.
         (f"across_{second[1]}", lambda v, r: sign * r * v),
         (f"through_{second[1]}", lambda f, r: -f / (sign * r)),
         (f"across_{first[1]}", lambda v, r: v / (sign * r)),
@@ -129,13 +131,13 @@ def ideal_gyration(
     first. Ports are given as their domain and name.
     """
     laws = (
-        # f1 = k v2 and f2 = -k v1, solved both ways: v1 f1 + v2 f2 vanishes.
+        # f1 = k v2 and f2 = -k v1, each solved for both variables: v1 f1 + v2 f2 is zero.
         (f"through_{second[1]}", lambda f, k: -f / k),
         (f"across_{second[1]}", lambda v, k: k * v),
         (f"through_{first[1]}", lambda f, k: f / k),
         (f"across_{first[1]}", lambda v, k: -k * v),
     )
-    # A coupling of across and through gives no symmetric equations.
+    # Equations that couple across with through variables are not symmetric.
     return _coupled(name, doc, field, (first, second), laws, is_passive=False)
 
 
@@ -148,7 +150,7 @@ def _coupled(
     is_passive: bool,
 ) -> Component:
     """Couple two ports: across and through of the first, then of the second, by the other's."""
-    # Two laws for each port; the tree determines which one is used.
+    # Each port has two laws; the tree determines which one is used.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
         Terminal(
@@ -164,7 +166,7 @@ def _coupled(
     return scalar(name, doc, (field,), *terminals)
 
 
-#: Name of the port.
+#: Name of the heat port.
 HEAT = "heat"
 
 
@@ -173,8 +175,8 @@ def loss_of(component: Component) -> Law | None:
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
-        # A single port has an empty name: its variables are called ``across_`` and ``through_``
-        # elsewhere.
+        # The name of a single port is empty; in other ports its variables are ``across_`` and
+        # ``through_``.
         return Law(lambda across_, through_: across_ * through_)
     return None
 

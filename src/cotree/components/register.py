@@ -20,7 +20,7 @@ from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name
 
-#: Arguments of a law that are not fields, by the direction along which it acts.
+#: Arguments of force laws that are not fields, by the direction of the force.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
 
 
@@ -149,10 +149,10 @@ _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
 _GIVES = ("across", "through", "content")
 
-#: A law, or the laws of ports by name.
+#: A law, or laws by port name.
 Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
 
-#: The variable that all laws give, or that of each port by name.
+#: The variable that all laws determine, or that of each port by name.
 Gives = str | Mapping[str, str]
 
 
@@ -279,8 +279,8 @@ def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
     """Make the terminal equation of a law."""
-    # A through variable follows from across, its rate or its integral, and vice versa. An argument
-    # that cancels decides nothing; therefore the expression is examined.
+    # A through variable follows from the across variable, its rate or its integral, and vice versa.
+    # The expression is examined, since an argument that cancels is irrelevant.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -298,7 +298,7 @@ def _terminal(
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
-        # The rate comes first: a storage may depend on across, too, as a leaky capacitor does.
+        # The rate is tested first: a storage may also depend on across, as a leaky capacitor does.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -326,7 +326,7 @@ def _content(
 ) -> Terminal:
     """Make the terminal equation of a storage from the law of its content."""
     used = [v for v in law.arguments if v in _NEITHER - {"t"} or _is_variable(v, ports)]
-    # ``stretch`` and potentials leave words in the set that are neither across nor through.
+    # ``stretch`` and potentials add words to the set that are neither across nor through.
     of = {v.partition("_")[0] for v in used}
     if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
         raise SceneError(

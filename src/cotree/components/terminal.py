@@ -20,17 +20,17 @@ class Kind(Enum):
     branch and the norator as a chord, f-cutsets vice versa.
     """
 
-    ACROSS_SOURCE = 0  # a given across variable; always a branch
+    ACROSS_SOURCE = 0  # prescribes an across variable; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
     COUPLED = 2  # a port of a transformer or gyrator
     DISSIPATOR = 3  # resistors: algebraic relation of through and across
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
-    SPRING = 5  # through by the integral of across; a branch only among springs
-    THROUGH_SOURCE = 6  # a given through variable; always a chord
+    SPRING = 5  # through depends on the integral of across; a branch only among springs
+    THROUGH_SOURCE = 6  # prescribes a through variable; always a chord
     NULLATOR = 7
     NORATOR = 8
-    FRICTION = 9  # dry friction: through sticks, or follows a law of sliding; always a chord
-    STOP = 10  # a rigid stop: through keeps it closed, or is zero; always a chord
+    FRICTION = 9  # dry friction: sticks, or slides by a law; always a chord
+    STOP = 10  # a rigid stop: through keeps it closed, or is zero if open; always a chord
 
     @property
     def may_hold(self) -> bool:
@@ -42,17 +42,17 @@ class Kind(Enum):
 class Integral:
     """A quantity of a port that its terminal equation, its fields or outputs may use: a state."""
 
-    #: The state is called ``edge.name``.
+    #: The name of the state is ``edge.name``.
     name: str
     unit: str
-    rate: Law  # the law of its rate
+    rate: Law  # law of the state's rate
 
 
 @dataclass(frozen=True)
 class PortMeasure:
     """A sum of variables of a component's ports that outputs and fields may name."""
 
-    #: It is called ``edge.name``.
+    #: The name of the variable is ``edge.name``.
     name: str
     unit: str
     terms: tuple[tuple[int, str, str], ...]  # signs, ``across`` or ``through``, and ports
@@ -62,7 +62,7 @@ class PortMeasure:
 class Touch:
     """The direction of a port of a contact, at one of the points that may touch."""
 
-    spot: int  # the point, from 0 on
+    spot: int  # index of the contact point, from 0 on
     #: ``gap``; ``slip1`` or ``slip2``: one of two perpendicular directions of slip; ``part1`` to
     #: ``part3``: the part of an axis that is tangential to a ball.
     quantity: str
@@ -77,26 +77,27 @@ class Friction:
     :class:`Terminal`.
     """
 
-    #: The through variable while across is positive, and while it is negative.
+    #: The through variable if across is positive, and if it is negative.
     forward: Law
     backward: Law
-    #: The limits of through while it sticks, beyond which it begins to slide forwards and
-    #: backwards; None if it never slides in that direction.
+    #: The limits of through while friction sticks; beyond them it starts to slide forwards or
+    #: backwards. None if it never slides in that direction.
     upper: Law
     lower: Law | None
-    #: Positive while it is engaged; through is zero otherwise. None if it is always engaged.
+    #: Positive while friction is engaged; otherwise through is zero. None if friction is always
+    #: engaged.
     grip: Law | None = None
-    #: The value whose sign is the argument ``side`` of the laws of sliding, which are continuous at
-    #: its zero.
+    #: The value whose sign is the argument ``side`` of the sliding laws. The laws are continuous
+    #: at its zero.
     load: Law | None = None
-    #: The port of the same component whose rigid stop presses it together: it is disengaged while
-    #: that is open, and takes part in its impacts. Empty if there is none.
+    #: Port of the same component whose rigid stop provides the normal force. Friction is
+    #: disengaged while the stop is open, and takes part in its impacts. Empty if there is none.
     presser: str = ""
-    suffix: str = ""  # the suffix of its modes among the fields
-    #: Of the second direction of a friction disc: the port of the first one, which has the mode of
-    #: both. The force along each is within a disc together with that along the other.
+    suffix: str = ""  # suffix of its modes among the fields
+    #: For the second direction of friction on a plane: the port of the first direction, which has
+    #: the mode of both. The magnitude of the two forces together is limited.
     leader: str = ""
-    #: Of the first direction of a friction disc: the port of the second one.
+    #: For the first direction of friction on a plane: the port of the second one.
     follower: str = ""
 
     @property
@@ -118,12 +119,12 @@ class Stop:
     does not pull. The laws take the arguments of those of a :class:`Terminal`.
     """
 
-    #: The gap to each limit; None if there is none on that side.
+    #: The gap at each limit; None if that limit is absent.
     upper_gap: Law | None
     lower_gap: Law | None
-    rebound: Law  # the change of across in an impact
+    rebound: Law  # change of across in an impact
     excess: Law  # the rebound speed in excess of the rest threshold
-    suffix: str = ""  # the suffix of its modes among the fields
+    suffix: str = ""  # suffix of its modes among the fields
 
 
 @dataclass(frozen=True)
@@ -138,39 +139,39 @@ class Terminal:
     through is the power that it takes up.
     """
 
-    domain: str  # the graph of the port's edge
-    kind: Kind  # its kind in the normal tree
-    port: str = ""  # its name; empty if the component has one port only
-    #: The across variable, explicitly; for storages of through, the term besides ``inertance *
-    #: rate``.
+    domain: str  # domain of the graph that contains the port's edge
+    kind: Kind  # kind of the port in the normal tree
+    port: str = ""  # name of the port; empty if the component has only one port
+    #: Explicit law of the across variable; for through storages, the term in addition to
+    #: ``inertance * rate``.
     across: Law | None = None
-    #: The through variable, explicitly; for storages of across, the term besides ``capacity *
-    #: rate``.
+    #: Explicit law of the through variable; for across storages, the term in addition to
+    #: ``capacity * rate``.
     through: Law | None = None
-    #: Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, the
-    #: increase of through for a unit of stretch.
+    #: Capacity or inertance of a storage; for a spring whose law is linear in ``stretch``, its
+    #: stiffness.
     storage: Law | None = None
-    #: Of a storage by content: the content as a function of the variable that is the state of its
-    #: kind, of its siblings' and of fields: charge of voltage, flux linkage of current, volume of
-    #: pressure. Its rate plus ``through`` or ``across`` is the other variable; there is no
-    #: ``storage`` then.
+    #: For a storage given by its content: the content as a function of the variable that is the
+    #: state of its kind, of those of its siblings and of fields. Examples are charge of voltage,
+    #: flux linkage of current, volume of pressure. The rate of the content plus ``through`` or
+    #: ``across`` is the other variable; ``storage`` is then None.
     content: Law | None = None
-    #: Whether linear equations of it are symmetric and positive definite.
+    #: Whether its linear equations are symmetric and positive definite.
     is_passive: bool = True
-    #: Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one;
-    #: other names are those of nodes within the component.
+    #: If ports of the component share nodes: the terminals at head and tail. ``ground`` is the
+    #: reference; other names are nodes inside the component.
     between: tuple[str, str] = ("", "")
-    #: The quantity ``stretch``; the integral of across if the domain has a name for it.
+    #: The state ``stretch``; by default the integral of across, if the domain has a name for it.
     integral: Integral | None = None
-    #: Whether its tail must be the ground, to which motion and concentrations refer.
+    #: Whether its tail must be the ground, the reference of motion and concentrations.
     is_absolute: bool = False
-    #: Of dry friction: its laws. The field ``mode``, which :mod:`cotree.scene.unilateral` adds,
+    #: Laws of dry friction. The field ``mode``, which :mod:`cotree.scene.unilateral` adds,
     #: selects one.
     friction: Friction | None = None
-    #: Of a rigid stop: its laws. The field ``mode``, which :mod:`cotree.scene.unilateral` adds, is
-    #: zero if it is open.
+    #: Laws of a rigid stop. The field ``mode``, which :mod:`cotree.scene.unilateral` adds, is
+    #: zero if the stop is open.
     stop: Stop | None = None
-    touch: Touch | None = None  # of a contact of two bodies: the direction along which it acts
+    touch: Touch | None = None  # for a contact of two bodies: the direction in which the port acts
 
 
 _ACROSS = Law.field("across")
@@ -181,7 +182,8 @@ def integral_of(terminal: Terminal) -> Integral | None:
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
         return None  # slip distances are not functions of positions
-    # A component's own integral (a state of charge) takes precedence over that of the domain.
+    # An integral of the component itself, such as a state of charge, takes precedence over that of
+    # the domain.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)

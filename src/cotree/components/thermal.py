@@ -48,8 +48,8 @@ CONVECTION = scalar(
 def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
     import sympy
 
-    # Stefan and Boltzmann; temperatures are absolute, so that both nodes are needed, not their
-    # difference.
+    # Law of Stefan and Boltzmann. Temperatures are absolute, so both nodes are needed, not only
+    # their difference.
     fall = potential_head**4 - potential_tail**4
     return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
 

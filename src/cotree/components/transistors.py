@@ -41,7 +41,7 @@ _DOMAIN = "electrical"
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
 _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
-#: Optional fields that add a term to the laws, or a port.
+#: Optional fields, each of which adds a term to the laws, or a port.
 _EXTRAS = (
     optional("forward_ideality", "1", "forward ideality factor", 1.0, "positive"),
     optional("reverse_ideality", "1", "reverse ideality factor", 1.0, "positive"),
@@ -114,7 +114,7 @@ _CHARGES = {
     "be": {"be_capacitance", "forward_transit_time"},
     "bc": {"bc_capacitance", "reverse_transit_time"},
 }
-#: Fields by which the charge of the base depends on both voltages.
+#: Fields that make the base charge depend on both voltages.
 BASE_CHARGE = {
     "forward_early_voltage",
     "reverse_early_voltage",
@@ -333,8 +333,8 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
-        # Own current with its base share 1/gain, less that of the other junction: through the base
-        # the transport current flows from one to the other.
+        # The port's current with its base share 1/gain, minus that of the other junction: the
+        # transport current flows through the base from one junction to the other.
         own = junction_current(sign * across, current, thermal_voltage)
         return sign * (
             own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
@@ -368,7 +368,7 @@ BJT_NPN = _bipolar("bjt_npn", "npn bipolar transistor by the Gummel-Poon model",
 BJT_PNP = _bipolar("bjt_pnp", "pnp bipolar transistor by the Gummel-Poon model", -1)
 
 
-#: Arguments of the law of a channel.
+#: Arguments of the channel law.
 _CHANNEL = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
 
 

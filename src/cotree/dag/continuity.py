@@ -29,32 +29,34 @@ _Value = TypeVar("_Value", "Node", float)
 # Operations that may jump if their argument is zero, or an integer.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
-# Distance from a time at which a value is evaluated on both sides, as a fraction of the time: some
-# thousand roundings, and less than any edge that double precision resolves well. At time zero, [s].
+# Distance from a time at which a value is evaluated on both sides, as a fraction of the time: about
+# a thousand roundings, and less than any edge that double precision resolves well; and the distance
+# at time zero, [s].
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
 # A change across a time is a jump if it exceeds this multiple of the changes on both sides, which
-# belong to a slope. Changes below this fraction of the value are rounding.
+# are due to slopes. Changes below this fraction of the value are rounding errors.
 _STEEP, _ROUNDING = 10.0, 1e-10
 
-# Points at which a condition is zero: the number of random points tried, and the number that must
-# show that both sides agree.
+# Number of random points tried at which a condition is zero, and number of points that must show
+# that both sides agree.
 _N_TRIALS, _N_SHOWN = 600, 12
 
-# Magnitudes of random values: powers of ten. Every third value is close to a constant of the law.
+# Range of magnitudes of random values, as powers of ten. Every third value is close to a constant
+# of the law.
 _SIZES = (-3.0, 1.5)
 
-# Both sides are compared at these distances from the boundary, as fractions of the value that is
-# moved. The gap must decrease with each of them, to at most this fraction or to rounding, as a
-# fraction of the largest value: that of a fifth root of the distance does, and that of a jump does
-# not.
+# Both sides are compared at these distances from the boundary, relative to the value that is moved.
+# The difference must decrease with each distance by at least this factor, or fall to this fraction
+# of the largest value, which is rounding. A fifth root of the distance decreases fast enough; a
+# jump does not decrease.
 _DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 _FALLS, _FLOOR = 0.5, 1e-12
 
 _MOST_SECANTS = 30
 
-# Times are sampled from the first to the last of these, on both sides of zero: neighbours differ by
-# a sixth. The number of motions examined.
+# Times are sampled on both sides of zero between these two, [s], each a sixth longer than the
+# previous one. Then the number of times, and the number of motions examined.
 _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
@@ -122,7 +124,7 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
                 met.add(condition)
                 if _jumps(value, motion, t):
                     return True
-    # A condition that no motion crosses cannot be judged, and counts as a jump.
+    # A condition that no sampled motion crosses cannot be assessed, and counts as a jump.
     return len(met) < len(conditions)
 
 
@@ -243,8 +245,8 @@ class _Boundary:
     def __init__(self, above: Node, below: Node, boundary: Node) -> None:
         order = reachable([boundary, above, below])
         self._symbols = symbols_in(order)
-        # Parameters do not change during a run: at a zero of one of them, the boundary may be zero,
-        # too.
+        # Parameters are constant during a run: if the boundary is zero only for a special parameter
+        # value, it need not be tested.
         looked_at = symbols_in([boundary])
         self._moved = [symbol for symbol in looked_at if symbol.data[0] != PARAMETER] or looked_at
         own = _argument(boundary)

@@ -18,10 +18,11 @@ class RestartTimes:
     """Times at which integration restarts, ascending, with their derivatives along m directions."""
 
     times: FloatArray
-    slopes: FloatArray  # their derivatives along each direction
+    slopes: FloatArray  # derivatives of the times along each direction
     #: Largest difference of these derivatives among coinciding time events.
     spreads: FloatArray
-    #: Largest magnitude of the first time of a periodic event, which determines the rounding, [s].
+    #: Largest magnitude of the first time of a periodic event, [s]; it determines the rounding
+    #: errors.
     scale: float = 0.0
 
     def __len__(self) -> int:

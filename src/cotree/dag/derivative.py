@@ -24,11 +24,11 @@ from cotree.dag.operations import OPERATIONS
 
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Largest number of branches of a value that are kept, constants first.
+#: Maximum number of branches of a value that are kept, constants first.
 _MOST_BRANCHES = 16
 
-#: The number of random points at which sums are evaluated. A sum below this fraction of its terms
-#: at all of them is zero.
+#: Number of random points at which sums are evaluated. A sum that is below this fraction of its
+#: terms at all points counts as zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
@@ -41,8 +41,8 @@ def _excess_of_arcsine(x: Node) -> Node:
     return x.dag.function("abs", x) - 1.0
 
 
-#: Operations with a value but no finite derivative at some arguments. Each function forms an
-#: expression that is zero or more at these.
+#: Operations that have a value but no finite derivative at some arguments. Each function forms an
+#: expression that is nonnegative at these.
 SINGULAR: dict[str, Callable[..., Node | None]] = {
     "sqrt": lambda x: -x,
     "log": lambda x: -x,
@@ -53,7 +53,7 @@ SINGULAR: dict[str, Callable[..., Node | None]] = {
 }
 
 
-#: Operations with a finite derivative at any positive first argument.
+#: Operations whose derivative is finite for any positive first argument.
 _OF_POSITIVE = frozenset({"sqrt", "log", "pow"})
 
 
@@ -90,12 +90,12 @@ class Clips:
 
     def __init__(self, replacements: Mapping[Node, Node]) -> None:
         self._replacements = replacements
-        # Branches are formed in a separate arena, which leaves the numbers of nodes unchanged.
+        # Branches are formed in a separate arena, so that node numbers do not change.
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
         self._has_ends: dict[Node, bool] = {}
-        self._random = random.Random(1)  # the same points in each run
+        self._random = random.Random(1)  # fixed seed: the same points in each run
 
     def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
         """Form a partial derivative of an operation times the derivative of its argument."""
@@ -204,7 +204,7 @@ class Clips:
         for args in product(*given):
             try:
                 branch = own.rebuild(node, args)
-            except (ArithmeticError, ValueError):  # this combination has no value
+            except (ArithmeticError, ValueError):  # these branches have no value
                 continue
             is_sum = node.op in ("add", "sub") and len(given[0]) + len(given[1]) > 2
             made.append(own.zero if is_sum and self._cancels(branch) else branch)
@@ -242,7 +242,7 @@ def _kept(branches: list[Node]) -> tuple[Node, ...]:
 
 
 Partial = Callable[["Node"], "Node"]
-#: For each result its nonzero partial derivatives, by the place of the argument.
+#: For each result, its nonzero partial derivatives by argument index.
 Jacobian = list[dict[int, "Node"]]
 
 
@@ -475,8 +475,8 @@ def tangents_along(
     ``replacements`` see :func:`tangents`; a value seeded by one direction is constant along the
     others unless they seed it, too.
     """
-    # A value that is seeded with zero still gets a row here: it is constant, and its arguments are
-    # not followed along any direction.
+    # A value with a zero seed still gets a row: it is constant along every direction, and its
+    # arguments are not visited.
     seeded: dict[Node, dict[int, Node]] = {}
     for i, seed in enumerate(seeds):
         for node, d in seed.items():
@@ -561,7 +561,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                 several[target] = [zero] * n_results
             several[target][node.data] = several[target][node.data] + own
             continue
-        if node.op == "select":  # not a product: the branch that is not taken may have no value
+        if node.op == "select":  # no product: the other branch may have no value
             _, accepted, refused = node.args
             bar[accepted] = bar.get(accepted, zero) + clips.select(node, own, zero)
             bar[refused] = bar.get(refused, zero) + clips.select(node, zero, own)

@@ -37,7 +37,7 @@ class Dual(Node):
 
     def __init__(self, value: Any, d: Any) -> None:
         self.value = value
-        self.d = d  # not in an arena: only its parts are
+        self.d = d  # The dual itself is not in an arena, only its parts are.
 
     def __getitem__(self, i: int) -> Any:
         return varied(self.value[i], self.d[i])
@@ -71,7 +71,7 @@ class Dual(Node):
     def __mul__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value * other.value, self.d * other.value + self.value * other.d)
-        # Products are tested, since a factor of zero makes the derivative vanish.
+        # Products are tested: a zero factor makes the derivative vanish.
         return varied(self.value * other, self.d * other)
 
     def __rmul__(self, other: Any) -> Any:
@@ -118,7 +118,7 @@ def tangent_of(a: T) -> T:
 def _is_zero(d: Any) -> bool:
     if d.__class__ is Node:
         return bool(d is d.dag.zero)
-    for part in d:  # not a generator: this is called for every derivative
+    for part in d:  # A loop instead of a generator: this is called for every derivative.
         if part is not part.dag.zero if part.__class__ is Node else not _is_zero(part):
             return False
     return True

@@ -48,13 +48,13 @@ def evaluate(
         If an operation on complex numbers is undefined at these values. Those on floats give
         infinities and nan, as C does.
     """
-    # Looked up once: kernels have thousands of nodes.
+    # Looked up once, since kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
     # Nothing that a given value depends on is computed.
     for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
-        # A given value need not be a symbol, so it is looked up before its operation is considered.
+        # A given value may be any node, so it is looked up before the operation is evaluated.
         if node in values:
             known[node] = values[node]
         elif op == "constant":

@@ -87,8 +87,8 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
-            # A power of -1 has been formed as 1/x; use its divisor. If it has folded, it is no
-            # longer a division.
+            # A power of -1 was formed as 1/x: use its divisor. If it was folded, it is no longer a
+            # division.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -147,7 +147,7 @@ def _chooser(condition: Any) -> _Chooser:
         raise ValueError("the law branches on something other than <, <=, > or >=")
     # A selection compares with zero: a >= b becomes a - b >= 0.
     excess = _maker(condition.gts - condition.lts)
-    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict: refuse equality
+    if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict comparison: false at equality
         return lambda dag, arguments, accepted, refused: dag.select(
             -excess(dag, arguments), refused, accepted
         )
@@ -157,8 +157,8 @@ def _chooser(condition: Any) -> _Chooser:
 
 
 def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
-    # In a chain of conditions each part is nested in the branch of the one before it that leaves
-    # the choice open: refused for "or", accepted for "and".
+    # In a chain, each condition is nested in that branch of the previous one which leaves the
+    # result open: in the false branch for "or", in the true branch for "and".
     def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
         for part in reversed(parts):
             if is_any:

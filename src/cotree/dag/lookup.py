@@ -79,7 +79,7 @@ class CubicTable:
 class PlaneTable:
     """A bilinear function of two arguments. Results: value, by x, by y, and by both."""
 
-    #: Ascending arguments, at least two each.
+    #: Ascending arguments of both axes, at least two each.
     x: tuple[float, ...]
     y: tuple[float, ...]
     z: tuple[float, ...]  # values, one row for each ``x``
@@ -120,7 +120,7 @@ class HeldTable(Table):
 
     function = "cotree_held_table"
     results = ("", "slope", "low", "high", "piece")
-    # The ends that are one unit away move with the argument, and are never reached.
+    # Both ends at a distance of one unit from the argument move with it, and are never reached.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {}, {}, {}, {})
 
     @property
@@ -218,7 +218,7 @@ def _piece(x: Any, at: Any) -> Any:
     # The interval is that of the real part, so that a complex step stays in it.
     place = np.real(at)
     piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
-    return np.where(np.isnan(place), 0, piece)  # like C, which then returns nan
+    return np.where(np.isnan(place), 0, piece)  # nan is returned, as in C
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that are finite for all finite arguments except for overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
-#: Columns that C processes at a time on most machines; values that are zero in all of them are left
-#: out.
+#: Number of columns that C processes together on most machines. Values that are zero in all of
+#: them are omitted.
 BLOCK = 4
 
 
@@ -59,7 +59,8 @@ class LinearMap:
     #: Number of values that all columns share, and length of each column.
     n_shared: int
     n_inputs: int
-    #: For each column, the inputs that may be nonzero: as bits, the first lowest.
+    #: For each column, the inputs that may be nonzero, as a bit mask with the first input in the
+    #: lowest bit.
     given: tuple[int, ...]
 
     @property
@@ -83,8 +84,8 @@ class LinearMap:
             for node in self.order
             if node.op == "symbol" and node.data[0] == COLUMN
         }
-        # The union over all arguments is conservative: a value may be wrongly found to be nonzero,
-        # never to be zero.
+        # The union over all arguments is conservative: it may include values that are zero, but
+        # never omits nonzero ones.
         return supports_of(self.order, own)
 
     @cached_property
@@ -186,7 +187,7 @@ def form_map(
     results = products
     order = reachable(results)
     among = dependent(order, inputs)
-    # Values that depend on a column, in contrast to those that all columns share.
+    # Values that depend on a column; all other values are shared.
     varying = among - set(inputs)
     if not all(_is_linear(node, among) for node in varying):
         return None
@@ -301,7 +302,7 @@ class SolveShape:
     """A linear system: its size, and the requirements on its solution."""
 
     size: int  # number of unknowns
-    n_determined: int  # number of leading unknowns that must have a unique solution
+    n_determined: int  # number of leading unknowns that must be unique
     #: Fraction of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE
 
@@ -368,7 +369,8 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
-    # Rows after the last pivot are rounding, if the system is consistent, and are ignored.
+    # If the system is consistent, the rows after the last pivot are rounding errors, and are
+    # ignored.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
@@ -405,7 +407,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
-    # An array of arguments is looked up one by one.
+    # Array arguments are looked up one by one.
     if np.ndim(x):
         rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
         return rows
@@ -507,7 +509,7 @@ class Several:
 
     #: (data, argument values) to result values.
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
-    n_results: Callable[[Any], int]  # data to number of results
+    n_results: Callable[[Any], int]  # number of results, from data
 
 
 SEVERAL: dict[str, Several] = {

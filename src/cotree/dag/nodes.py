@@ -61,7 +61,7 @@ class Node:
         self.args = args
         self.data = data
         self.value = value
-        self.section = dag.section  # the first label under which the value was formed
+        self.section = dag.section  # label under which the value was first formed
         self.index = len(dag.nodes)
         dag.nodes.append(self)
 
@@ -159,7 +159,7 @@ class Dag:
 
     def note_origin(self, node: Node, origin: str) -> None:
         """Record the origin of a value, for messages; the first origin is kept."""
-        if node.args:  # constants and symbols belong to edges of many origins
+        if node.args:  # constants and symbols have no origin: many edges share them
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
@@ -467,7 +467,7 @@ def symbols_of_each(
     for root in roots:
         mask = masks.get(root, 0)
         if mask not in known:
-            digits = bin(mask)[:1:-1]  # the lowest first
+            digits = bin(mask)[:1:-1]  # lowest bit first
             known[mask] = [symbols[i] for i, digit in enumerate(digits) if digit == "1"]
     return [known[masks.get(root, 0)] for root in roots]
 
@@ -481,22 +481,22 @@ TIME = "t"
 STATE = "x"
 INPUT = "u"
 PARAMETER = "p"
-#: Derivative of state i by parameter or initial value j, at j n + i for n states.
+#: Derivative of state i by parameter or initial value j; its index is j n + i for n states.
 SENSITIVITY = "s"
-#: The same among those that do not vanish, one after another.
+#: The corresponding derivatives that do not always vanish, in the same order.
 PACKED_SENSITIVITY = "packed"
 #: Rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
 #: A direction of the states, along which a kernel differentiates.
 DIRECTION = "v"
-#: The branch of a piecewise function that is frozen during a step, zero for none: a sign, or the
-#: number of an interval of a table. Kernels read it from the prepared values.
+#: The branch of a piecewise function that is frozen during a step, or zero if none is: a sign, or
+#: the index of an interval of a table. Kernels read it from the prepared values.
 PIECE = "piece"
 
-#: An end of the range of a quantity, or of its rate, over a part of a step.
+#: A bound of a quantity, or of its rate, over a part of a step.
 RANGE = "range"
 
-#: The argument of a kernel that contains the values of each kind.
+#: Kernel argument that contains the values of each kind of symbol.
 ARGUMENT_OF = {
     TIME: "t",
     STATE: "x",
@@ -513,23 +513,23 @@ ARGUMENT_OF = {
 #: Change of a state, and of the parameter of sensitivity j, along a common direction.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
-#: Change of an input, and of any tunable parameter, along a direction of a linearisation.
+#: Change of an input, and of a tunable parameter, along a direction of a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: The explicit change by a parameter, at constant states, along that direction.
+#: The explicit change due to a parameter, at constant states, along that direction.
 SOURCE = "source"
 #: An acceleration or a multiplier, and its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
-#: An entry of a right-hand side, or a result, for which a map or a pattern is formed.
+#: An entry of a right-hand side, or a result, for which a map or a sparsity pattern is formed.
 ENTRY = "own"
 #: An argument of a law.
 ARGUMENT = "argument"
 #: Newton's step of an algebraic unknown.
 STEP = "step"
-#: An across variable in a field.
+#: An across variable that occurs in a field.
 MEASURED = "measured"
-#: A value that all columns of a map share, and a value of one column.
+#: A value common to all columns of a map, and a value of one column.
 SHARED = "shared"
 COLUMN = "column"
 #: Change of the inputs of one column of a map, or weight of its results.
@@ -557,8 +557,8 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Each node was interned when it was formed, so that the keys are in the order of the nodes. The
-    # table ``formed`` is omitted, since it is only used while forming.
+    # Each node was interned when it was formed, so the keys are in the order of the nodes. The
+    # table ``formed`` is only needed while forming nodes, and is omitted.
     return _dag_of, (rows, list(dag._interned), origins)
 
 

@@ -90,7 +90,7 @@ Scalar = Any  # float, complex, or a numpy array of either
 class Operation:
     """A scalar operation."""
 
-    name: str  # the name in the program
+    name: str  # name in programs
     arity: int  # number of arguments
     #: Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises: it
     #: follows C (:mod:`cotree.dag.operations`).
@@ -98,15 +98,15 @@ class Operation:
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
     c: str  # the C expression, with ``{0}``, ``{1}``, ... for its arguments
-    is_call: bool = True  # true for a function of the C library, false for an operator
+    is_call: bool = True  # true for a C library function, false for an operator
 
 
 def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# Complex numbers are used for the complex step only: the real part decides a branch, so that the
-# imaginary part remains an infinitesimal.
+# Complex numbers are used for the complex step only: the real part selects a branch, so that the
+# imaginary part remains infinitesimal.
 def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
 
@@ -117,8 +117,8 @@ def _complex_sign(x: complex) -> float:
 
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
-    # The angle between the perturbed and the real direction is infinitesimal, so that this
-    # arctangent never leaves its principal branch.
+    # The angle between the perturbed and the real direction is infinitesimal, so that the
+    # arctangent stays on its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 
@@ -139,7 +139,8 @@ def _array_erf(x: Scalar) -> Scalar:
 
 
 def _select(condition: float, accepted: float, refused: float) -> float:
-    # A nan condition is refused: comparisons with nan are false, as in C.
+    # If the condition is nan, the second value is returned: comparisons with nan are false, as in
+    # C.
     return accepted if condition >= 0.0 else refused
 
 

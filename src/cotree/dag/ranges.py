@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Both ends of an unbounded range: finite, as constants of a program are.
+#: Ends of an unbounded range. They are finite, because constants of a program are.
 ENDLESS = 1e300
 
 Range = tuple["Node", "Node"]
@@ -50,7 +50,7 @@ def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
         if node.op == "result":
             found[node] = _of_table(node, found[node.args[0]])
         elif isinstance(node.data, Table):
-            found[node] = found[node.args[0]]  # that of the argument, until a result is read
+            found[node] = found[node.args[0]]  # range of the argument, until a result is read
         else:
             found[node] = _RULES[node.op](node, [found.get(arg, (arg, arg)) for arg in node.args])
     return [found.get(root, (root, root)) for root in roots]
@@ -117,7 +117,7 @@ def _of_wave(node: Node, given: Sequence[Range]) -> Range:
     """Form the range of a sine or cosine: 1, or -1, if its phase is within the range."""
     dag, (low, high) = node.dag, given[0]
     ends = [dag.function(node.op, end) for end in (low, high)]
-    first = 0.25 if node.op == "sin" else 0.0  # of the largest value, in periods
+    first = 0.25 if node.op == "sin" else 0.0  # position of the maximum, in periods
 
     def passed(phase: float) -> Node:
         count = [dag.function("floor", end / (2.0 * math.pi) - phase) for end in (low, high)]
@@ -202,15 +202,15 @@ def _of_table(node: Node, given: Range) -> Range:
         for end in given
     ]
     if place == 1:
-        slopes = [*slopes, 0.0]  # beyond the ends
+        slopes = [*slopes, 0.0]  # slope outside the table
         of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
-        # A frozen interval has one slope.
+        # A frozen interval has a constant slope.
         return (
             _where(-dag.function("abs", held.args[1]), of_all, _hull(ends)) if is_held else of_all
         )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
-        return _hull(ends)  # of monotonic functions, and of the ends of intervals
-    # It differs from the mean of both ends by no more than its largest slope allows.
+        return _hull(ends)  # range of a monotonic function, from the values at both ends
+    # The value differs from the mean of both ends by at most the distance times the largest slope.
     steepest = max(map(abs, slopes))
     mean = 0.5 * (ends[0] + ends[1])
     reach = 0.5 * steepest * (given[1] - given[0])

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
 #: Operations that may be nearly zero during most of a period. If they depend on states, sines of
-#: time limit the steps.
+#: time limit the step size.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Steps per period of such a sine. A rectifier conducts for a twentieth of it, or more.
+#: Steps per period of such a sine. A rectifier conducts for a twentieth of the period or more.
 _SHARES = 32.0
 
-#: Values with more pieces than this are left to the error test.
+#: Values with more linear pieces than this are left to the error test.
 _MOST_PIECES = 16
 
 
@@ -43,9 +43,9 @@ _MOST_PIECES = 16
 class TimeEvent:
     """Times ``first + k * period`` with whole k."""
 
-    first: Node  # of parameters
-    period: Node | None = None  # of parameters; None for one time only
-    starts: bool = False  # whether there are none before ``first``, with k from zero on
+    first: Node  # function of parameters
+    period: Node | None = None  # function of parameters; None for a single time
+    starts: bool = False  # whether no event precedes ``first``, so that k starts at zero
     #: Derivatives of ``first`` and of the period along each of some directions.
     along: tuple[tuple[Node, Node], ...] = ()
 
@@ -88,7 +88,7 @@ def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Time
     found: dict[Node, tuple[TimeEvent, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
-            # A node without pieces is not a function of time that is known before a run.
+            # A node that is missing from pieces is no function of time that is known before a run.
             own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
@@ -111,7 +111,7 @@ def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
     waves = [node for node in order if node.op in ("sin", "cos")]
     pieces = _all_pieces(dag, order) if waves else {}
     lines = (line for node in waves for line in pieces.get(node.args[0], ()))
-    # The argument of the sine grows by 2 pi in one period.
+    # The argument of the sine increases by 2 pi in one period.
     rates = dict.fromkeys(line.rate for line in lines if not line.rate.is_zero)
     return tuple(2.0 * math.pi / _SHARES / rate for rate in rates)
 
@@ -167,7 +167,7 @@ def _pieces(
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":
         return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
-    # Each combination of pieces of the arguments may occur at some time.
+    # Any combination of pieces of the arguments may occur at some time.
     made = [_line(dag, node, choice) for choice in product(*rows)]
     return tuple(dict.fromkeys(line for line in made if line is not None))
 
@@ -208,7 +208,8 @@ def _is_fixed(line: _Line) -> bool:
 
 def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
     counts = {line.count for line in (a, b) if line.count is not None}
-    # Two periods have no common one, and a clipped line plus another has a kink at its start.
+    # Two different periods have no common period, and the sum of a clipped line and another line
+    # has a kink at its start.
     if len(counts) > 1 or a.starts or b.starts:
         return None
     return _Line(
@@ -229,13 +230,13 @@ def _stops(node: Node, line: _Line) -> list[TimeEvent]:
     if line.rate.is_zero:
         return []  # only a count: its floor has been processed
     if node.op == "floor" and line.count is None:
-        # The argument is an integer at its root and each time that it has grown by one since.
+        # The argument is an integer at its root, and whenever it has increased by one since then.
         return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
         return [TimeEvent(first) for first in firsts]
-    # The count raises the line by a step at the end of each period: zeros return with that period.
+    # The step count raises the line at the end of each period: zeros recur with that period.
     period = -line.step / line.rate
     return [TimeEvent(first, period, line.count.starts) for first in firsts]
 

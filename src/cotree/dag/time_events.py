@@ -35,7 +35,7 @@ def time_events_along(
     stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
 ) -> tuple[TimeEvent, ...]:
     """Differentiate time events along some directions; see :attr:`TimeEvent.along`."""
-    # Without a period its place has the first time, whose tangent is not used.
+    # A time event without a period uses the first time as a placeholder, whose tangent is ignored.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
     n = len(stops)

@@ -168,8 +168,8 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
     """Form the squares and the mixed products of two vectors of equal value."""
-    # The mixed products are formed in one order only, as both vectors have the same value. For
-    # duals the two terms of the bilinear form contain the derivative of both orders.
+    # The mixed products are formed in one order only, since both vectors have the same value. For
+    # duals, the derivative parts cover both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
@@ -191,7 +191,7 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
 class Rotation:
     """The axes of one frame, resolved in another."""
 
-    matrix: Matrix  # takes components in the rotated frame to components in the other
+    matrix: Matrix  # maps components in the rotated frame to components in the other
     #: A rotation about one axis: successive rotations about the same axis add their angles, which
     #: costs one sum instead of the product of two matrices.
     axis: Vector | None = None
@@ -366,14 +366,14 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:
-        # The real part is the largest: 2 q0 = sqrt(1 + trace).
+        # The real part is the largest component: 2 q0 = sqrt(1 + trace).
         double = dag.function("sqrt", trace + 1.0)
         half = 0.5 / double
         sums = (m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1])
         return (0.5 * double, *scale(half, sums))
     i = largest - 1
     j, k = (i + 1) % 3, (i + 2) % 3
-    # An imaginary part is the largest: 2 qi = sqrt(1 + m_ii - m_jj - m_kk).
+    # An imaginary part is the largest component: 2 qi = sqrt(1 + m_ii - m_jj - m_kk).
     double = dag.function("sqrt", 1.0 + m[i][i] - m[j][j] - m[k][k])
     half = 0.5 / double
     q = [half * (m[k][j] - m[j][k])] + [dag.zero] * 3

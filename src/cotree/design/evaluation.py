@@ -62,7 +62,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
             f"the maximum lies next to an event at t = {t[k]:.6g}, where it is not differentiable"
         )
     step = t[k + 1] - t[k]
-    s = (t[low:high] - t[k]) / step  # in grid steps from the largest value
+    s = (t[low:high] - t[k]) / step  # distance from the largest value in grid steps
     at, top = _top(s, value[low:high])
     # An output that is constant but for rounding has its maximum everywhere.
     allowed = _AGREE * float(np.ptp(value)) + _ROUNDING * float(np.max(np.abs(value)))

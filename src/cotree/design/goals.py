@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Functions that denote a quantity of a run, with their numbers of arguments.
+#: Functions that denote a quantity of a run, with the number of their arguments.
 QUANTITIES = {
     "end": 1,
     "start": 1,
@@ -54,7 +54,7 @@ _JUMPING = {"sign", "floor", "mod"}
 #: Prefix of placeholder names. No scene has such names, since those are valid C identifiers.
 _MARK = "quantity_ö"
 
-_LONGEST = 4000  # characters, as of expressions
+_LONGEST = 4000  # maximum number of characters, as in expressions
 _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.LtE: "<=",
     ast.Lt: "<=",
@@ -298,7 +298,7 @@ def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Mo
     if isinstance(source, Model):
         return compile_spec(source.spec.of(changed, over))
     assert isinstance(changed, Scene)
-    with without_warnings():  # names on which nothing depends are refused by the caller
+    with without_warnings():  # the caller rejects names that have no effect
         return changed.compile(list(over))
 
 

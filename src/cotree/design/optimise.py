@@ -233,7 +233,7 @@ def _check_objective(search: Search, start: Any) -> None:
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
         return
-    # The gradient also vanishes if the start is an optimum, so a second point decides.
+    # The gradient also vanishes if the start is an optimum, so a second point is tested.
     second = search.point(np.asarray(start) * 0.9 + 0.037)
     if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{row.name}'" for row in search.space.rows)

@@ -25,15 +25,17 @@ if TYPE_CHECKING:
 
 
 #: Constraints are satisfied if they are violated by less than this, relative to their size at the
-#: start, and active if the distance is less; bounds are active within this share of their distance.
+#: start, and active if their distance is less than this. Bounds are active within this fraction of
+#: their distance.
 MET = 1e-6
 
-#: Largest optimality residual of an optimum. By convexity the objective could fall by no more than
-#: this share from there, times the distance to the optimum in the scaled design variables.
+#: Largest optimality residual of an optimum. For a convex problem, the objective could decrease
+#: from there by at most this fraction, times the distance to the optimum in the scaled design
+#: variables.
 OPTIMAL = 1e-4
 
-#: The residual is relative to the objective, or to this share of the gradient at the start if the
-#: minimum is zero.
+#: The residual is relative to the objective or, if the minimum is zero, to this fraction of the
+#: gradient at the start.
 _LEAST_SIZE = 1e-3
 
 #: The penalty of a failed run, relative to the magnitude of the objective.
@@ -75,7 +77,7 @@ class Search:
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
-        # Of the start: the norm of the gradient, and the size of each constraint.
+        # At the start: the norm of the gradient, and the size of each constraint.
         self._first_slope = 0.0
         self.sizes = np.ones(len(self.equalities))
 
