@@ -42,6 +42,7 @@ class _DryFriction:
     #: last one may be a table over speeds.
     factors: tuple[str, ...]
     is_one_way: bool = False
+    backward: str = ""  # the field with the force of backward sliding, if it may differ
 
     def port(self, given: Given) -> Terminal:
         """Form the terminal equation; absent fields do not occur in it."""
@@ -54,31 +55,32 @@ class _DryFriction:
 
             return sympy.Max(force, 0)
 
-        def sliding() -> Any:
-            return pressed(self.force(law_symbol))
+        def sliding(way: int = 1) -> Any:
+            has_own = way < 0 and self.backward in given
+            return law_symbol(self.backward) if has_own else pressed(self.force(law_symbol))
 
-        def holding() -> Any:
-            return pressed(self.raised(law_symbol)) if self.peak in given else sliding()
+        def holding(way: int = 1) -> Any:
+            return pressed(self.raised(law_symbol)) if self.peak in given else sliding(way)
 
-        def dry() -> Any:
+        def dry(way: int) -> Any:
             if "stribeck_speed" not in given:
-                return sliding()
+                return sliding(way)
             import sympy
 
             # Decreases from the force at rest to that of sliding (L. C. Bo, D. Pavelescu, Wear 82
             # (1982) 277, with the exponent two).
             share = sympy.exp(-((law_symbol("across") / law_symbol("stribeck_speed")) ** 2))
-            return sliding() + (holding() - sliding()) * share
+            return sliding(way) + (holding(way) - sliding(way)) * share
 
         def viscous() -> Any:
             return law_symbol("damping") * law_symbol("across") if "damping" in given else 0
 
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
         friction = Friction(
-            forward=Law.formed_by(lambda: dry() + viscous()),
-            backward=Law.formed_by(lambda: -dry() + viscous()),
+            forward=Law.formed_by(lambda: dry(1) + viscous()),
+            backward=Law.formed_by(lambda: -dry(-1) + viscous()),
             upper=Law.formed_by(holding),
-            lower=None if self.is_one_way else Law.formed_by(lambda: -holding()),
+            lower=None if self.is_one_way else Law.formed_by(lambda: -holding(-1)),
             # A one-way clutch locks backwards even without a normal force.
             grip=None if is_engaged or self.is_one_way else Law.formed_by(sliding),
         )
@@ -89,6 +91,11 @@ class _DryFriction:
 
         def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
             rest = dict(given)
+            if self.backward in given and self.peak in given:
+                raise SceneError(
+                    f"edge '{edge}' has {self.backward} and {self.peak}, which is the same in both "
+                    f"directions: remove one of them"
+                )
             if isinstance(rest.get(self.factors[-1]), (list, tuple)):
                 speed = f"{edge}.{DOMAINS[self.domain].across_symbol}"
                 rest[self.factors[-1]] = _curve(edge, self.factors[-1], rest, speed)
@@ -124,13 +131,27 @@ def _stribeck(unit: str) -> Field:
 
 
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
-    dry = _DryFriction(domain, lambda s: s(force), lambda s: s("breakaway"), "breakaway", (force,))
+    dry = _DryFriction(
+        domain,
+        lambda s: s(force),
+        lambda s: s("breakaway"),
+        "breakaway",
+        (force,),
+        backward="backward",
+    )
     fields = (
         value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),
         optional(
             "breakaway",
             force_unit,
             f"largest {force} at rest; by default `{force}`",
+            None,
+            "nonnegative",
+        ),
+        optional(
+            "backward",
+            force_unit,
+            f"{force} of dry friction in backward sliding; by default `{force}`",
             None,
             "nonnegative",
         ),
