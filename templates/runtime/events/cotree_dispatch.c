@@ -44,12 +44,6 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
-/* Return whether an event starts or ends slip at a contact. */
-static int is_contact_slip(const cotree_events *e, int i)
-{
-    return e->rows[i].kind == COTREE_FRICTION_SLIP && e->rows[i].n_targets > 2;
-}
-
 /* Count an event. Fail if events accumulate or chatter. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
@@ -59,7 +53,7 @@ static int count_event(cotree_events *e, int i, cotree_real t)
     ++e->n_event_times[i];
     /* The rest threshold of a stop ends its series of impacts, and the series of slips at its
      * contact. */
-    if (!cotree_is_gap(e, i) && !is_contact_slip(e, i) &&
+    if (!cotree_is_gap(e, i) && !cotree_is_contact_slip(e->rows + i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
     if (e->n_event_times[i] < COTREE_EVENT_CROWD) return 0;

@@ -107,21 +107,28 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     }
 }
 
-/* Evaluate the event functions and their rates at the start of a run. */
+/* Evaluate the event functions, and update their scales. */
+static int evaluate(cotree_events *e, cotree_real t, const cotree_real *w)
+{
+    const int status = cotree_compute_values(e, t, w);
+    cotree_copy(e->n_events, e->jumps.values, e->g);
+    return status == 0 ? cotree_update_scales(e, t, w, e->g) : status;
+}
+
+/* Evaluate the event functions at the start of a run, with the scales of their terms. */
 static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    int status = cotree_compute_values(e, t, w);
-    cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    int status = evaluate(e, t, w);
 #if COTREE_HAS_MODES
     if (status == 0) status = cotree_set_term_scales(e, t, w);
 #endif
-    return status == 0 ? cotree_compute_rates(e, t, w) : status;
+    return status;
 }
 
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
+    if (status == 0) status = cotree_compute_rates(e, t, w);
 #if COTREE_HAS_MODES
     if (status != 0) return cotree_fail_start(e, t, w);
 #else
@@ -151,9 +158,7 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 
 int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w, const cotree_real *slopes)
 {
-    int i, status = cotree_compute_values(e, t, w);
-    cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    int i, status = evaluate(e, t, w);
     for (i = 0; i < e->n_events; ++i) e->crossing_sign[i] = -e->side[i];
     e->is_time_fixed = 1;
     if (status == 0) status = cotree_apply_events(e, t, w, 0, slopes);
@@ -163,9 +168,7 @@ int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w, const 
 
 int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int status = cotree_compute_values(e, t, w);
-    cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    const int status = evaluate(e, t, w);
     e->n_fired = e->is_mode_changed = 0;
     return status == 0 ? cotree_select_branches(e, t, w) : status;
 }
@@ -196,11 +199,8 @@ int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
 
 int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int status = cotree_compute_values(e, t, w);
-    cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    int status = evaluate_start(e, t, w);
 #if COTREE_HAS_MODES
-    if (status == 0) status = cotree_set_term_scales(e, t, w);
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
     if (status == 0) status = cotree_resolve_modes(e, t, w, -1);
 #endif

@@ -22,9 +22,7 @@ int cotree_first_stop(const cotree_events *e) { return e->n_modes - e->n_stops; 
 int cotree_count_contact_friction(const cotree_hybrid *h)
 {
     int i, n = 0;
-    for (i = 0; i < h->n_events; ++i) {
-        n += h->events[i].kind == COTREE_FRICTION_SLIP && h->events[i].n_targets > 2;
-    }
+    for (i = 0; i < h->n_events; ++i) n += cotree_is_contact_slip(h->events + i);
     return n;
 }
 
@@ -35,7 +33,7 @@ static void list_contact_friction(cotree_events *e)
     for (k = 0; k < e->n_frictions; ++k) {
         const cotree_event *const row = e->rows + PLACE(k, SLIP);
         e->normal_stop[k] = -1;
-        for (i = cotree_first_stop(e); i < e->n_modes && row->n_targets > 2; ++i) {
+        for (i = cotree_first_stop(e); i < e->n_modes && cotree_is_contact_slip(row); ++i) {
             if (PLACE(i, MODE_STATE) == row->targets[1]) e->normal_stop[k] = i;
         }
         if (e->normal_stop[k] < 0) continue;

@@ -4,6 +4,11 @@
 /* Relative rounding error of the derivatives of an event time. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
+int cotree_is_contact_slip(const cotree_event *event)
+{
+    return event->kind == COTREE_FRICTION_SLIP && event->n_targets > 2;
+}
+
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
  * contact, three for friction on a plane in space. */
 static int count_impulse_forces(const cotree_hybrid *h)
@@ -12,7 +17,7 @@ static int count_impulse_forces(const cotree_hybrid *h)
     for (i = 0; i < h->n_events; ++i) {
         const cotree_event *const row = h->events + i;
         n += row->kind == COTREE_STOP_REBOUND;
-        if (row->kind == COTREE_FRICTION_SLIP && row->n_targets > 2) n += 2;
+        n += 2 * cotree_is_contact_slip(row);
         n += row->kind == COTREE_FRICTION_SECOND_IMPULSE;
         n_loads += row->kind == COTREE_FRICTION_LOAD;
     }

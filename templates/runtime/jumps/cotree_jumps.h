@@ -59,6 +59,10 @@ typedef struct cotree_impulse {
                                 second components of friction on planes in space */
 } cotree_impulse;
 
+/* Return whether an event begins or ends slip at a contact, whose normal force is that of a stop:
+ * its targets are the mode, the mode of the stop, and the impulse. */
+int cotree_is_contact_slip(const cotree_event *event);
+
 /* Initialise for a model that has events. */
 void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
 
