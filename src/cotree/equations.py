@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 class CornerRow:
     """A kink of the rates, at the zero of a value."""
 
-    value: Node  # the value, relative to the end of the frozen branch
-    piece: int  # which of the frozen branches ends there
-    #: Zero if the branch is the sign of the value; otherwise the increment of its number when the
-    #: value crosses zero in that direction.
+    value: Node  # value whose zero is the end of the frozen branch
+    piece: int  # index of the frozen branch that ends there
+    #: Zero if the branch is the sign of the value; otherwise the increment of the branch number if
+    #: the value crosses zero upwards.
     direction: int
-    #: Whether the branch is the half-width of a band around zero within which roots are replaced.
+    #: Whether the branch is the half-width of a band around zero within which roots are
+    #: regularised.
     is_steep: bool = False
 
 
@@ -50,7 +51,7 @@ class Derivative:
     are stored by place, without zeros.
     """
 
-    name: str  # the parameter or state of the direction
+    name: str  # parameter or state by which the equations are differentiated
     seed: Mapping[Node, Node]  # tangents of the symbols
     forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, at constant unknowns
     #: Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
@@ -73,7 +74,7 @@ def substituted(
     rows: Sequence[Derivative], replacement: Mapping[Node, Node]
 ) -> tuple[Derivative, ...]:
     """Replace some nodes in derivatives, but not in their seeds and initial values."""
-    # One call for all rows: values that they share are replaced once. The order is that of `nodes`.
+    # One call for all rows, so that shared values are replaced once. The order is that of `nodes`.
     new = iter(substitute([node for row in rows for node in row.nodes], replacement))
 
     def again(row: Mapping[int, Node]) -> dict[int, Node]:
@@ -107,13 +108,13 @@ class State:
     name: str
     unit: str
     symbol: Node  # the state as an argument of the program
-    initial: Node  # its initial value, of parameters only
+    initial: Node  # its initial value, a function of parameters
     is_given: bool = (
-        True  # whether the scene gives it; otherwise it may change to satisfy constraints
+        True  # whether the scene prescribes it; otherwise it may change to satisfy constraints
     )
-    #: Whether an equation 0 = g, not a rate, determines it; its initial value is then a guess.
+    #: Whether an algebraic equation 0 = g determines it; its initial value is then a guess.
     is_algebraic: bool = False
-    #: For a state that is the content of a storage, the algebraic unknown that follows from it.
+    #: For a state that is the content of a storage: the algebraic unknown that is computed from it.
     follower: str = ""
 
 
@@ -123,26 +124,27 @@ class ConstraintSet:
 
     rows: tuple[Quantity, ...]  # name and unit of each constraint
     edges: tuple[str, ...]  # the edge of each constraint
-    # Levels of position and of velocity, which a projection enforces; the level of acceleration is
-    # part of A w = b.
-    #: The residual of each, which must be zero; None for constraints on rates only.
+    # Constraints at the levels of position and velocity, which a projection enforces; the level of
+    # acceleration is part of A w = b. Residual of each constraint; None for constraints on rates
+    # only.
     values: tuple[Node | None, ...]
-    rates: tuple[Node, ...]  # the rate of each, which must be zero too
+    rates: tuple[Node, ...]  # time derivative of each constraint
     gradient: tuple[tuple[Node, ...], ...]  # derivatives of the rates by the speeds
     #: Sums of squares of the gradient's terms, without cancellation.
     sizes: tuple[tuple[Node, ...], ...]
-    #: Edges whose rotation is free, with the four states whose norm is to remain one.
+    #: Edges with a free rotation, and the four states of the quaternion, whose norm is one.
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
-    # Conditions of the consistent start besides the constraints.
-    #: Further start conditions: initial values of coordinates and rates that are not states.
+    # Conditions of a consistent start in addition to the constraints: initial values of coordinates
+    # and rates that are not states.
     start_rows: tuple[Quantity, ...]
-    start_is_rate: tuple[bool, ...]  # whether each is a rate
-    #: Their residuals; then the values of ``redundant`` in terms of the states, then the given
-    #: ones.
+    start_is_rate: tuple[bool, ...]  # whether each condition is a rate
+    #: Residuals of the conditions; then the values of ``redundant`` that the states determine, then
+    #: the given ones.
     start_values: tuple[Node, ...]
-    #: Derivatives by the speeds; rates of coordinates are differentiated, too.
+    #: Derivatives of the conditions by the speeds; conditions on coordinates are differentiated by
+    #: time first.
     start_gradient: tuple[tuple[Node, ...], ...]
-    #: Initial values of networks that must agree with those of the states.
+    #: Initial values of networks that must agree with those that the states determine.
     redundant: tuple[RedundantRow, ...] = ()
 
 
@@ -152,7 +154,7 @@ class Guard:
 
     value: Node
     what: str  # name of the value, as the subject of a message
-    is_strict: bool  # whether it must be positive, or only nonnegative
+    is_strict: bool  # whether it must be positive, not only nonnegative
     #: Predicate of the message if the condition fails; empty for the standard predicate.
     breach: str = ""
     parameters: tuple[str, ...] = ()  # names of the parameters on which the value depends
@@ -160,7 +162,7 @@ class Guard:
     def named(self, names: Sequence[str]) -> Guard:
         """Return the guard with the names of its parameters, from the names of all of them."""
         symbols = symbols_in([self.value])
-        # Symbols of parameters are numbered in the order of the tunable ones.
+        # Symbols of parameters are numbered in the order of the tunable parameters.
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return replace(self, parameters=tuple(names[place] for place in places))
 
@@ -201,23 +203,23 @@ class EventRow:
     name: str
     direction: int  # -1 for downwards, 1 for upwards, 0 for both
     is_terminal: bool  # whether the event ends the run
-    # States that the event sets, and places of its function and of the new values.
-    #: The states that it sets: by expressions, then all speeds that its impact changes.
+    # States that the event sets: first those set by expressions, then all speeds that its impact
+    # changes. Then the indices of its function and of the new values.
     targets: tuple[int, ...]
-    watched: int  # place of the value among :attr:`Equations.output_values`
-    new_values: range  # places of the expressions there, in the order of their targets
-    #: Place of the coefficient of restitution there; None without an impact.
+    watched: int  # index of the event function among :attr:`Equations.output_values`
+    new_values: range  # indices of the expressions there, in the order of their targets
+    #: Index of the coefficient of restitution there; None without an impact.
     restitution: int | None
-    results: range  # places of the new values of all targets among those of all events
+    results: range  # indices of the new values of all targets among those of all events
     #: Whether it sets the mode of a jump inside an expression; its new value is relative to that
     #: mode.
     is_jump: bool = False
     is_count: bool = False
-    #: Its role for an edge whose mode is chosen with those of others, see
-    #: :class:`cotree.scene.events.ModePart`; zero without one.
+    #: Role of the event for an edge whose mode is selected together with others, see
+    #: :class:`cotree.scene.events.ModePart`; zero if none.
     part: int = 0
-    #: Whether it takes place if an impact at a rigid stop ends in rest; whether its function is the
-    #: force of a stop; and whether it is the speed of friction that a stop presses.
+    #: Whether it is the event of an impact that ends at rest; whether its function is the force of
+    #: a stop; and whether it is the slip of friction at a stop.
     is_rest: bool = False
     is_lift: bool = False
     is_pressed: bool = False
@@ -239,7 +241,7 @@ class EventRow:
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own
-        # One coefficient of restitution sets all speeds, by the impulse of the impact.
+        # One coefficient of restitution determines all speeds, by the impulse of the impact.
         return own | dict.fromkeys(self.targets[len(own) :], self.restitution)
 
 
@@ -248,8 +250,8 @@ class HeldUnknown:
     """A multiplier of friction or of a stop."""
 
     name: str
-    column: tuple[Node, ...]  # forces along the speeds per unit of it
-    sizes: tuple[Node, ...]  # squares of the terms of its row, before anything cancels
+    column: tuple[Node, ...]  # generalised forces per unit of the unknown
+    sizes: tuple[Node, ...]  # sums of squares of the terms of its row, without cancellation
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,7 @@ class Equations:
     """Governing and sensitivity equations of a scene."""
 
     name: str  # name of the scene
-    dag: Dag  # the arena
+    dag: Dag  # arena of all nodes
     states: tuple[State, ...]  # x: coordinates, speeds, states of networks, algebraic unknowns
     #: p, u and y, in the order of their symbols.
     parameters: tuple[Quantity, ...]
@@ -265,49 +267,50 @@ class Equations:
     outputs: tuple[Quantity, ...]
     # The values of the scene, which a run may replace.
     parameter_values: tuple[float, ...]  # the scene's values of p
-    #: The symbols of u, and the scene's own values of time and parameters.
+    #: Symbols of u, and their values in the scene as functions of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
-    # A(x) w = b(x): accelerations and multipliers, eliminated when the equations are lowered.
-    #: Symbols of w and of its derivatives.
+    # A(x) w = b(x): accelerations and multipliers, which are eliminated when the equations are
+    # lowered. Symbols of w and of its derivatives.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]  # A, symmetric
     forcing: tuple[Node, ...]  # b
-    is_safe: tuple[bool, ...]  # whether each unknown's pivot is positive for every state
+    is_safe: tuple[bool, ...]  # whether the pivot of each unknown is positive at every state
     holding: tuple[HeldUnknown, ...]  # the last unknowns: multipliers of friction and stops
-    #: The tree, if elimination along it costs less than that of the matrix; otherwise empty.
+    #: The links of the tree, if elimination along it costs less than that of the matrix; otherwise
+    #: empty.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' in terms of x and w
-    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for display
-    constraints: ConstraintSet  # on the states; their multipliers follow the accelerations
-    #: y; then the value of each event; then, event by event, new values and restitution.
+    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for printing
+    constraints: ConstraintSet  # their multipliers follow the accelerations in w
+    #: y; then the function of each event; then the new values and the restitution, event by event.
     output_values: tuple[Node, ...]
-    # Derivatives along directions: the same A and M, with their own right-hand sides.
-    #: Along each requested parameter together with its states' sensitivities, and along each state.
+    # Derivatives along directions, with the same A and M but different right-hand sides: along each
+    # requested parameter together with the sensitivities of the states, and along each state.
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
-    # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns.
-    #: Number of modes and states of networks, without algebraic unknowns.
+    # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns. Number of
+    # modes and states of networks, without algebraic unknowns.
     n_network_states: int = 0
-    n_modes: int = 0  # number of modes, which come first among these
+    n_modes: int = 0  # number of modes, the first of these
     events: tuple[EventRow, ...] = ()
-    #: Along the motion itself, if there are events or algebraic unknowns, in terms of rates of the
-    #: states as symbols.
+    #: Derivative along the motion, in terms of symbols for the rates of the states, if there are
+    #: events or algebraic unknowns.
     motion: Derivative | None = None
-    #: Along a common change of all states and of the parameters of several sensitivities, in terms
-    #: of these changes as symbols; see :mod:`cotree.dag.nodes`.
+    #: Derivative along a common change of all states and of the parameters of several
+    #: sensitivities, in terms of symbols for these changes; see :mod:`cotree.dag.nodes`.
     direction: Derivative | None = None
-    #: The ends of the branches that steps freeze; see :mod:`cotree.program.surfaces`.
+    #: Ends of the branches that are frozen during steps; see :mod:`cotree.program.surfaces`.
     corners: tuple[CornerRow, ...] = ()
-    #: For each of these branches the number of the present one; zero for signs.
+    #: The present number of each of these branches; zero for signs.
     pieces: tuple[Node, ...] = ()
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: Names of the initial values of coordinates and rates that the scene gives, in its order.
+    #: Names of the initial values of coordinates and rates that the scene prescribes, in its order.
     given: tuple[str, ...] = ()
-    derived: tuple[DerivedParameter, ...] = ()  # parameters that follow from p
+    derived: tuple[DerivedParameter, ...] = ()  # parameters derived from p
 
     @property
     def n_algebraic(self) -> int:
@@ -317,13 +320,13 @@ class Equations:
     @property
     def n_speeds(self) -> int:
         """Number of speeds, whose rates are the first of the unknowns."""
-        # Each constraint, and each edge that friction holds, has a multiplier among the unknowns.
+        # Each constraint, and each edge held by friction, has a multiplier among the unknowns.
         return len(self.unknowns) - len(self.constraints.rows) - len(self.holding)
 
     @property
     def n_coordinates(self) -> int:
         """Number of coordinates, which come first among the states."""
-        # Free rotations have four coordinates and three speeds, so that the numbers differ.
+        # Free rotations have four coordinates but three speeds, so that the numbers differ.
         others = self.n_speeds + self.n_network_states + self.n_algebraic
         return len(self.states) - others
 

@@ -62,13 +62,13 @@ if TYPE_CHECKING:
 
 # Outcomes of members in C; see cotree_batch.h.
 WAITS, DONE, STOPPED, FAILED, REFUSED, NO_OUTPUTS, STIFF = range(7)
-LEFT = 10  # values between these two: a budget is exhausted
+LEFT = 10  # a budget is exhausted if the value is between these two
 
 # Lanes do not detect stiffness. After this many steps a member is left to a worker that does; most
 # members take fewer steps, and little of a stiff one is computed twice.
 _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
-# Outcome of members that were run one at a time, from Python.
+# Outcome of members that Python ran one at a time.
 RERUN = 100
 
 
@@ -271,7 +271,7 @@ class BlockInC(CObjects):
         c.corrections = self.pointer(self.corrections)
 
 
-# Results of cotree_batch_work.
+# Return values of cotree_batch_work.
 _NONE_LEFT, _AGAIN, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
@@ -282,8 +282,7 @@ class Worker:
         self._members, self._lib = members, members.library.lib
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
-        # The member that was prepared last, with its problem; and the job that all prepared members
-        # use.
+        # The member prepared last, with its problem, and the job used for all prepared members.
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model

@@ -171,7 +171,7 @@ class _Share:
 
     first: int
     end: int
-    attempt: int = 0  # number of earlier submissions
+    attempt: int = 0  # number of previous submissions
     with_plan: bool = False
     has_lost: bool = False  # whether its worker died
 
@@ -187,7 +187,7 @@ class ExecutorRun:
     ) -> None:
         self._executor, self._is_own, self._stop = executor, False, stop
         self._n_workers, self._counted = 1, -math.inf
-        self._deaths = 0  # since the last result
+        self._deaths = 0  # deaths of workers since the last result
         self._plan, self._rows, self._threads = plan, rows, threads
         # Only threads of this process are known to share its memory; subclasses may not.
         is_here = type(executor) is futures.ThreadPoolExecutor

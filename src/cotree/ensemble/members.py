@@ -53,7 +53,7 @@ def column_values(values: Any, what: str) -> FloatArray:
     return numbers
 
 
-# Limit against mistakes: the rows alone of so many members take gigabytes.
+# Limit against mistakes: the rows of this many members alone take gigabytes.
 _MOST = 100_000_000
 
 
@@ -154,8 +154,8 @@ _FORMS = (
 class Members:
     """Values that the members of an ensemble set."""
 
-    columns: tuple[str, ...]  # names of parameters and of states with initial values
-    rows: FloatArray  # their values
+    columns: tuple[str, ...]  # names of parameters, and of states with initial values
+    rows: FloatArray  # values of the columns, one row for each member
     #: Dimensions of the results with their coordinates; members are their product in the order of
     #: the rows. It is ``member``, or the axes of a grid.
     dimensions: Mapping[str, npt.NDArray[Any]]

@@ -58,15 +58,15 @@ class Pattern:
     plan: Plan  # with the name of a method
     row: Method
     engine: Engine
-    problem: Problem  # of a run with the default values of all columns
+    problem: Problem  # problem of a run with the default values of all columns
     newton: Newton | None  # factors of the model, for implicit methods in C
-    job: Job  # a job that is not started
+    job: Job  # a job that has not started
     signals: ReplacedInputs  # inputs that replace the scene's
-    starts: StartInC | None  # the search for starts of members in C
+    starts: StartInC | None  # computes starts of members in C
     #: Whether each member is prepared in Python: C cannot find its start, or its time events depend
     #: on its values.
     is_searched: bool
-    is_timed: bool  # whether rates depend on time, so that rounding of the time may matter
+    is_timed: bool  # whether rates depend on time, so that rounding errors of the time may matter
     is_watched: bool  # whether members that turn out stiff are run with another method
 
     def job_of(self, problem: Problem) -> Job:
@@ -148,7 +148,7 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
     assert problem.native is not None  # the plan runs in C
-    if problem.native.functions:  # one exception in Python would end all members
+    if problem.native.functions:  # an exception in a Python function would end all members
         return True
     return bool(_moving(plan) & set(plan.columns))
 
@@ -169,8 +169,8 @@ class Own:
 
     p: FloatArray  # parameters, shape (n_members, n_parameters)
     states: npt.NDArray[np.intc]  # states whose initial values are set, shape (n_set,)
-    values: FloatArray  # these values, shape (n_members, n_set)
-    is_refused: npt.NDArray[np.bool_]  # with values that are not finite
+    values: FloatArray  # the values, shape (n_members, n_set)
+    is_refused: npt.NDArray[np.bool_]  # members whose values are not finite
 
 
 def own_values(pattern: Pattern, rows: FloatArray) -> Own:
@@ -234,7 +234,7 @@ _building = threading.Lock()
 # A second vector is faster if the members of a vector integrate at most this many numbers.
 _FEW = 48
 
-#: Permitted numbers of lanes; 1 disables them.
+#: Permitted vector widths; 1 disables vectors.
 WIDTHS = (1, 2, 4, 8, 16)
 
 

@@ -28,16 +28,17 @@ class Plan:
     """Model and settings that all members of an ensemble share."""
 
     model: CompiledModel
-    #: Settings of each run, with ``t_eval`` and ``method``. A member's own values replace the
+    #: Settings of each run, including ``t_eval`` and ``method``. The values of a member replace
     #: parameters and initial values here.
     settings: Settings
-    #: Parameters, and states by their initial values, that members set, in the order of a row.
+    #: The parameters, and the states by their initial values, that members set, in the order of a
+    #: row.
     columns: tuple[str, ...]
     outputs: tuple[str, ...] = ()  # the outputs that are evaluated
-    #: Members side by side in vectors: 1 for none, None for as many as the processor has.
+    #: Number of members per vector: 1 disables vectors, None selects the width of the processor.
     lanes: int | None = None
-    #: Whether the method was chosen automatically: a member that an explicit method finds stiff is
-    #: then run again with one for stiff problems.
+    #: Whether the method was chosen automatically. A member that an explicit method finds stiff is
+    #: then run again with a method for stiff problems.
     is_chosen: bool = False
 
     @property
@@ -46,7 +47,7 @@ class Plan:
         return len(self.model.sensitivities) if self.settings.sensitivities else 0
 
 
-#: The status of a member that was not run, since the ensemble was stopped.
+#: Status of a member that was not run because the ensemble was stopped.
 NOT_RUN = -3
 
 #: The message of such a member.
@@ -91,7 +92,7 @@ class Block:
         self.steps = np.zeros(n_members, dtype=np.int64)
         self.seconds = np.zeros(n_members)
         self.events = np.zeros((0, 3 + m))
-        self._parts: list[FloatArray] = []  # events, before the block is finished
+        self._parts: list[FloatArray] = []  # events, until the block is finished
 
     def fail(self, member: int, status: int, message: str) -> None:
         """Add a failed member."""

@@ -62,7 +62,7 @@ class Reasons:
         """Describe how many members failed, and the most frequent reason; empty if none failed."""
         if not self.failed:
             return ""
-        # Among equally frequent reasons, that of the first member.
+        # Among equally frequent reasons, take that of the first member.
         reason, count = min(self._counts.items(), key=lambda row: (-row[1], self._shown[row[0]]))
         often = f", {count} of them for this reason" if count < self.failed else ""
         return (
@@ -71,7 +71,7 @@ class Reasons:
         )
 
 
-#: Budgets, as outcomes of members in C; see cotree_batch.h.
+#: Exhausted budgets, as outcomes of members in C; see cotree_batch.h.
 STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 
 

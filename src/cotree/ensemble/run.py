@@ -67,7 +67,7 @@ def _rate(rate: float) -> str:
     return f"{rate:,.0f}/s" if rate >= 100.0 else f"{rate:.3g}/s"
 
 
-# A trial is long enough above the first time, [s], and stopped after the second.
+# A trial is long enough above the first time, [s], and is stopped after the second time.
 _ENOUGH, _TOO_LONG = 0.05, 1.0
 
 # Growth factor of the size of successive trials.
@@ -123,10 +123,10 @@ _LANES = 8
 # Number of workers whose blocks of that size a store can write in time.
 _MOST_QUICK = 8
 
-# Size of the results of a block, [byte], in addition to the whole results.
+# Maximum size of the results of a block, [byte], in addition to the whole results.
 _LARGEST_BLOCK = 2**26
 
-# Size of the results of all blocks of an executor in flight, [byte].
+# Maximum size of the results of all blocks that an executor has in progress, [byte].
 _UNDER_WAY = 2**29
 
 

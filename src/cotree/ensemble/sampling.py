@@ -118,7 +118,7 @@ def _described(given: Any) -> str:
 #: Methods of drawing points of a unit cube.
 METHODS = ("sobol", "latin", "halton", "random")
 
-# Number of bits of scipy's Sobol points.
+# Maximum number of points of scipy's Sobol sequence.
 _MOST = 2**30
 
 
@@ -215,7 +215,7 @@ def sample(
             f"the number of members is {brief(repr(n))}: give a whole number of at least 1"
         )
     check_choice(method, "the method of drawing", METHODS)
-    if seed is None:  # a seed is drawn that can be given again
+    if seed is None:  # draw a seed, so that the sample can be repeated
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     seed = check_whole(seed, "the seed")
     read = {

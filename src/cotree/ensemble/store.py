@@ -61,7 +61,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "scene": model.layout.name,
         "columns": list(plan.columns),
         **{name: plain(getattr(settings, name)) for name in (*SHARED, "initial")},
-        # Whether members that turn out stiff are run with another method.
+        # Whether stiff members are run with another method.
         "method_is_chosen": plan.is_chosen,
         "t_span": plain(settings.t_span),
         "inputs": {name: _short(table) for name, table in tables.items()},
@@ -156,7 +156,7 @@ MANIFEST, COORDINATES, BLOCKS = "manifest.json", "coordinates.npz", "blocks"
 
 _DRAFT, _LOCK = ".partial", ".lock"
 
-# Bytes of a checksum.
+# Size of a checksum in bytes.
 _CHECK = 32
 
 

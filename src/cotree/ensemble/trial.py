@@ -62,23 +62,23 @@ def settings_of(
     own = dict(zip(columns, row, strict=True))
     initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
-    # The same checks as for one run, value by value.
+    # The same checks as for a single run, value by value.
     for name in own.keys() - initial.keys():
         place = model.parameters.index(name)
         p[place] = model.parameter_array({name: own[name]})[place]
     return replace(settings, parameters=p, initial={**settings.initial, **initial})
 
 
-#: Number of times of an ensemble for which none are given, evenly spaced.
+#: Number of evenly spaced output times of an ensemble for which none are given.
 POINTS = 101
 
 # Number of steps of a trial in addition to those for the choice of the method.
 _TRIAL_STEPS = 10
 
-# The method if no trial succeeds: each member then reports its own failure.
+# Method used if no trial succeeds: each member then reports the cause of its failure.
 _OTHERWISE = "dop853"
 
-# Number of members that are tried if the scene's own values fail.
+# Number of members that are tried if the run with the scene's values fails.
 _TRIED = 3
 
 

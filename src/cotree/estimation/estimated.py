@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 #: Scales: "lin" is the value itself, the others are its natural and its decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
-#: Natural logarithm of a value per unit of its logarithm, by scale.
+#: Derivative of the natural logarithm of a value by its value on the scale.
 LOGARITHMS = {"lin": 1.0, "log": 1.0, "log10": math.log(10.0)}
 
 

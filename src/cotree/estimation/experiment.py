@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _LARGEST = 2**30  # file size, [byte]
 _MISSING = frozenset({"", "nan", "na", "n/a", "none", "null", "-"})
 
-#: Recognised names of the time column, in lower case.
+#: Names of the time column that are recognised, in lower case.
 _TIMES = ("t", "time")
 
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*\Z", re.DOTALL)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
-    #: Further residuals and their Jacobian as a function of ``theta``.
+    #: Additional residuals and their Jacobian as a function of ``theta``.
     Rows = Callable[[Array], tuple[Array, Array]]
 
 
@@ -57,7 +57,7 @@ class Rendezvous:
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
         self._compute = compute
-        # Numbers, points and queues for answers; None from a function that has returned.
+        # Run numbers, points and queues for answers; None if a function has returned.
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._asked: list[tuple[int, Any, queue.SimpleQueue[Any]]] = []
         self._n_working = 0

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # four points on each side, and the rise beyond which a step is shortened.
 _STEP, _TOO_FAR = 0.25, 1.0
 
-# Limit of the number of steps in one direction, and of the growth of the step size.
+# Maximum number of steps in one direction, and growth factor of the step size.
 _MOST, _LONGER = 60, 2.0
 
 # Unbounded parameters are followed for this many standard errors or, if undetermined, multiples.
@@ -164,7 +164,7 @@ class _Walk:
         self._more, self._ask, self._index, self._side = more_rows, ask, index, side
         theta, scaled = found.theta, found.problem.scaled
         self.points: list[tuple[float, float, Array]] = [(float(theta[index]), 0.0, theta)]
-        self.end: float | None = None  # where the limit is crossed
+        self.end: float | None = None  # the value at which the limit is crossed
         self.why = ""
         bound = float((scaled.lower if side < 0 else scaled.upper)[index])
         error = float(found.errors[index])

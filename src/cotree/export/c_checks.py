@@ -80,8 +80,8 @@ class Evaluated:
         Redundant initial values are checked in either case.
         """
         layout = self.program.layout
-        # With constraints, further conditions or algebraic unknowns the start must be computed. A
-        # jumping expression needs the side on which it starts.
+        # With constraints, further conditions or algebraic unknowns, the start must be computed. A
+        # discontinuous expression needs its initial mode.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -95,7 +95,7 @@ class Evaluated:
 
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty if all are one."""
-        # Only contents of several storages have other sizes than one.
+        # Only states that are contents of several storages have scales other than one.
         if not self.program.layout.followers or not self.is_possible:
             return []
         at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
@@ -196,12 +196,13 @@ def _check_corners(program: Program, integrator: str) -> None:
     moving = [
         name
         for j, name in enumerate(layout.sensitivities)
-        # Along each sensitivity a stop has the derivatives of its first time and of its period.
+        # For each sensitivity, the derivatives of the first time and of the period of each time
+        # event.
         if any(not d.is_zero for stop in stops for d in stop.along[j])
     ]
     if not moving:
         return
-    # At fixed parameters and with the scene's inputs, jumps of rates depend on time only.
+    # At fixed parameters, and with the inputs of the scene, jumps of rates depend on time only.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)

@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
-#: Every method of C projects, by name: those that control their steps, and those of one length.
+#: All methods of C projects, by name: those with step size control, and those with fixed steps.
 METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **FIXED}
 
-#: Kernels on whose parameters a computed start depends.
+#: Kernels whose parameters determine a computed start.
 _OF_START = (
     "initial",
     "initial_sensitivity",
@@ -87,33 +87,33 @@ class MainContext:
 
     model: ModelContext
     integrator: str  # the first method
-    methods: list[str]  # all that are compiled in
+    methods: list[str]  # all methods that are compiled
     implicit: list[str]  # those among them that take a Jacobian
     #: C literals.
     t_end: str
     rtol: str
     atol: str
     has_rtol: bool  # whether something is solved to a relative tolerance
-    #: A C initialiser for each time, or each row of times with a period, of a kink: the first time,
-    #: the period or zero, and one if there are none before the first.
+    #: A C initialiser for each series of time events: the first time, the period or zero, and 1 if
+    #: there is no event before the first time.
     stops: list[str]
     max_step: str
-    seeds: list[int]  # positions of the sensitivity parameters, -1 for initial values
+    seeds: list[int]  # indices of the sensitivity parameters, -1 for initial values
     #: Lines of C literals: the initial states and sensitivities, if C cannot compute them;
     #: otherwise empty.
     start: list[str]
-    #: Tables of a start that C finds, since it has to satisfy further conditions.
+    #: Tables of a start that C computes because it must satisfy further conditions.
     start_tables: StartTables | None
-    guess: list[str]  # lines of C literals: its guesses, if there are any
-    is_strict: bool  # whether constraints are dependent, so that rates are taken on them
+    guess: list[str]  # lines of C literals: initial guesses, if any
+    is_strict: bool  # whether rates are evaluated at projected points
     step: str  # fixed step size; empty if the step size is controlled
-    is_extended: bool  # whether algebraic unknowns are integrated, too
+    is_extended: bool  # whether algebraic unknowns are integrated
     sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
-    least_size: str  # the smallest of these and one
-    #: Lines with a one for each parameter on which constants of the text depend, otherwise a zero;
-    #: empty if there is none.
+    least_size: str  # minimum of these and one
+    #: Lines with 1 for each parameter on which constants of the text depend, otherwise 0; empty if
+    #: there is none.
     held: list[str]
-    most_steps: int  # steps that a run takes at most without an event or a stop
+    most_steps: int  # limit of the steps between two events or time events
 
     def conditions(self) -> dict[str, bool]:
         """Return the values of the macros that its plain C is selected by."""
@@ -169,7 +169,7 @@ def main_context(
         rtol=target.literal(numbers.rtol),
         atol=target.literal(numbers.atol),
         has_rtol=numbers.step is None or not implicit,
-        # Steps of one length pass over these.
+        # With fixed steps, time events are not located.
         stops=[] if numbers.step is not None else _stop_rows(program, target),
         max_step=_max_step(program, target),
         seeds=_seeds(program),
@@ -194,7 +194,7 @@ def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
     if has_start:
         layout = program.layout
         roots += [node for name in _OF_START for node in program.kernels[name].results]
-        # Algebraic unknowns follow from their equations, whose rates are residuals.
+        # Algebraic unknowns are determined by equations; their rates are residuals.
         if layout.n_algebraic:
             n = len(layout.states)
             roots += program.kernels["rhs"].results[n - layout.n_algebraic :]
@@ -224,7 +224,7 @@ def _guess(program: Program, start: Start, target: Target) -> list[str]:
 
 def _seeds(program: Program) -> list[int]:
     places = {row.name: i for i, row in enumerate(program.layout.parameters)}
-    # Initial values of states have no place among the parameters.
+    # Initial values of states are not parameters.
     return [places.get(name, -1) for name in program.layout.sensitivities]
 
 
@@ -235,7 +235,7 @@ def _stop_rows(program: Program, target: Target) -> list[str]:
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
         first = value_of(stop.first, values)
-        # Some times do not exist at these values, such as a quotient by a zero parameter.
+        # Some times do not exist for these values, such as a quotient by a zero parameter.
         if not math.isfinite(first):
             continue
         period = value_of(stop.period, values)
@@ -261,7 +261,7 @@ def _lines(values: Iterable[float], target: Target) -> list[str]:
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 
-#: The least relative tolerance of single precision: some hundred units in the last place, above the
+#: Smallest relative tolerance in single precision: some hundred units in the last place, above the
 #: rounding errors of rates.
 _LEAST_RTOL = 2e-5
 
@@ -300,7 +300,7 @@ class Kit:
     real: str = "double"  # the type of numbers, ``double`` or ``float``
     #: Prefix of names in C and of files; empty for the name of the scene.
     prefix: str = ""
-    has_wrapper: bool = False  # whether there is a header for C++, too
+    has_wrapper: bool = False  # whether a C++ header is written
     #: Whether all C is in one header and one source, without build files.
     is_single: bool = False
 
@@ -405,7 +405,7 @@ def write_c_project(
         texts |= render_newton(newton_context(program, target), features)
     for name in methods:
         texts |= method_files(name, target)
-        # Fixed steps need no job: there are no breakpoints, output points or events.
+        # With fixed steps no job is needed: there are no breakpoints, output points or events.
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions())
@@ -458,10 +458,10 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
         ) from None
 
 
-#: Constants of the header for C++ that are the lengths of arrays.
+#: Constants in the C++ header that are lengths of arrays.
 _LENGTHS = {"x": "n_states", "u": "n_inputs", "v": "n_states"}
 
-#: Kernels for which the header for C++ has other functions.
+#: Kernels that have different functions in the C++ header.
 _APART = frozenset({"prepare"})
 
 
@@ -471,9 +471,9 @@ class MethodContext:
 
     name: str  # its name; in C it follows the model's
     doc: str  # description of its results
-    arguments: list[str]  # declarations
-    checks: list[tuple[str, str]]  # arrays and the lengths that they need
-    given: list[str]  # arguments of the kernel
+    arguments: list[str]  # argument declarations
+    checks: list[tuple[str, str]]  # arrays and their required lengths
+    given: list[str]  # arguments passed to the kernel
 
 
 @dataclass(frozen=True)
@@ -483,7 +483,7 @@ class KitContext:
     model: ModelContext
     sources: list[str]  # C files of the library
     headers: list[str]  # headers that are installed
-    methods: list[MethodContext]  # kernels, for the header for C++
+    methods: list[MethodContext]  # kernels for the C++ header
 
 
 def kit_files(

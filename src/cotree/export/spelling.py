@@ -14,7 +14,7 @@ from cotree.components.law import law_symbol
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-#: Endings of a coordinate, its rate and its acceleration, and how LaTeX marks them.
+#: Suffixes of a coordinate, its rate and its acceleration, and their accents in LaTeX.
 ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
 
 # Names with an index in LaTeX: theta1, q0, vx.
@@ -163,7 +163,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
 
     def plus_first(item: Any, order: Any = None) -> list[Any]:
         terms = list(ordered(item, order))
-        # Sums begin with a positive term if there is one: a - b, not -b + a.
+        # Sums start with a positive term if there is one: a - b, not -b + a.
         first = next((t for t in terms if not t.could_extract_minus_sign()), terms[0])
         terms.remove(first)
         return [first, *terms]

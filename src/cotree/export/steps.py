@@ -50,14 +50,14 @@ _INWARDS = (
 class Term:
     """A value that the formulation formed."""
 
-    #: Its symbol and its owner: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a cluster.
+    #: Symbol and owner: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a cluster.
     letter: str
     place: str
     #: One entry of a scalar, three of a vector, nine of a matrix, row by row.
     nodes: tuple[Node, ...]
     note: str = ""  # the axes in which it is resolved, if these are not the ground's
     edge: str = ""  # the edge of its terminal equation; empty for other terms
-    is_held: bool = False  # whether the equations keep it at zero
+    is_held: bool = False  # whether the equations keep the term at zero
 
 
 def _entries(matrix: Matrix) -> tuple[Node, ...]:
@@ -81,7 +81,7 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
         primes = "'" * sum(other.edge == branch.edge for other in branches[i + 1 :])
         # The sign is the direction of the branch along the edge.
         names.append((edge.second if branch.sign > 0 else edge.first) + primes)
-        # Without a rotation a cluster has the axes of its parent.
+        # A cluster that does not rotate has the axes of its parent.
         is_own = motion.frames.steps[branch.child] is not None
         bases.append(_axes(names[-1]) if is_own else bases[branch.parent])
     return names, bases
@@ -144,7 +144,7 @@ def _of_constraints(first: FirstGraph) -> Iterator[Term]:
     """Yield the constraints of chords: a measure, or a rate without a measure."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
-        # A constraint on speeds has no measure.
+        # A constraint on speeds has a rate but no value.
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
         yield Term(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
 
@@ -218,7 +218,7 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
-        # A value of a field is not a variable of the network.
+        # The value of a field is not a variable of the network.
         if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
@@ -260,7 +260,7 @@ def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
 
 _WIDTH = 98
 
-#: Most operations of equations that are printed without common subexpressions.
+#: Maximum number of operations of equations that are printed without common subexpressions.
 _LARGEST_WRITTEN = 20_000
 _HELD = "\N{NO-BREAK SPACE}"
 _COMPONENTS = {1: ("",), 3: (".x", ".y", ".z"), 9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
@@ -342,7 +342,7 @@ def _topology(first: FirstGraph) -> str:
 
 def _sums(matrix: TopologyMatrix, letter: str) -> Iterator[str]:
     for row in matrix.rows:
-        entries = sorted(matrix.terms(row), key=lambda entry: entry[1] != row)  # its own edge first
+        entries = sorted(matrix.terms(row), key=lambda entry: entry[1] != row)  # own edge first
         terms = [f"{'-' if sign < 0 else ''}{letter}^{edge}" for sign, edge in entries]
         yield _wrapped(f"{joined(terms)} = 0", 4, 10)
 
@@ -402,9 +402,9 @@ class _Speller:
     """Spells nodes, by their names if they have one."""
 
     dag: Dag  # the arena of the nodes
-    graphs: tuple[_Graph, ...]  # G1 and its sensitivity graphs
+    graphs: tuple[_Graph, ...]  # G1 and the sensitivity graphs
     kinds: dict[str, str]  # component names of the edges
-    known: dict[Node, Any]  # symbols, and the components of the terms that were printed
+    known: dict[Node, Any]  # symbols, and components of the terms already printed
     placeholders: dict[Variable, Node]  # symbols for variables of networks
     spell: Callable[[Any], str]  # writes a SymPy expression
 
@@ -454,7 +454,7 @@ class _Speller:
 
     def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
-        # At once, since terms share most of their tangents.
+        # All terms together, since they share most of their tangents.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))
         edges = {term.edge for term in terms if term.edge}
         width = max((len(f"{edge} ({self.kinds[edge]})  ") for edge in edges), default=0)
@@ -494,6 +494,6 @@ class _Speller:
             # The positive value gets the name, since more terms read it.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
-            # An operation on symbols is as short as its name.
+            # Only operations on operations get a name: the others are as short as a name.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

@@ -76,7 +76,7 @@ def rational(value: float) -> Any:
     return sympy.Float(value)
 
 
-#: Operations that are written with signs, of numbers or expressions.
+#: Operations that are written as operators, for numbers or expressions.
 ARITHMETIC: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
@@ -242,7 +242,7 @@ def symbolic_events(
 #: A name, or a state's name with the parameter that it is differentiated with respect to.
 Key = str | tuple[str, str]
 
-# Entries of the mass matrix with more operations are not expanded.
+# Entries of the mass matrix with more operations than this are not expanded.
 _LARGEST_TIDIED = 40
 
 # Lines of a representation, and characters of LaTeX that a notebook sets.
@@ -391,7 +391,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
-    # Rates of coordinates and of speeds are not equations of their own: the balances are.
+    # Rates of coordinates and speeds are no separate equations: the balances determine them.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -512,7 +512,7 @@ class SymbolTable:
         coordinates, speeds = states[: equations.n_coordinates], states[n - n_speeds : n]
         accelerations = tuple(acceleration_name(speed, coordinates) for speed in speeds)
         given = [row.name for row in (*equations.parameters, *equations.inputs)]
-        # States of networks are rates of nothing, as angular velocities are.
+        # States of networks are not rates of coordinates, as angular velocities are not.
         stored = states[n : n + equations.n_network_states]
         others = states[n + len(stored) :]
         of_states = spell_states((*coordinates, *others), (*speeds, *stored), given)

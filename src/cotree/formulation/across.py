@@ -33,9 +33,10 @@ class Circuits:
     #: Topology and bases.
     clusters: Clusters
     frames: Frames
-    #: The across variable of a branch, in the basis of its parent.
+    #: Returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: Those of the first graph if this is a sensitivity graph, for values that do not change.
+    #: The circuits of the first graph if this is a sensitivity graph, for values that do not
+    #: change.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
@@ -48,7 +49,7 @@ class Circuits:
             # Paths from one ancestor share their beginnings: each sum adds one term to a known one.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are in the basis of the ancestor, not in that of the branch's parent.
+                # Sums are in the basis of the ancestor, not in that of the parent.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -90,8 +91,8 @@ class Motion:
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that carries a cluster."""
-        # Every cluster but the ground, number 0, is carried by one branch, in the order of the
-        # clusters.
+        # Each cluster except the ground, number 0, is carried by one branch; branches are in the
+        # order of the clusters.
         return self.geometry[cluster - 1]
 
     @cached_property
@@ -139,7 +140,8 @@ class Accelerations:
     """Accelerations, less gravity."""
 
     alpha: tuple[Vector, ...]  # angular acceleration of each cluster
-    #: ``[alpha]x + [omega]x[omega]x`` of each cluster: times an arm, the acceleration across it.
+    #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with an arm is the acceleration
+    #: between the ends of the arm.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
     #: Of each moving branch, from the parent's origin to the child's, in the parent's basis.
@@ -223,7 +225,7 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # The term of the branch is unchanged; the sum to the origin is unchanged only if the
+            # The term of the branch is unchanged. The sum to the origin is unchanged only if the
             # sum to the parent is.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
@@ -267,7 +269,7 @@ def _shift(
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
     # A joint that points inwards slides along axes of its child, which carries that part of the
-    # arm; its matrix is in the child's basis.
+    # arm. Its matrix is in the basis of the child.
     if not vector.is_zero(geometry.from_child):
         outer = frames.down(branch.child, geometry.from_child)
         carried = vector.times(matrix[branch.child], outer)

@@ -48,7 +48,7 @@ class Row:
     name: str  # ``edge.place``, for reports
     edge: str  # the edge of the constraint
     unit: str  # unit of the measure
-    measure: Measure  # what stays zero
+    measure: Measure  # measure that stays zero
 
 
 def constraint_rows(motion: Motion) -> list[Row]:
@@ -292,7 +292,7 @@ def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
     """Return the row of a joint's prescribed motion."""
     name = edge.component.motion_space[0].coordinates[0][0]
     measure = named_measure(motion, f"{edge.name}.{name}")
-    assert measure is not None  # fields are named motion only if there is one coordinate
+    assert measure is not None  # fields are called motion only if there is one coordinate
     dag = motion.system.dag
     held = dag.symbol("measure", 0) - edge.scalars["motion"]
     unit = edge.component.motion_space[0].coordinates[0][1]

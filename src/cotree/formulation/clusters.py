@@ -34,7 +34,7 @@ class Point:
 
     cluster: int
     local: Vector  # position from the cluster's origin, in its axes
-    turn: Matrix | None = None  # the node's own axes in the cluster's; None if they are equal
+    turn: Matrix | None = None  # from the node's axes to the cluster's; None if equal
 
     def resolved(self, a: Vector) -> Vector:
         """Resolve a vector of the node's axes in the cluster's."""
@@ -50,23 +50,24 @@ class Branch:
     several branches, with empty clusters between them.
     """
 
-    edge: str  # the joint
+    edge: str  # joint to which the branch belongs
     sign: int  # +1 if the edge points away from the ground, else -1
     parent: int
     #: The cluster relative to which the child's axes rotate: the parent, unless the trees differ.
     turn_parent: int
     child: int
-    #: The cluster in whose axes the motion space is constant: that of the edge's first node, of the
-    #: second for angular velocities.
+    #: Cluster in whose axes the motion space is constant: that of the edge's first node; for
+    #: angular velocities, of its second node.
     carrier: int
     anchor: Vector  # position of the branch's inner node in the parent's axes
-    #: Its coordinates and speeds; None if it only joins the child's origin and axes.
+    #: Coordinates and speeds of the branch; None if it only combines the origin and the axes of the
+    #: child.
     step: Step | None
-    axes: tuple[Vector, ...]  # the direction of each speed, in the carrier's frame
-    #: Translation along the axis for a unit of each speed: one for a translation, zero for a
-    #: rotation, the pitch of a screw.
+    axes: tuple[Vector, ...]  # direction of each speed, in the axes of the carrier
+    #: Translation along the axis per unit of each speed: one for a translation, zero for a
+    #: rotation, the pitch for a screw.
     slides: tuple[Node, ...]
-    #: Of a free rotation: its initial axes, in those of the turn parent.
+    #: For a free rotation: the initial axes of the child, in those of the turn parent.
     mount: Matrix | None = None
 
     @property
@@ -103,7 +104,7 @@ class EdgeEntry:
     """The branches of an edge that lead a tree from one cluster to another."""
 
     sign: int  # +1 if the edge points away from the ground, else -1
-    #: The clusters of the innermost and the outermost of its branches.
+    #: Clusters of the innermost and the outermost of its branches.
     first: int
     last: int
 
@@ -121,7 +122,7 @@ class Inertia:
 class Clusters:
     """The rigid clusters of a system; number 0 is the ground, parents come before children."""
 
-    points: dict[str, Point]  # every node
+    points: dict[str, Point]  # points of all nodes
     branches: tuple[Branch | None, ...]  # the branch that carries each cluster; None for the ground
     #: The lumped inertia of each cluster; None without inertia.
     inertias: tuple[Inertia | None, ...]
@@ -209,15 +210,15 @@ class _Walks:
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch | None] = [None]
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
-        # The step of the rotation tree into each node, and the node's axes in its cluster's (None
-        # if equal).
+        # The step of the rotation tree to each node, and the rotation from the node's axes to its
+        # cluster's (None if equal).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
         """Traverse the translation tree; a body waits until the rotation tree has reached it."""
-        # Each round places the nodes that both trees have reached. If a round places none, each
-        # tree waits for the other, and no order of the clusters exists.
+        # Each round places the nodes that both trees have reached. If a round places none, the
+        # trees wait for each other, and no order of the clusters exists.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -304,7 +305,7 @@ class _Walks:
         first = len(self.branches)
         if turning == step:
             place = self._along(step, inner, inner)
-            # An edge with an empty motion space makes no branch.
+            # An edge with an empty motion space forms no branch.
             if len(self.branches) > first:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
@@ -319,8 +320,8 @@ class _Walks:
         if self.system.steps.get(turning.edge):
             place = self._along(turning, place, turned)
         else:
-            # The rotation tree leads here by an edge without a step: the branch only joins origin
-            # and axes.
+            # The rotation tree leads here by an edge without a motion space: the branch only
+            # combines origin and axes.
             place = self._add(turning, None, place, turned)
         self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
         if step.sign < 0:

@@ -25,18 +25,19 @@ if TYPE_CHECKING:
 class Constraints:
     """The constraints of a scene."""
 
-    rows: tuple[Row, ...]  # the rows whose rate depends on some speed
+    rows: tuple[Row, ...]  # rows whose rate depends on at least one speed
     multipliers: tuple[Node, ...]  # symbols of their through variables
-    applied: tuple[Applied, ...]  # the through variables
+    applied: tuple[Applied, ...]  # generalised forces of the multipliers
     #: Derivative of each rate by each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]
-    #: Sums of squares of the gradient's terms, before anything cancels.
+    #: Sums of squares of the gradient's terms, without cancellation.
     sizes: tuple[tuple[Node, ...], ...]
-    values: tuple[Node | None, ...]  # the measures; None for those that have a rate only
-    rates: tuple[Node, ...]  # their rates
-    #: Their accelerations at zero accelerations of the coordinates, plus the stabilisation terms.
+    values: tuple[Node | None, ...]  # values of the measures; None for those that have only a rate
+    rates: tuple[Node, ...]  # rates of the measures
+    #: Accelerations of the measures at zero accelerations of the coordinates, plus stabilisation
+    #: terms.
     biases: tuple[Node, ...]
-    baumgarte: float  # rate at which violated constraints decay
+    baumgarte: float  # decay rate of constraint violations
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
@@ -53,7 +54,8 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
             # The power of the pull for a unit of each speed is the derivative of the rate by that
             # speed: a row of G, without differentiating the value.
             gradient = tuple(along_speeds(motion, pull))
-        # No multiplier could act on any speed: the row would only make the matrix singular.
+        # If the row is zero, no multiplier could act on any speed, and the matrix would be
+        # singular.
         if all(entry.is_zero for entry in gradient):
             idle.append(row)
         else:
@@ -98,7 +100,8 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
     The rate b = 0 leaves c'' alone (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
     """
-    # With rate b a violation decays like exp(-b t), critically damped; without, it may grow.
+    # With rate b a violation decays like exp(-b t), critically damped; without stabilisation it may
+    # grow.
     total = measure.acceleration(view)
     if rate:
         total = total + (2.0 * rate) * measure.rate(view)

@@ -304,12 +304,12 @@ class Ellipsoid:
 class Touching:
     """Velocity of the second body at its contact with the first, along a direction."""
 
-    ends: Ends  # a node of the plane, or the centre of a ball; and the second body's node
-    facing: Facing  # the direction across the contact
+    ends: Ends  # a node on the plane, or the centre of the ball; and the node of the second body
+    facing: Facing  # normal direction of the contact
     surface: Surface  # the second body's shape
-    direction: Facing  # the direction of the velocity
-    #: Only for the normal direction: the height of the first body's surface above its node, with
-    #: which the gap is the value. None for other directions.
+    direction: Facing  # direction in which the velocity is measured
+    #: For the normal direction: height of the first body's surface above its node, so that the
+    #: value is the gap. None for other directions.
     rise: Node | None
 
     def value(self, view: View) -> Any:

@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 
 #: Singular values below this are rounding, for a matrix with rows and columns of length one.
 _ROUNDING = 1e-15
-#: The number of random configurations in all of which a motion must be without inertia.
+#: Number of random configurations; a motion must be without inertia in all of them.
 _N_TRIED = 3
 
 
@@ -121,10 +121,11 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
     With them, the inertia that each speed moves and the inertia beyond its joint.
     """
     n = len(first.system.speeds)
-    # The mass matrix above the gradients: nothing resists speeds in the null space of both.
+    # The mass matrix, and below it the gradients: speeds in the common null space have neither
+    # inertia nor constraints.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
-    # A fixed seed: a scene always gets the same result.
+    # The seed is fixed, so that the result for a scene is always the same.
     random = np.random.default_rng(0)
     result = None
     for _ in range(_N_TRIED):
@@ -133,7 +134,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # One configuration that resists all speeds is sufficient.
+        # One configuration in which all speeds have inertia or constraints is sufficient.
         rows = found.reshape(-1, n)
         motion = _null_vector(rows, least)
         if motion is None:
@@ -164,7 +165,7 @@ def _carried(first: FirstGraph) -> Array:
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
     for branch in reversed(first.motion.clusters.branches[1:]):
-        assert branch is not None  # only the ground has none
+        assert branch is not None  # only the ground has no branch
         inertia, own = first.motion.clusters.inertias[branch.child], branch.child
         if inertia is not None:
             masses[own] += abs(first.system.at_scene(inertia.mass))

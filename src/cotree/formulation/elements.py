@@ -68,10 +68,10 @@ class Action:
     #: Its nodes.
     first: Point
     second: Point
-    ancestor: int  # the cluster in whose basis the vectors below are resolved
+    ancestor: int  # cluster in whose basis the vectors are resolved
     arms: tuple[Vector, Vector]  # the nodes' positions from their clusters' origins
     reach: Vector  # from the first node to the second
-    arguments: Mapping[str, Node]  # arguments of a scalar law
+    arguments: Mapping[str, Node]  # arguments of its scalar law
     #: On the second node.
     force: Vector
     torque: Vector
@@ -92,7 +92,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
-    # Motion of the ancestor moves both nodes, and cancels in the circuit between them.
+    # Motion of the ancestor moves both nodes equally, and cancels in the circuit between them.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Resolver = Callable[[str], "Node"]
 
-#: Fields that are directions: their length does not matter.
+#: Fields that are directions: their length has no effect.
 UNIT_VECTORS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -94,7 +94,7 @@ def bind_edge(
             if name in UNIT_VECTORS and not row.timed:
                 where = f"{name} of edge '{edge.name}'"
                 square = vector.dot(vectors[name], vectors[name])
-                if square.value is None:  # parameters may make its length zero
+                if square.value is None:  # its length may be zero for some parameters
                     guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
@@ -150,7 +150,7 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
                 if not is_varying(entry)
             ]
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            # The diagonal has the sign of the field; its minors bound the other entries.
+            # The diagonal has the sign that the field requires; the minors bound the other entries.
             entries = (bound.inertia[i][i] for i in range(3))
             found += [
                 Guard(entry, f"entry {i + 1} of {what}", is_strict)
@@ -179,7 +179,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    # Guards that the scene's own values violate are dropped, since they would reject it.
+    # Remove guards that the scene's values violate: they would reject the scene.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 
@@ -242,12 +242,12 @@ def resolver_of(
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        # A name that is not allowed here is another mistake than a misspelt name.
+        # Distinguish a name that is not allowed here from a misspelt one.
         if allowed and (name == "t" or "." in name or name in others):
             own = others.get(name, advice)
             message = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
             raise ExpressionError(message)
-        # T usually means a temperature or a torque, rarely the time.
+        # T usually denotes a temperature or a torque, rarely the time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
         raise ExpressionError(f"uses the unknown name '{name}'{hint}")
 
@@ -284,12 +284,12 @@ class FieldNames:
         # In expressions a parameter hides an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
-        # Names of states contain dots, too; they are known and need no symbol of a measure.
+        # Names of states also contain dots; they are known and need no symbol of a measure.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
         if name not in self._measured:
-            assert not self._is_gathered  # its symbol would have no value
+            assert not self._is_gathered  # a new symbol would not be evaluated any more
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 

@@ -148,7 +148,7 @@ def started(
     known = {state.symbol: state.initial for state in states} | {system.time: system.dag.zero}
     for state in states:
         if state.name in jumps:
-            # In order, so that a jump may depend on modes of jumps before it.
+            # In order, since a jump may depend on the modes of earlier jumps.
             known[state.symbol] = _at_start(jumps[state.name], of_time, known)
     return tuple(
         replace(state, initial=known[state.symbol]) if state.name in jumps else state
@@ -170,7 +170,7 @@ class FirstGraph:
     """The first graph, solved for its through and across variables."""
 
     scene: SceneDescription  # its scene
-    #: Across and through variables, at the accelerations and multipliers ``unknowns``.
+    #: Across and through variables, in terms of the accelerations and multipliers ``unknowns``.
     motion: Motion
     loads: Loads
     view: View
@@ -178,22 +178,22 @@ class FirstGraph:
     #: Through variables along measures: laws of chord joints, then multipliers.
     applied: tuple[Applied, ...]
     constraints: Constraints  # the constraints of the chords
-    holdings: tuple[HoldingRow, ...]  # equations of the multipliers of dry friction
+    holdings: tuple[HoldingRow, ...]  # equations of the multipliers of dry friction and stops
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
     measured: Mapping[Node, Node]  # values of the symbols of across variables in fields
-    reactions: frozenset[Node]  # those symbols that are accelerations or reactions
+    reactions: frozenset[Node]  # those symbols that represent accelerations or reactions
     unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
     matrix: Sequence[Sequence[Node]]  # the mass matrix, bordered by the constraints
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
-    is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive for every state
+    is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive at every state
     guards: tuple[Guard, ...]  # conditions on parameter values
     states: tuple[State, ...]  # coordinates, then their rates
     rates: tuple[Node, ...]  # rates of the states
     outputs: Outputs
     network: Network | None = None  # the scalar networks, whose states follow the speeds
-    couplings: tuple[Coupling, ...] = ()  # the ports by which they act on the multibody system
-    #: Whether storages of the networks are coupled to joints, so that the mass matrix contains
-    #: them.
+    couplings: tuple[Coupling, ...] = ()  # ports through which networks act on the multibody system
+    #: Whether storages of the networks are coupled to joints, so that they contribute to the mass
+    #: matrix.
     has_far_inertia: bool = False
     #: The tree, if the unknowns are to be eliminated along it; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
@@ -263,7 +263,7 @@ def form_first_graph(
         check_inertia(system, mass, constraints.gradient)
         return mass
 
-    # Storages coupled to joints add entries that elimination along the tree does not handle.
+    # Storages coupled to joints add entries that elimination along the tree cannot represent.
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
     # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
@@ -299,7 +299,7 @@ def form_first_graph(
             *constraints.multipliers,
             *(row.multiplier for row in holdings),
         ),
-        # If every pivot is positive, every speed has inertia.
+        # If all pivots are positive, all speeds have inertia.
         matrix=LateMatrix(
             lambda: _bordered(form_mass(), constraints, holdings, dag),
             len(is_safe),
@@ -351,8 +351,8 @@ def _measured(
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A name that no network has belongs to the mechanism. Its value affects the motion, so
-            # that an angle must not jump at half a turn.
+            # A name that no network has denotes a variable of the mechanism. Its value affects the
+            # motion, so that an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value
@@ -363,7 +363,7 @@ def _measured(
                 "be used in fields of dry friction on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
-    # Reactions contain the forces of friction, which have symbols of their own.
+    # Reactions include the forces of friction, which are represented by symbols.
     values = substitute([observer.value(name) for name in late], found)
     found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
     return found, frozenset(symbols[name] for name in late)
@@ -416,16 +416,16 @@ class HoldingRow:
     the edge holds, and no multiplier in the other modes.
     """
 
-    name: str  # of the force
-    multiplier: Node  # its symbol
-    share: Node  # one while the edge holds, zero in the other modes
-    jump: Node  # in impacts what the rate changes by, otherwise zero
-    measure: Measure  # what the force acts along
-    gradient: tuple[Node, ...]  # J, of its rate by the speeds
-    column: tuple[Node, ...]  # forces along the speeds for a unit of the multiplier
-    #: Sums of squares of the gradient's terms, before anything cancels, while the edge holds.
+    name: str  # name of the force
+    multiplier: Node  # symbol of the multiplier
+    share: Node  # one while the edge sticks or is closed, zero in the other modes
+    jump: Node  # prescribed change of the rate in impacts, otherwise zero
+    measure: Measure  # measure along which the force acts
+    gradient: tuple[Node, ...]  # J: derivatives of its rate by the speeds
+    column: tuple[Node, ...]  # generalised forces per unit of the multiplier
+    #: Sums of squares of the gradient's terms, without cancellation, while the edge is held.
     sizes: tuple[Node, ...]
-    bias: Node  # b, its acceleration at zero accelerations of the coordinates
+    bias: Node  # b: its acceleration at zero accelerations of the coordinates
 
 
 def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[HoldingRow, ...]:

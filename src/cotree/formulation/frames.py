@@ -32,9 +32,9 @@ class Frames:
     values are duals (:class:`cotree.sensitivity.turning.Turning`).
     """
 
-    #: From each cluster's axes to those its vectors are resolved in, its basis.
+    #: Rotation from each cluster's axes to its basis, in which its vectors are resolved.
     rotations: tuple[Rotation, ...]
-    #: From each cluster's basis to its parent's; None where they are the same.
+    #: Rotation from each cluster's basis to its parent's; None if they are equal.
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
@@ -97,7 +97,7 @@ class Frames:
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
     """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
-    assert system.trees.is_one or not own_axes  # with two parents, neither basis is suitable
+    assert system.trees.is_one or not own_axes  # two parents: neither basis is suitable
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):
@@ -142,15 +142,15 @@ class Geometry:
 
     branch: Branch
     axes: tuple[Vector, ...]  # unit axes of the motion space, in the direction of the edge
-    #: The parts of the vector from the parent's origin to the child's that the parent and the child
-    #: carry.
+    #: Parts of the vector from the parent's origin to the child's that are fixed in the parent and
+    #: in the child.
     from_parent: Vector
     from_child: Vector
-    #: The motion space: angular velocity of the child and velocity of its origin, for a unit of
-    #: each speed.
+    #: Motion space: angular velocity of the child and velocity of its origin, per unit of each
+    #: speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    sliding: tuple[Vector, ...]  # the part of ``shifting`` that is a translation along the axes
+    sliding: tuple[Vector, ...]  # part of ``shifting`` that is a translation along the axes
 
     @property
     def offset(self) -> Vector:
@@ -178,11 +178,11 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
-        # Speeds are positive along the edge; the sums run outwards, hence the sign.
+        # Speeds are positive along the edge; sums run outwards, hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
-        # If a child rotates about its parent's point, the part of the vector that it carries moves,
-        # too.
+        # If a child rotates about a point of its parent, the part of the vector that is fixed in
+        # the child moves, too.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(
         branch, axes, from_parent, from_child, tuple(turning), tuple(shifting), tuple(sliding)

@@ -42,14 +42,14 @@ if TYPE_CHECKING:
 class Applied:
     """A through variable along a measure."""
 
-    #: Its edge, and its own name.
+    #: Edge and name of the law.
     edge: str
     name: str
-    measure: Measure  # its dual across variable
-    pull: Pull  # wrenches and efforts for a unit of it
-    magnitude: Node  # its value
-    formula: Node | None = None  # its law over the symbols of ``arguments``; None for a multiplier
-    #: The meaning of the symbols: the value of a measure, or its rate if true.
+    measure: Measure  # dual across variable
+    pull: Pull  # wrenches and efforts per unit of the through variable
+    magnitude: Node  # value of the through variable
+    formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
+    #: Each symbol represents a measure: its value, or its rate if true.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
     potential: Node | None = None  # the stored energy, for a linear spring
 
@@ -229,10 +229,10 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
 class JointElement:
     """A component that acts on a joint."""
 
-    #: Its name and its type.
+    #: Name and type of the edge.
     edge: str
     type: str
-    turns: bool  # whether it acts about an angle, not along a length
+    turns: bool  # whether it prescribes a rotation, not a translation
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class PrescribedRate:
     """A coordinate with a prescribed rate: only its rate is constrained."""
 
     measure: Measure  # the coordinate
-    #: The prescribed rate, of parameters and time, and the symbol of time.
+    #: The prescribed rate, a function of parameters and time, and the symbol of time.
     speed: Node
     time: Node
 
@@ -287,8 +287,8 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
         raise SceneError(
             f"edge '{element.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
         )
-    # Rotational components act about revolute joints, translational ones along sliding joints. A
-    # free rotation has no single angle.
+    # Rotational components act on revolute joints, translational ones on sliding joints. A free
+    # rotation has no single angle.
     steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
     known = [step.name for step in steps if step.rotates is element.turns]
     names = [name for name in known if wanted in ("", name)]

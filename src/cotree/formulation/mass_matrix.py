@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Distance of nodes, in metres or radians, that is rounding if nothing can bring them together.
+#: Distance of two nodes, in metres or radians, below which a gap that no motion can close is
+#: rounding.
 _LARGEST_GAP = 1e-9
 
 
@@ -133,7 +134,8 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
             found.append(cluster)
-    # Parameters may remove the inertia that compensates an impossible tensor: it has no guard.
+    # If the scene's values compensate a nonphysical tensor, other values may not, since the tensor
+    # has no guard.
     for body in system.bodies:
         if body.inertia is None or _is_real(system, body.inertia):
             continue
@@ -190,7 +192,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
     for branch in clusters.branches[1:]:
         assert branch is not None
         own.append(branch)
-        # A joint of several steps is one motion: its intermediate massless clusters have no nodes.
+        # A joint of several steps is one motion; the intermediate massless clusters have no nodes.
         if branch.child in held:
             found.append(own)
             own = []
@@ -211,8 +213,8 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if not turning:
             return sliding
         central = _central(inertia)
-        # Several axes may span any direction: the central tensor must be positive definite, which
-        # its leading minors decide.
+        # Several axes may span any direction, so the central tensor must be positive definite,
+        # which its leading minors show.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
@@ -311,8 +313,8 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     """Form the forces for a unit acceleration, on the clusters where they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
-    # All clusters that rotate with the branch: in the rotation tree parents come first, so one pass
-    # finds them.
+    # All clusters that rotate with the branch. In the rotation tree parents come first, so one pass
+    # is sufficient.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
         if other.branch.turn_parent in turned:
@@ -325,7 +327,7 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
-        # The branch itself is left to _own, which includes it once.
+        # The branch itself is treated in _own.
         force = vector.scale(body.mass, shifting)
         wrenches.append((branch.parent, force, vector.cross(geometry.offset, force)))
     return Pull(tuple(wrenches))
@@ -353,7 +355,8 @@ def _own(
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
-        # The carried mass resists its own translation; entries further inwards are in _forces.
+        # The carried mass adds to the inertia of its own translation; entries further inwards are
+        # added in _forces.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 class Pull:
     """Wrenches on clusters and efforts along speeds, for a unit of a through variable."""
 
-    #: On clusters, at their origins and in their bases; the ground is left out.
+    #: Wrenches on clusters, at their origins and in their bases, without those on the ground.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
-    efforts: Mapping[int, Any] = field(default_factory=dict)  # along speeds, by their index
+    efforts: Mapping[int, Any] = field(default_factory=dict)  # by index of the speed
 
     @property
     def entries(self) -> list[Any]:
@@ -179,7 +179,7 @@ def pair_pull(
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
-        # A zero of the same kind: nodes in the first graph, dual numbers in the others.
+        # A zero of the same type: nodes in the first graph, dual numbers in sensitivity graphs.
         pushed = vector.sub(whole, whole) if force is None else force
         found.append(
             (
@@ -481,7 +481,8 @@ class Composite:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
-            # Without accelerations, values and rates suffice, so there may be fewer forms.
+            # Without accelerations, values and rates suffice; there may be fewer forms than
+            # symbols.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }
@@ -501,7 +502,7 @@ class Composite:
     def pull(self, view: View) -> Pull:
         """Sum the pulls of the measures, each times its partial derivative."""
         total = Pull()
-        # The explicit part of time does no work through the pull.
+        # The explicit time dependence does no work through the pull.
         values = self._symbols[0]
         for part, symbol in zip(self.parts, values, strict=True):
             partial = tangents([self.expression], {symbol: symbol.dag.one})[0]

@@ -114,7 +114,7 @@ def _orientation(axes: Matrix, name: str) -> Node:
         return roll
     if name == "yaw":
         # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), also at a
-        # pitch of a right angle, for which any roll has a matching yaw.
+        # pitch of a right angle. Any roll then has a corresponding yaw.
         sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
         return dag.function(
             "atan2",
@@ -350,8 +350,8 @@ class Observer:
 class Outputs:
     """Output expressions over the first graph."""
 
-    #: The outputs, in terms of states and unknowns; then the expressions of the events, in the
-    #: order of :func:`cotree.scene.events.event_expressions`.
+    #: The outputs in terms of states and unknowns; then the expressions of the events, in the order
+    #: of :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
     #: Positions and velocities of nodes that they use, by ``node.variable``.
     across: Mapping[str, Node]
@@ -390,8 +390,8 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         if name not in known:
             # Formed once and only for used names: reactions and energies are expensive.
             known[name] = observer.value(name)
-            # Positions and velocities have tangents from the motion of a sensitivity graph;
-            # differentiating their long expressions would form all of it again.
+            # The sensitivity graph has tangents of positions and velocities; differentiating their
+            # long expressions would form all of them again.
             if _place(name) is not None and split_name(name)[0] in motion.clusters.points:
                 across[name] = known[name]
         return known[name]
@@ -455,7 +455,7 @@ def units_of_expressions(
         return dimension_of_unit(unit_of(name))
 
     def output(name: str) -> str:
-        # An output that depends on itself is refused elsewhere.
+        # An output that depends on itself is rejected elsewhere.
         if name not in found and name not in pending:
             pending.add(name)
             found[name] = unit_in(scene.outputs[name].tree)
@@ -470,7 +470,7 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each after those it depends on, since chains may exceed the recursion limit.
+    # Each name after those on which it depends: recursion along a chain could exceed the limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value

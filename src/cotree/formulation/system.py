@@ -63,10 +63,10 @@ class Coordinate:
 class Speed:
     """A generalized speed: the rate of motion along one direction of a branch's motion space."""
 
-    #: ``edge.coordinate_dot``, or a name of its own, and its unit.
+    #: Name, ``edge.coordinate_dot`` or another one, and unit.
     name: str
     unit: str
-    index: int  # its place among the speeds
+    index: int  # index among the speeds
     edge: str  # the branch
     #: The coordinate of which it is the rate; None for angular velocities, which have none.
     coordinate: Coordinate | None
@@ -98,10 +98,10 @@ class System:
     #: numbers, derived ones are expressions of others.
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
-    #: Numbers that only events change: states without a rate, which come after the speeds.
+    #: Quantities that only events change: states without a rate, after the speeds.
     modes: tuple[State, ...]
-    #: The motion space of each branch that has one, in the order of the scene's edges: of an edge
-    #: in one tree only, its translations or its rotations.
+    #: Motion space of each branch that has one, in the order of the scene's edges. An edge that is
+    #: a branch of one tree only has only its translations or its rotations.
     steps: Mapping[str, tuple[Step, ...]]
     plane: str  # the normal of the common plane of motion: ``x``, ``y``, ``z`` or empty
     edges: Mapping[str, BoundEdge]  # the bound edges
@@ -109,7 +109,7 @@ class System:
     trees: Trees  # the branches
     guards: tuple[Guard, ...]  # conditions on parameter values
     at_scene: Callable[[Node], float]  # evaluates a node of parameters at the scene's values
-    input_values: tuple[Node, ...]  # the scene's own value of every input, of time and parameters
+    input_values: tuple[Node, ...]  # the scene's inputs: functions of time and parameters
     of_parameters: Resolver  # returns the node of a parameter's name
     signals: FieldNames  # returns the node of any name that a field may use
 
@@ -156,7 +156,7 @@ def bind(
     values = parameter_values(scene.parameters)
     at_scene = partial(_at, {symbol: values[name] for name, symbol in tunable.items()})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
-    # Three scopes: fields of parameters only, of time too, and of everything that changes.
+    # Three scopes of names: parameters only; also time; everything that changes.
     of_modes = dict.fromkeys(
         scene.modes, "let an output depend on modes, and use the output in the field"
     )

@@ -41,8 +41,8 @@ class Loads:
     """Through variables that do not depend on accelerations."""
 
     actions: tuple[Action, ...]  # the force elements
-    on_cluster: tuple[Wrench | None, ...]  # their sum on each cluster
-    efforts: tuple[Effort, ...]  # force or torque of each tree joint's own law along each speed
+    on_cluster: tuple[Wrench | None, ...]  # sum of the forces on each cluster
+    efforts: tuple[Effort, ...]  # force or torque of each tree joint's law along each speed
     along: tuple[Node, ...]  # sum of efforts along each speed
     inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
@@ -62,11 +62,12 @@ class Loads:
 class Balance:
     """The projected f-cutset equations."""
 
-    residual: tuple[Node, ...]  # one for each speed; zero on a motion
-    #: Sum of inertia minus load on each cluster and beyond it, at its origin and in its basis.
+    residual: tuple[Node, ...]  # one residual for each speed, zero on a motion
+    #: Sum of inertia minus load over each cluster and those beyond it, at its origin and in its
+    #: basis.
     totals: tuple[Wrench, ...]
-    #: The same for each moving branch's child, in the parent's basis: the wrench that the branch
-    #: transmits.
+    #: The same sum for the child of each moving branch, in the parent's basis: the wrench that the
+    #: branch transmits.
     beyond: tuple[Wrench, ...]
 
 
@@ -238,7 +239,7 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
     # If the trees differ, the torque follows the rotation graph and the force the translation
-    # graph; the parent of the arm carries its moment.
+    # graph; the arm is fixed in the parent, which receives its moment.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))

@@ -16,7 +16,7 @@ from cotree.graph.tree import Parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-#: A cost and a number of edges: of paths of equal cost, the shortest must be taken.
+#: Cost and number of edges of a path: among paths of equal cost, the shortest is required.
 _Length = tuple[int, int]
 
 
@@ -59,7 +59,7 @@ class Contracted:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
-        # A forest may have several trees: each gets a root, from which depths are counted.
+        # A forest may have several trees, each with a root from which depths are counted.
         places: dict[str, tuple[int, str, str]] = {}  # depth, parent, edge to it
         for root in neighbours:
             if root not in places:
@@ -111,8 +111,8 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
             return shared
         # Along the path edges enter and leave alternately; one more enters than leaves.
         shared ^= set(path)
-        # No later edge adds less than this path: an edge that is free in both graphs and costs no
-        # more needs no search.
+        # If an edge that is free in both graphs costs no more than the remaining ones, it is the
+        # shortest path, and no search is needed.
         least = sum(costs[name] if name in shared else -costs[name] for name in path)
         grown = first.extended(shared), second.extended(shared)
         for name in cheapest:

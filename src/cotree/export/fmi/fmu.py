@@ -48,10 +48,10 @@ if TYPE_CHECKING:
 class Platform:
     """A platform."""
 
-    name: str  # as folders of FMI 3 are called
-    old_name: str  # the name in FMI 2; empty if it has none
-    target: str  # as zig calls it
-    suffix: str  # of libraries
+    name: str  # name of the folder in FMI 3
+    old_name: str  # name in FMI 2; empty if the platform does not exist there
+    target: str  # target name of zig
+    suffix: str  # suffix of libraries
 
     def folder(self, version: int) -> str:
         """Return the folder of its library."""
@@ -197,7 +197,7 @@ class FmuChoice:
     version: int = 3  # 2 or 3, the version of the interface
     kinds: tuple[str, ...] = KINDS
     integrator: str | None = None  # of Co-Simulation; None for one that suits the model
-    #: Inputs that are set from outside; None for those that are constants in the scene.
+    #: Inputs that the importer sets; None: those that are constant in the scene.
     inputs: tuple[str, ...] | None = None
     platforms: tuple[str, ...] | None = None  # platforms of its libraries; None for this machine
 
@@ -366,7 +366,7 @@ def write_fmu(
     t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
-    # Importers locate events, and have no branches.
+    # Importers locate events but do not support frozen branches.
     program = strip_switching_surfaces(program)
     _check_calls(program)
     outside = _outside(program, choice.inputs)

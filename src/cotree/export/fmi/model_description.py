@@ -30,7 +30,7 @@ _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 
 _TYPE = {2: "Real", 3: "Float64"}
 
-#: Attributes of interface types that are true.
+#: Capability flags of interface types that are true.
 _CAPABILITIES = {
     2: ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"),
     3: (
@@ -47,7 +47,8 @@ _CAPABILITIES_OF_KINDS = {
     ("CoSimulation", 3): ("canHandleVariableCommunicationStepSize", "mightReturnEarlyFromDoStep"),
 }
 
-# Structured names of the standard, but for indices of arrays: words, or texts in quotes, with dots.
+# Structured names of the standard, except for array indices: words, or quoted texts, separated by
+# dots.
 _WORDS = r"(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+')(?:\.(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+'))*"
 _STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 
@@ -65,7 +66,7 @@ class Description:
     #: Of the default experiment.
     t_end: float
     rtol: float
-    step: float  # its interval of communication, [s]
+    step: float  # communication interval, [s]
     sources: tuple[str, ...]  # names of the ``.c`` files
 
     def model_description(self) -> str:
@@ -217,7 +218,7 @@ def _add_unit(parent: ElementTree.Element, name: str, unit: Unit) -> None:
     element = ElementTree.SubElement(parent, "Unit", name=name)
     powers = unit.dimension[: len(_BASES)]
     if any(power != int(power) for power in powers):
-        return  # the standard has whole exponents only
+        return  # the standard allows only integer exponents
     given = {base: str(int(power)) for base, power in zip(_BASES, powers, strict=True) if power}
     if unit.factor != 1:
         given["factor"] = _number(float(unit.factor))
@@ -251,8 +252,9 @@ class FmuVariable:
     initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty if the standard has no value
     start: float | None = None  # its start value, if it has one
     derivative_of: int | None = None  # value reference of the state that it is the derivative of
-    is_reset: bool = False  # whether events may set it
-    #: Value references of the knowns on which it depends: after and during the initialization.
+    is_reset: bool = False  # whether events may set the variable
+    #: Value references of the knowns on which the variable depends: after and during
+    #: initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 
@@ -363,7 +365,7 @@ class _Listing:
         if self.firsts[-1] > 2**31 - 1:
             raise CodegenError("the scene has too many variables for an FMU")
         self.given = {"time"}
-        # Names of the scene come first; derived names get a number if they are taken.
+        # Names of the scene take precedence; derived names get a number if they are taken.
         named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
         self.own = [[self._named(row.name) for row in rows] for rows in named]
         columns = kernels.partials.columns_of()
@@ -461,7 +463,7 @@ class _Listing:
         own = [set(row) for row in self.kernels.initial.columns_of()] or [set()] * self.n
         everything = {self.firsts[3] + j for j in range(n_p)}
         everything |= {self.firsts[4] + j for j in range(len(self.outside))}
-        # A constrained start may depend on all given values.
+        # A start with constraints may depend on all prescribed values.
         is_tied = bool(layout.constraints or layout.start_rows)
         self.of_state: list[tuple[int, ...] | None] = []
         for i in range(self.n_rates):
@@ -469,7 +471,7 @@ class _Listing:
             if is_tied and not layout.given[i]:
                 depends = everything
             elif is_found and not layout.given[i]:
-                depends = set()  # it has the value that was computed
+                depends = set()  # its value was computed
             self.of_state.append(tuple(sorted(depends)) if depends else None)
         exact = {self.firsts[1] + i for i, d in enumerate(self.of_state) if d is None}
         for i, depends_on in enumerate(self.of_state):

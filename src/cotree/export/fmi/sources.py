@@ -47,10 +47,10 @@ class Partials:
     """A kernel that writes the nonzeros of a matrix of derivatives."""
 
     name: str
-    #: The matrix's shape.
+    #: Shape of the matrix.
     n_rows: int
     n_columns: int
-    #: Its pattern, compressed by columns.
+    #: Sparsity pattern in compressed columns.
     starts: tuple[int, ...]
     rows: tuple[int, ...]
     kernel: Kernel
@@ -68,17 +68,17 @@ class Partials:
 class FmuKernels:
     """All further kernels."""
 
-    #: Rates and residuals, outputs, event indicators, and signals, by states, inputs from outside,
-    #: parameters and time.
+    #: Rates and residuals, outputs, event indicators and signals, by states, inputs of the
+    #: importer, parameters and time.
     partials: Partials
     initial: Partials  # initial states by parameters
-    #: Constraints, then conditions on the start, by the columns of ``partials``.
+    #: Constraints, then conditions at the start, by the columns of ``partials``.
     constraints: Partials
-    #: Upper bounds of steps; then first time and period of each time event, with derivatives of
-    #: both along each sensitivity. None if there are none.
+    #: Upper bounds of the step size; then the first time and the period of each series of time
+    #: events, with derivatives along each sensitivity. None if there are none.
     stops: Kernel | None
-    starts: tuple[bool, ...]  # whether each stop has no times before its first
-    n_limits: int  # number of upper bounds of steps
+    starts: tuple[bool, ...]  # whether each series has no time event before the first one
+    n_limits: int  # number of upper bounds of the step size
 
     @property
     def present(self) -> list[Kernel]:
@@ -208,13 +208,13 @@ class Facts:
     is_exchangeable: bool  # whether there is Model Exchange
     has_sensitivities: bool  # whether sensitivities are integrated and are variables
     is_strict: bool  # whether constraints are dependent
-    outside: tuple[int, ...]  # inputs that are set from outside
-    input_values: tuple[float, ...]  # their values until then
+    outside: tuple[int, ...]  # inputs that the importer sets
+    input_values: tuple[float, ...]  # values of these inputs until they are set
     start: tuple[float, ...]  # states at the start
-    #: Whether states that are not given begin as in ``start``; whether all do.
+    #: Whether states without a prescribed value start as in ``start``; whether all states do.
     is_found: bool
     is_at_rest: bool
-    sizes: tuple[float, ...]  # factors of absolute tolerances; empty if they are one
+    sizes: tuple[float, ...]  # factors of the absolute tolerances; empty if all are one
     #: Defaults.
     rtol: float
     atol: float

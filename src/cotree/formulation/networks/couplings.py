@@ -30,12 +30,12 @@ class Coupling:
     """A port that acts on a multibody system."""
 
     port: Port
-    measure: Measure  # the measure along which it acts
-    #: The integral of its across variable, the across variable, and its rate.
+    measure: Measure  # measure along which the port acts
+    #: Integral of the across variable, the across variable, and its rate.
     value: Node
     rate: Node
     acceleration: Node
-    pull: Pull  # wrenches and efforts for a unit of its through variable
+    pull: Pull  # wrenches and efforts per unit of its through variable
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:

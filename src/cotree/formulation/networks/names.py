@@ -36,7 +36,7 @@ class Names:
                 # Both the full name with the port and the short one if the edge alone is
                 # unambiguous.
                 found[state_name(port, symbol)] = (quantity, port.name)
-            # A total of several contents has a name besides those of its parts.
+            # A total of several contents has a name in addition to those of its parts.
             store = self.stores.get(port.name)
             if store is not None and not store.is_alone:
                 found[state_name(port, store.symbol[0])] = ("total", port.name)
@@ -55,7 +55,7 @@ class Names:
             return self._of_ports[name]
         # Names of ports contain a dot, so that the symbol follows the last one.
         first, _, symbol = name.rpartition(".")
-        # A node may belong to several domains; the symbol determines which one is meant.
+        # A node may belong to several domains; the variable's symbol determines which one is meant.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:

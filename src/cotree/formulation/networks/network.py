@@ -59,25 +59,25 @@ if TYPE_CHECKING:
 class Network:
     """The scalar networks of a scene."""
 
-    ports: Mapping[str, Port]  # the edges of all scalar graphs
+    ports: Mapping[str, Port]  # ports with an edge in a scalar graph
     #: The graphs and their normal trees, by domain.
     graphs: Mapping[str, LinearGraph]
     trees: Mapping[str, NormalTree]
     states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
-    solved: Solved  # every variable that states and outputs need
-    #: The variables that are the rates of the states; residuals for algebraic unknowns.
+    solved: Solved  # values of all variables that states and outputs require
+    #: Variables that are the rates of the states; residuals for algebraic unknowns.
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]  # conditions on parameter values
-    observed: Mapping[str, Variable]  # the variables that outputs and other fields name
+    observed: Mapping[str, Variable]  # variables that outputs and other fields use, by name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
-    #: Fields whose rates jump at unknown times, and the symbols that determine the times.
+    #: Fields whose rates jump at unknown times, and the symbols on which these times depend.
     corners: Mapping[str, frozenset[Node]]
-    #: Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
-    #: together with the accelerations, so that they may be reactions.
+    #: Symbols of the mechanism that only fields of dry friction on it use. They may be reactions,
+    #: since the friction force is an unknown together with the accelerations.
     of_friction: frozenset[Node]
     names: Names  # names of its variables in scenes
-    holding: tuple[Holding, ...]  # friction and stops on the mechanism with multipliers
+    holding: tuple[Holding, ...]  # friction and stops on the mechanism that have multipliers
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -160,11 +160,12 @@ def form_network(
     fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
     held_ports = holding_ports(ports) if has_multipliers else []
-    # Numbered downwards, since the other multipliers are numbered on from the accelerations.
+    # Numbered downwards, since the other multipliers are numbered upwards from the accelerations.
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
-    # Open edges of swaps occur in the equations, but are not edges of the scene.
+    # Open edges that measure controlling variables occur in the equations, but are not edges of the
+    # scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
         all_ports,
@@ -183,14 +184,14 @@ def form_network(
         multipliers,
         reacting,
     )
-    # The plan contains only what is needed: rates of states, names in outputs and fields, and
-    # redundant initial values, which have to be compared.
+    # The plan contains only what is required: rates of states, names in outputs and fields, and
+    # redundant initial values.
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = dag, system.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
-    # A variable that follows from a total of contents is an unknown even if nothing uses it.
+    # If a state is a total of contents, the variable that it determines is always an unknown.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
     # Algebraic unknowns are numbered after all states that have a rate.
@@ -246,7 +247,7 @@ def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
     """Return whether a field depends on parameters only."""
-    field = port.edge.fields.get(name)  # neither time nor potentials, ...
+    field = port.edge.fields.get(name)  # neither time nor a potential is a field
     return field is not None and all(
         n in scene.parameters or n == "pi"
         for n in field.names  # type: ignore[union-attr]
@@ -344,13 +345,13 @@ class Attached:
     """Networks coupled to a multibody system."""
 
     network: Network | None  # the networks; None if the scene has none
-    observed: Mapping[str, Node]  # values of names of the networks in outputs and fields
+    observed: Mapping[str, Node]  # values of the network variables that outputs and fields name
     couplings: Mapping[str, Coupling]  # the ports that act on the multibody system
     throughs: Mapping[str, Node]  # the symbols of their through variables
-    #: Derivatives of through variables by accelerations, by their number: inertia of storages that
-    #: are coupled to joints.
+    #: Derivatives of through variables by accelerations, by index of the acceleration: inertia of
+    #: storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
-    #: Names that only fields of dry friction on the mechanism use: they may be reactions.
+    #: Names that only fields of dry friction on the mechanism use; they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property
@@ -385,7 +386,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         return Attached(None, {}, {}, {}, {})
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
-    named = set(system.signals.measured)  # variables that fields of the mechanism use
+    named = set(system.signals.measured)  # network variables that fields of the mechanism use
     throughs = {
         name: system.signals.node(through_name(coupling.port))
         for name, coupling in couplings.items()
@@ -408,7 +409,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         has_multipliers=True,
     )
     if network.holding and not _is_linear(network, couplings, observed, named):
-        # The forces are algebraic unknowns then.
+        # The forces are then algebraic unknowns.
         network, observed = form_network(
             scene,
             system,
@@ -441,7 +442,7 @@ def _is_linear(
     one = multipliers[0].dag.one
     forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
     slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
-    # Fields of the mechanism itself must not name a force that follows from them.
+    # Fields of the mechanism must not use a force that depends on them.
     acting = [observed[name] for name in named if name in observed]
     return set(multipliers).isdisjoint(symbols_in([*slopes, *acting]))
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.scene.networks import Port
 
 
-#: A quantity and a name.
+#: Quantity and name of a variable.
 Variable = tuple[str, str]
 
 #: Derivatives along several directions; zero ones are absent.
@@ -72,7 +72,7 @@ class Rule:
         fields.
         """
         total = self.explicit(values, given)
-        # A rule that depends on no direction needs no partial derivative.
+        # A rule whose arguments have no derivatives needs no partial derivatives.
         changing = [variable for variable in self.needs if d[variable]]
         for variable, partial in self.partials(values, changing) if changing else ():
             for key, term in d[variable].items():
@@ -154,8 +154,8 @@ class Lawful(Rule):
 class FieldRule(Rule):
     """A field of a component, or a state: a node of symbols."""
 
-    node: Node  # the value, with symbols for the variables it depends on
-    variables: tuple[tuple[Node, Variable], ...] = ()  # these symbols
+    node: Node  # value of the field, with symbols for the variables on which it depends
+    variables: tuple[tuple[Node, Variable], ...] = ()  # the symbols, and their variables
 
     @property
     def needs(self) -> tuple[Variable, ...]:
@@ -222,7 +222,8 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     inertance``.
     """
     assert terminal.storage is not None
-    # Dual cases share one formula: through flows into a capacity, across acts on an inertance.
+    # Dual cases share one formula: through minus loss over capacity, across minus loss over
+    # inertance.
     given, loss = _sides(terminal, is_across)
     return Law.of((given - loss) / terminal.storage.expression)
 
@@ -273,7 +274,7 @@ def across_residual(terminal: Terminal) -> Law:
         # Symmetric if the laws are.
         return Law.of(terminal.through.expression - law_symbol("through"))
     assert terminal.across is not None
-    # The variable minus its law; the slope is one if the law does not depend on the variable.
+    # The variable minus its law. If the law does not depend on the variable, the slope is one.
     return Law.of(law_symbol("across") - terminal.across.expression)
 
 
@@ -419,7 +420,7 @@ def spring_stretch(terminal: Terminal) -> Law:
     """Solve the law of a linear spring for its stretch."""
     assert terminal.through is not None
     assert terminal.storage is not None
-    # The law is affine in the stretch: f = f0 + k s, where ``storage`` holds k.
+    # The law is affine in the stretch: f = f0 + k s, where ``storage`` is k.
     unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
     return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
 

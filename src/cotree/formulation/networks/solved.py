@@ -42,11 +42,9 @@ if TYPE_CHECKING:
 class Block:
     """Variables that depend on each other, and are solved for together."""
 
-    unknowns: tuple[Variable, ...]  # unknowns, with an equation each
+    unknowns: tuple[Variable, ...]  # unknowns, each with one equation
     residuals: tuple[Variable, ...]  # the equations: residuals that must be zero
-    inner: tuple[
-        Variable, ...
-    ]  # variables that follow from the unknowns, in order, the residuals last
+    inner: tuple[Variable, ...]  # variables computed from the unknowns, in order; residuals last
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
-        # A single variable that does not depend on itself follows from those before it.
+        # A single variable that does not depend on itself is computed from earlier ones.
         if not others and first not in rules[first].needs:
             # An unknown outside every loop: its equation does not depend on it.
             if isinstance(rules[first], Unknown):
@@ -111,7 +109,7 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
     graph.add_nodes_from(needs)
     graph.add_edges_from((a, b) for a, others in needs.items() for b in others)
     order = {variable: i for i, variable in enumerate(needs)}
-    # The search leaves a component after all that it depends on.
+    # The search completes a component after all components on which it depends.
     return [
         sorted(part, key=order.__getitem__)
         for part in networkx.strongly_connected_components(graph)
@@ -134,12 +132,12 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
     """Make some variables of a component unknowns, so that the others follow one by one."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
-    # Tear variables of one rank after another until the rest follows one by one. No variable has
-    # rank -1: at first only variables that are unknowns in any case are torn.
+    # Select tear variables, rank by rank, until the remaining variables can be computed one after
+    # the other. Rank -1: variables that are unknowns in any case.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
-        # Equations of torn variables may need variables that nothing else needed.
+        # Equations of torn variables may need variables that were not needed before.
         extra = _gather(terminals.rule, residuals, rules)
         inside = {v: rules[v] for v in part if v not in torn} | extra
         needs = {v: [n for n in rule.needs if n in inside] for v, rule in inside.items()}
@@ -157,8 +155,8 @@ class _Nodal:
     """Equations of branches, solved in the potentials of parts."""
 
     dag: Dag
-    factors: LinearSolver  # balances of the parts, in terms of their potentials
-    #: For each branch its sign, and the branch that leads to it; -1 for none.
+    factors: LinearSolver  # solves the balances of the parts for their potentials
+    #: For each branch, its sign and the branch that leads to it; -1 if there is none.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
@@ -206,13 +204,13 @@ def factorise_nodal(
     for (_, name), conductance in conductances.items():
         port = terminals.ports[name]
         ends = parts.get(port.head, -1), parts.get(port.tail, -1)
-        # Both ends in one part: its across variable is known.
+        # Both ends are in one part: the across variable is known.
         if ends[0] == ends[1]:
             continue
         signs = [(i, sign) for i, sign in zip(ends, (1, -1), strict=True) if i >= 0]
         for i, a in signs:
             for j, b in signs:
-                # The Laplacian of the parts, weighted by conductances.
+                # Laplacian matrix of the parts, weighted by conductances.
                 rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
     # Potentials are used only if their equations have fewer entries.
     if not linear or sum(map(len, rows)) >= n_nonzeros:
@@ -337,15 +335,17 @@ def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
     )
 
 
-#: An unknown with its equation.
+#: An unknown and its equation.
 _Pair = tuple["Variable", "Variable"]
 
-#: From this many unknowns on, blocks of resistances are solved in potentials without counting the
-#: entries of the branches' equations: their derivatives alone grow with the square of the number.
+#: Minimum number of unknowns for which blocks of resistances are solved in potentials without
+#: counting the entries of the branch equations: the derivatives of those grow with the square of
+#: the number.
 _MANY = 64
 
-#: From this many nonlinear unknowns on, linear unknowns stay algebraic unknowns, too, if no method
-#: gains by eliminating them: each equation then has few unknowns, and no full matrix is formed.
+#: Minimum number of nonlinear unknowns for which linear unknowns also remain algebraic unknowns, if
+#: no method benefits from their elimination: each equation then has few unknowns, and no full
+#: matrix is formed.
 _MANY_BENT = 24
 
 
@@ -356,7 +356,7 @@ class SolvedBlock:
     #: Unknowns with their equations.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
-    factors: LinearSolver  # of the linear equations, in terms of the linear unknowns
+    factors: LinearSolver  # factors of the linear equations in the linear unknowns
 
 
 @dataclass(frozen=True)
@@ -414,7 +414,8 @@ def _solve_block(
     """Find which unknowns are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # An evaluation at symbols of the unknowns shows which equations are linear in which.
+    # Differentiating at symbols of the unknowns shows which equations are linear, and in which
+    # unknowns.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -472,7 +473,7 @@ def _solve_block(
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
     """Return whether an unknown may be indeterminate: a force that sticking edges share."""
-    # Brakes on both sides of a gear leave the torque of its teeth indeterminate, besides their own.
+    # Brakes on both sides of a gear make their torques and that of the teeth indeterminate.
     return may_hold and variable[0] == "through"
 
 
@@ -510,7 +511,7 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    # Forces that sticking edges may share come last: no others may be indeterminate.
+    # Forces that sticking edges may share come last, since only these may be indeterminate.
     linear = tuple(
         sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
     )
@@ -554,7 +555,7 @@ def _differentiate_block(
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown], {}))
-    # Zero derivatives of the linear unknowns give the right-hand sides.
+    # With zero derivatives of the linear unknowns, the residuals are the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)

@@ -33,7 +33,7 @@ class Held:
 
     port: Port
     quantity: str  # ``across``, ``through``, ``stretch`` or ``total`` (of contents)
-    #: Its name without that of the port, and its unit.
+    #: Name without that of the port, and unit.
     short: str
     unit: str
 
@@ -56,10 +56,10 @@ class Held:
 class _Use(IntEnum):
     """Reason why the position of an edge is needed, in the order of preference as branches."""
 
-    BALANCE = 0  # a balance of springs gives it
-    GIVEN = 1  # it has an initial value
+    BALANCE = 0  # determined by a balance of springs
+    GIVEN = 1  # has an initial value
     LAW = 2  # a terminal equation depends on it
-    NAMED = 3  # fields, outputs or events name it
+    NAMED = 3  # named by a field, an output or an event
     NONE = 4
 
 
@@ -119,15 +119,15 @@ def held_variables(
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))
-        # Normal trees have across storages as branches and through storages as chords; a storage
-        # outside its place depends on the states of others.
+        # In a normal tree, across storages are branches and through storages are chords; otherwise
+        # the value of a storage depends on the states of other storages.
         if port.name in stores:
             found.append(Held(port, "total", *stores[port.name].symbol))
         elif port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        # A position is a state if it is a branch, an integral of the component always.
+        # A position is a state if it is a branch; an integral of the component is always a state.
         is_held = port.terminal.integral is not None or (
             port.terminal.domain in positions
             and port.name in positions[port.terminal.domain].branches
@@ -137,7 +137,7 @@ def held_variables(
     return found
 
 
-#: Positions that are states, if they are branches.
+#: Reasons for a position to be a state, if it is a branch.
 _HELD = (_Use.GIVEN, _Use.LAW, _Use.NAMED)
 
 
@@ -158,8 +158,8 @@ def summed_positions(
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # A stretch that a linear balance of springs gives is not a state, and a sum with it is
-            # not a row.
+            # A stretch that a linear balance of springs determines is no state, and a sum with it
+            # is no row.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -170,7 +170,7 @@ def summed_positions(
 def _check_content(port: Port, store: Store | None) -> None:
     """Raise for the initial value of a content that is not independent of others."""
     content = content_of(port.terminal)
-    # A content of one storage alone is a state, and takes its initial value as such.
+    # The content of a single storage is a state, and takes its initial value directly.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
         return
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
@@ -235,7 +235,7 @@ def algebraic_state(
 
     ``quantity`` is the across or through variable, or the rate of one.
     """
-    # The unknown may be a rate, whose name and unit scenes do not know: it is named after the
+    # The unknown may be a rate, which has no name and unit in scenes: it is named after the
     # variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
@@ -253,7 +253,7 @@ class Redundant:
 
     name: str  # the variable's name
     variable: Variable
-    given: Node  # the initial value, of parameters only
+    given: Node  # initial value, a function of parameters
 
 
 def redundant_values(
@@ -282,7 +282,7 @@ def _given(port: Port) -> list[Held]:
     return [item for item in items if item.short in port.initial]
 
 
-#: Variables that follow from states and sources, by kind. Others may be unknowns of nonlinear
+#: Variables that states and sources determine, by kind. Others may be unknowns of nonlinear
 #: equations, for which initial values are guesses.
 _FOLLOWING = {
     Kind.ACROSS_SOURCE: ("across",),
@@ -296,7 +296,7 @@ _FOLLOWING = {
 def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
     if item.quantity == "stretch":
-        return False  # it follows along an f-circuit, or from the mechanism
+        return False  # determined by an f-circuit, or by the mechanism
     # A nonlinear spring in a cutset of springs is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
-#: For each kind of storage: the variable that is its state, and the rate of its content.
+#: For each kind of storage: its state variable, and the variable that is the rate of its content.
 _VARIABLES = {
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("through", "across"),
@@ -35,9 +35,9 @@ class Store:
     """A total of contents that is a state."""
 
     port: Port  # the storage whose f-cutset, or f-circuit, defines the total
-    #: The storages whose contents make it up, with signs; the port itself first.
+    #: Storages whose contents are added, with signs; the port itself first.
     parts: tuple[tuple[int, str], ...]
-    #: The variables whose sum, with signs, is the rate of the total.
+    #: Variables whose sum, with signs, is the rate of the total.
     flows: tuple[tuple[int, Variable], ...]
 
     @property
@@ -63,7 +63,7 @@ def contents_of(
 ) -> dict[str, Law]:
     """Return the laws of the contents of storages, also of constant capacity or inertance."""
     found = {}
-    # Without a storage by content, voltages and currents themselves are the states.
+    # Without storages by content, voltages and currents themselves are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
         return {}
     for port in ports.values():

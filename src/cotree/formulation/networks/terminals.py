@@ -56,31 +56,30 @@ class Terminals:
     """The topological and terminal equations of all networks, as the rule of each variable."""
 
     ports: Mapping[str, Port]  # the edges of all scalar graphs
-    #: The graphs with the trees of across and of through variables, and of positions where the
+    #: The graphs with their trees of across and of through variables, and of positions if the
     #: domain has any, by domain.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]  # symbols of the variables that are states
     fields: Mapping[tuple[str, str], Node]  # fields of the components
-    measured: Mapping[Node, Variable]  # values of symbols in fields
+    measured: Mapping[Node, Variable]  # variables that the symbols in fields represent
     time: Node  # the symbol of time
     couplings: Mapping[str, Coupling]  # the motion of the ports that act on a multibody system
-    #: The totals of contents that are states, by their ports.
+    #: Totals of contents that are states, by port.
     stores: Mapping[str, Store]
-    contents: Mapping[str, Law]  # contents of storages
+    contents: Mapping[str, Law]  # contents of storages, by port
     modes: frozenset[Node]  # symbols of the modes, which change at events only
-    #: The controlled sources whose laws determine their controlling variable, by the controlling
-    #: edge.
+    #: Controlled sources whose law determines their controlling variable, by the controlling edge.
     swaps: Mapping[str, Swap]
-    #: The multipliers of friction and stops on the mechanism, by port.
+    #: Multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
-    #: Their fields that name forces or accelerations, which are algebraic unknowns.
+    #: Fields of these that use forces or accelerations, which are algebraic unknowns.
     reacting: frozenset[tuple[str, str]]
-    #: Conditions on parameters under which values whose rate has been used do not jump.
+    #: Conditions on parameters under which values do not jump, for values whose rate is used.
     guards: dict[Node, Guard] = field(default_factory=dict)
-    #: Values with kinks at unknown times whose rate has been used, and therefore jumps there; with
-    #: the symbols that determine the times.
+    #: Values whose rate is used and jumps at kinks at unknown times, with the symbols on which
+    #: these times depend.
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
@@ -104,7 +103,7 @@ class Terminals:
     def rule(self, variable: Variable) -> Rule:
         """Return the rule of a variable."""
         quantity, name = variable
-        # With the suffix _rate a quantity is the time derivative of that without.
+        # A quantity with the suffix _rate is the time derivative of the quantity without it.
         base, _, rate = quantity.partition("_")
         rate = f"_{rate}" if rate else ""
         if base == "residual":

@@ -38,7 +38,7 @@ class Topology:
 
     domain: str  # the graph's domain
     tree: Tree  # its normal tree, or that of its positions
-    #: The quantities that circuits sum along one branch, and along several.
+    #: Quantities that circuits sum along a single branch, and along several branches.
     across: str = "across"
     prefix: str = "path"
 
@@ -46,8 +46,8 @@ class Topology:
     def _places(self) -> dict[str, _Place]:
         places = {self.tree.graph.reference: _Place(0, "", "", 1)}
         for step in tree_walk(self.tree):
-            # The traversal runs outwards from the reference, so that parents get their places
-            # first.
+            # The traversal runs outwards from the reference, so that the depth of a parent is
+            # known.
             depth = places[step.parent].depth + 1
             places[step.child] = _Place(depth, step.parent, step.edge, step.sign)
         return places
@@ -67,7 +67,7 @@ class Topology:
         # outwards changes heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
         following: dict[str, str] = {}
-        for node, place in reversed(self._places.items()):  # each before its parent
+        for node, place in reversed(self._places.items()):  # children before parents
             parent = place.parent
             if parent:
                 sizes[parent] += sizes[node]
@@ -83,11 +83,11 @@ class Topology:
         """Return the nearest common ancestor of two nodes."""
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
-            # Climb from the path that begins farther from the reference.
+            # Move up from the path that starts farther from the reference.
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
-        # On one path the nearer one is the ancestor.
+        # On a common path the node nearer to the reference is the ancestor.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
@@ -168,7 +168,7 @@ class Topology:
             add(edge.head, number, 1, 1)
             add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
-            add(ancestor, number, -2, 0)  # a circuit that closes within does not cross the branch
+            add(ancestor, number, -2, 0)  # circuits closed here do not cross the branch
             open_branches |= {
                 self._toward(ancestor, node) for node in (edge.tail, edge.head) if node != ancestor
             }
@@ -242,7 +242,7 @@ class Topology:
         """Cut the tree at some branches; return the number of the branch to each node, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
-        for node, place in self._places.items():  # each after its parent
+        for node, place in self._places.items():  # parents before children
             found[node] = numbers.get(place.branch, found.get(place.parent, -1))
         return found
 
@@ -261,7 +261,7 @@ class Topology:
         """Sum the through variables of the chords that leave the part beyond a branch."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
-        # Chords that end at the node itself, then the flows into the branches beyond it.
+        # Chords that end at the node itself, then the sums of the branches beyond it.
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
