@@ -83,7 +83,7 @@ class Finding:
 
 _DIGITS = re.compile(r"\d+")
 _MOST_COMPARED = 1000
-_LIKE = 0.8  # share of letters in common
+_LIKE = 0.8  # similarity of two names, from 0 to 1
 
 
 def similar_name(name: str, others: Iterable[str]) -> str:
@@ -96,7 +96,7 @@ def similar_name(name: str, others: Iterable[str]) -> str:
     alike = (other for other in others if other.rpartition(".")[0] == owner)
     choices = [o for o in sorted(alike)[:_MOST_COMPARED] if o != name]
     for other in choices:
-        # A letter that is typed twice, or in the wrong case.
+        # A letter that was typed twice, or in the wrong case.
         if other.casefold() == name.casefold() or _without_doubles(other) == _without_doubles(name):
             return other
     choices = [other for other in choices if _DIGITS.sub("#", other) != form]
@@ -109,7 +109,7 @@ def _without_doubles(name: str) -> str:
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
-#: Shorter names follow a notation, such as r and R or m and M.
+#: Minimum length of names that are compared; shorter ones are symbols, such as r and R or m and M.
 _SHORTEST = 3
 
 
@@ -181,7 +181,7 @@ def _similar(scene: SceneDescription) -> Iterator[Finding]:
             other = seen.setdefault(name.casefold(), name)
             if other != name and len(name) >= shortest:
                 own = _kind(scene, name) if kind == "parameter" else kind
-                # Textbooks draw a hydraulic node c beside a mechanical C like this.
+                # Textbooks label a hydraulic node c next to a mechanical node C in this way.
                 if kind == "node" and not domains.get(name, set()) & domains.get(other, set()):
                     continue
                 message = f"{own} '{name}' and '{other}' differ only in upper and lower case"
@@ -250,16 +250,16 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         edge = edges[0]
         close = similar_name(node, set(scene.nodes))
         if scene.origin is not None and edge.component.role is not Role.NETWORK:
-            continue  # robots have frames at the ends of arms and joints
+            continue  # links of robots may end in free nodes
         is_end = edge.component.role is Role.BODY  # bodies may move freely
         if is_end and edge.initial:
-            continue  # so does a body with a given start
+            continue  # a body may have a given start
         # Sensing terminals and open ends of a component with several nodes are usual.
         is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
         if not close and not is_refused and (is_end or is_open):
             continue
         hint = f"; did you mean '{close}'?" if close else ": connect it, or use it in an output"
-        if close and len(touching[close]) == 1:  # either may be misspelt
+        if close and len(touching[close]) == 1:  # either name may be misspelt
             other = touching[close][0].name
             hint = f", and '{close}' by edge '{other}' only: did you mean one node?"
         message = f"node '{node}' is connected to edge '{edge.name}' only{hint}"
@@ -321,7 +321,8 @@ class _Known:
     """Dimensions of the names of a scene."""
 
     def __init__(self, scene: SceneDescription) -> None:
-        # Time has no dimension here: many write exp(-t) or 1 + t with a factor of one in mind.
+        # Time has no dimension in this check: many write exp(-t) or 1 + t with an implied factor of
+        # one.
         self._scene, self._units = scene, {"t": "", **stated_units(scene)}
         self._pending: set[str] = set()
         self._variable_unit = VariableUnits(scene)

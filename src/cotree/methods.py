@@ -25,16 +25,15 @@ class Method:
     family: str
     implicit: bool  # whether it uses a Jacobian
     multistep: bool  # whether a step depends on earlier ones
-    #: The method used if C cannot run this one; for SciPy's methods and correctors, the method that
+    #: Method used if C cannot run this one; for methods of SciPy and correctors, the method that
     #: the error suggests.
     instead: str = ""
-    #: The unit of C that takes its steps, a name in ``codegen.c_files.STEPPERS``; empty for
-    #: SciPy.
+    #: Stepper in C, a name in ``codegen.c_files.STEPPERS``; empty for SciPy.
     stepper: str = ""
     #: Whether C always integrates algebraic unknowns instead of solving for them at each
     #: evaluation.
     keeps_algebraic: bool = False
-    #: The number of the corrector in SUNDIALS, for separate vectors of sensitivities.
+    #: Number of the corrector in SUNDIALS, for sensitivities in separate vectors.
     corrector: int = 0
 
 
@@ -53,7 +52,7 @@ _ROWS = (
     Method("BDF", "scipy", True, True, "cvode"),
     Method("LSODA", "scipy", True, True, "cvode"),
     Method("cvode", "sundials", True, True, "BDF", "cvode"),
-    # IDA's equations need not be solved for the rates.
+    # The equations for IDA contain the rates implicitly.
     Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
     # Correctors of SUNDIALS: 1 is simultaneous, 2 is staggered.
     Method("cvodes", "correctors", True, True, "cvode", "cvodes", corrector=2),

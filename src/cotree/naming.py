@@ -23,7 +23,7 @@ _LONGEST_PATH = 1000  # characters of a name within nested parts
 #: Reserved names of expressions.
 RESERVED = frozenset({"t", "pi"})
 
-#: Entries of an edge in a scene that are not fields of its component.
+#: Keys of an edge in a scene that are not fields of its component.
 _OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
 
 #: Kinds whose names precede a dot in expressions, as in ``in.v``: reserved words are allowed.
@@ -39,8 +39,8 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Files, functions and targets of a C project other than the model's have these names or prefixes,
-#: in upper or lower case.
+#: Names, and prefixes of names, in upper or lower case, of other files, functions and targets of a
+#: C project.
 _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 
@@ -125,7 +125,7 @@ def c_string(text: str) -> str:
     """Write a text as a C string literal in ASCII; other characters become '?'."""
     ascii_text = text.encode("ascii", "replace").decode()
     safe = "".join(char if char.isprintable() else " " for char in ascii_text)
-    # '?' is escaped because two of them begin a trigraph in C99.
+    # '?' is escaped, since two question marks start a trigraph in C99.
     return '"' + safe.replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?") + '"'
 
 

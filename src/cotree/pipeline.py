@@ -57,10 +57,10 @@ if TYPE_CHECKING:
 class Formed:
     """All stages of a scene up to its C text."""
 
-    first: FirstGraph  # the first graph, from which the equations were formed
+    first: FirstGraph  # first graph, from which the equations were formed
     alternatives: tuple[Alternative, ...]  # the formulations tried, the cheapest first
     reports: tuple[PassReport, ...]  # operation counts before and after each pass
-    context: ModelContext  # the values that the templates received
+    context: ModelContext  # context passed to the templates
     text: ModelText  # the program after its passes, and its C text
     times: Mapping[str, float]  # seconds for each stage: formulate, generate
 
@@ -77,7 +77,7 @@ def draw_graphs(
     mechanics = scene.mechanics
     graphs = linear_graphs(mechanics)
     trees = choose_trees(mechanics, graphs, tree)
-    # A scene of networks only has no mechanical graphs.
+    # A scene with networks only has no graphs of mechanics.
     if not mechanics.edges:
         graphs, trees = {}, {}
     # Networks have a graph and a normal tree for each domain.
@@ -143,7 +143,7 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
     """Raise an error if sensitivities would jump at a kink whose time is unknown before the run."""
     parameters = first.system.tunable
     for what, symbols in (first.network.corners if first.network else {}).items():
-        # The time of a kink that depends on states or inputs depends on every parameter.
+        # The time of a kink that depends on states or inputs depends on all parameters.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
@@ -228,7 +228,7 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     # Sensitivities to initial values belong to the model: a scene at rest has none.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]
-    for total, _ in layout.followers:  # a start computes it from the variable that follows from it
+    for total, _ in layout.followers:  # the start uses the variable that the total determines
         wanted[total] = "0"
     try:
         at_rest = scene_at_rest(scene, wanted, jump_values(scene))
@@ -264,14 +264,15 @@ def _form_text(
     locates_corners: bool,
 ) -> Formed:
     marks = [time.perf_counter()]
-    # Jumps inside expressions become events, which the engine locates. Equations for people and for
-    # operating points keep the jumps.
+    # Jumps inside expressions become events, which the engine locates. Equations for display and
+    # for operating points keep the jumps.
     acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )
     marks.append(time.perf_counter())
-    # Steps of a run freeze the branches of piecewise expressions. Equations for people have none.
+    # Branches of piecewise expressions are frozen during steps of a run, but not in equations for
+    # display.
     program, reports = generate(freeze_branches(equations) if locates_corners else equations)
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]

@@ -19,9 +19,9 @@ class Quantity:
 class RedundantRow:
     """An initial value of a variable that follows from states."""
 
-    name: str  # of the variable
-    states: tuple[str, ...]  # the states from which the variable follows
-    is_position: bool = False  # whether it is a position, which follows along an f-circuit
+    name: str  # name of the variable
+    states: tuple[str, ...]  # states that determine the variable
+    is_position: bool = False  # whether it is a position, which an f-circuit determines
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PositionRow:
     #: Name and unit of the position.
     name: str
     unit: str
-    terms: tuple[tuple[int, int], ...]  # signs, and indices of the states
+    terms: tuple[tuple[int, int], ...]  # signs and indices of the states that are added
 
     def sum_of(self, values: Any) -> Any:
         """Sum an array of states, or of their sensitivities, along its last axis."""

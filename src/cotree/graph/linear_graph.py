@@ -67,7 +67,7 @@ class LinearGraph:
         # Two domains may use the same name; within a graph it is a row or a column of the matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
         known = set(self.nodes)
-        # Across variables of nodes are relative to the reference, and walks begin there.
+        # Across variables of nodes are relative to the reference, at which walks start.
         if self.reference not in known:
             raise TopologyError(
                 f"the {self.domain} graph has no node '{self.reference}' to be its reference; "
@@ -161,7 +161,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
-    # In reverse, so that the stack returns the edges in their own order.
+    # In reverse order, so that the stack returns the edges in their original order.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
@@ -187,7 +187,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
     ``what`` names these edges in the message; `{them}` in ``remedy`` is replaced by the nodes.
     """
     steps = walk_edges(graph, names, graph.reference)
-    # Each step reaches one more node; the reference is reached by none.
+    # Each step reaches one new node; no step reaches the reference.
     if len(steps) + 1 < graph.n_nodes:
         reached = {graph.reference, *(step.child for step in steps)}
         floating = [node for node in graph.nodes if node not in reached]

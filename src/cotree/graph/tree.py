@@ -46,7 +46,7 @@ class Tree:
     @cached_property
     def chords(self) -> tuple[str, ...]:
         """Names of the edges of the cotree, in edge order."""
-        # Edges that could never be branches are chords, too, such as springs and loads.
+        # Edges that can never be branches, such as springs and loads, are also chords.
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
@@ -83,7 +83,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
     """
     for name in weights:
         graph.edge(name)
-    # In edge order, which the stable sort below keeps among equal weights.
+    # In edge order, which the stable sort below preserves among equal weights.
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
     check_spanned(
         graph,
@@ -116,7 +116,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             raise TopologyError(
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
-        # Checked edge by edge, so that the message can name the circuit.
+        # Checked edge by edge, so that the error can name the circuit.
         if not parts.join(edge.tail, edge.head):
             # The edges named so far already connect the two nodes; the path between them closes the
             # circuit.
@@ -164,7 +164,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
     """Return the edges from a node to another along a forest that connects them."""
-    # From the end back to the start, since each node has one step that leads to it.
+    # From the end back to the start, since exactly one step leads to each node.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end
@@ -272,10 +272,11 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
-        # Up from the head is against the path from the reference, hence the minus sign.
+        # The path runs up from the head, against the direction of the path from the reference,
+        # hence the minus sign.
         tail, head = edge.tail, edge.head
         while tail != head:
-            # The deeper end cannot be on the path of the other: move it.
+            # The deeper end is not an ancestor of the other one: move it up.
             if depth[head] >= depth[tail]:
                 step = step_to[head]
                 head = step.parent

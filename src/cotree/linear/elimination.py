@@ -43,15 +43,15 @@ class Arithmetic(Protocol[T]):
 class Remainder:
     """The remaining pattern between two pivots."""
 
-    #: The columns of each row's entries, and the rows of each column's.
+    #: Columns of the entries in each row, and rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
-    #: The rows and the columns that the last pivot was coupled with.
+    #: Rows and columns that were coupled with the last pivot.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
 
-#: Returns the next pivot; None at the end of the elimination.
+#: Returns the next pivot, or None at the end of the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 
@@ -60,10 +60,10 @@ class Factors(Generic[T]):
     """Factors of a matrix, pivot by pivot."""
 
     pivots: tuple[Place, ...]  # row and column of each
-    inverses: tuple[T, ...]  # their reciprocals: every right-hand side multiplies by them
-    #: For each pivot, the multipliers with which its row is subtracted from others, by row.
+    inverses: tuple[T, ...]  # reciprocals of the pivots
+    #: For each pivot: the multipliers with which its row is subtracted from others, by row.
     lower: tuple[dict[int, T], ...]
-    upper: tuple[dict[int, T], ...]  # the rest of each pivot's row when it is taken, by column
+    upper: tuple[dict[int, T], ...]  # remaining row of each pivot, by column
 
 
 def eliminate(
@@ -91,9 +91,9 @@ def eliminate(
         if not is_symmetric:
             for k in (j, *row):
                 columns[k].discard(i)
-        # Sorted, so that the code that is generated does not depend on the order of sets.
+        # Sorted, so that the generated code does not depend on the order of sets.
         below = sorted(row if is_symmetric else columns.pop(j))
-        # By the reciprocal, so that each pivot costs one division.
+        # Multiply by the reciprocal, so that each pivot needs one division.
         multipliers = {k: arithmetic.scaled(rows[k].pop(j), inverse) for k in below}
         for k, multiplier in multipliers.items():
             own = rows[k]
@@ -103,7 +103,7 @@ def eliminate(
                     continue
                 before = own.get(other)
                 updated = less(before, multiplier, entry)
-                # The same object: an unchanged node, or a sum that was extended in place.
+                # The same object: the node is unchanged, or the sum was extended in place.
                 if updated is before:
                     continue
                 _set_entry(own, columns, k, other, updated)
@@ -178,11 +178,12 @@ class FewestUpdates:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Choose the next pivot."""
-        # Nothing is left, or a row without entries: singular for all values.
+        # Nothing is left, or a row has no entries: the matrix is singular for all values.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Off the diagonal only without updates, then by their number, then by order.
+            # Pivots off the diagonal only if they cause no updates; then by number of updates, then
+            # by order.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -263,25 +264,25 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
 class FactorStep:
     """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal."""
 
-    value: int  # its index among the entries of J, or -1
+    value: int  # index of its value among the entries of J, or -1
     has_shift: bool  # whether ``shift`` is added
-    products: tuple[tuple[int, int], ...]  # factors whose products are subtracted
-    pivot: int  # the factor that it is multiplied with, or -1 for none
-    is_pivot: bool  # whether its reciprocal is stored
+    products: tuple[tuple[int, int], ...]  # pairs of factors whose products are subtracted
+    pivot: int  # factor by which the value is multiplied, or -1
+    is_pivot: bool  # whether the reciprocal is stored
 
 
 @dataclass(frozen=True)
 class Elimination:
     """Plan of the factorisation of a matrix, and of solutions with its factors."""
 
-    factors: tuple[FactorStep, ...]  # in the order in which they are computed
+    factors: tuple[FactorStep, ...]  # factors, in the order of their computation
     #: Row and column of each pivot, in order.
     rows: tuple[int, ...]
     columns: tuple[int, ...]
-    pivots: tuple[int, ...]  # place of each pivot's reciprocal among the factors
-    #: For each pivot, which earlier ones its row subtracts: number and factor.
+    pivots: tuple[int, ...]  # index of each pivot's reciprocal among the factors
+    #: For each pivot: earlier pivots that its row subtracts, as pairs of pivot and factor.
     lower: tuple[tuple[tuple[int, int], ...], ...]
-    #: The same of later ones, for substitution backwards.
+    #: For each pivot: later pivots, as pairs, for backward substitution.
     upper: tuple[tuple[tuple[int, int], ...], ...]
 
     @property
@@ -321,10 +322,10 @@ class _Sum:
 
     value: int = -1
     has_shift: bool = False
-    products: list[_Sum] = field(default_factory=list)  # pairs, one factor after the other
+    products: list[_Sum] = field(default_factory=list)  # pairs of entries, concatenated
     pivot: _Sum | None = None
     is_pivot: bool = False
-    number: int = -1  # among the factors, once their order is known
+    number: int = -1  # index among the factors, once their order is known
 
 
 class _OfSums:
@@ -341,7 +342,7 @@ class _OfSums:
 
     def less(self, entry: _Sum | None, multiplier: _Sum, other: _Sum) -> _Sum:
         if entry is None:
-            # Fill-in: no place in J.
+            # Fill-in: the entry has no value in J.
             entry = _Sum()
         entry.products += multiplier, other
         return entry
@@ -350,14 +351,14 @@ class _OfSums:
 def _listed(plan: Factors[_Sum]) -> Elimination:
     """Assign numbers to the factors: pivot by pivot, each in the order of the other pivots."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
-    # From here on rows and columns are numbered by the rank of their pivot.
+    # From here on, rows and columns are numbered by the rank of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
     rank_of_column = {column: k for k, column in enumerate(columns)}
     below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
     beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
     factors: list[_Sum] = []
     for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
-        # Products of a factor are those of earlier pivots.
+        # Products of a factor are those of previous pivots.
         factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
     for number, entry in enumerate(factors):
         entry.number = number
@@ -377,7 +378,7 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
 
 
 def _entry(own: _Sum) -> FactorStep:
-    # Pairs were stored one factor after the other.
+    # Pairs were stored concatenated.
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Squared gradients of constraints below this share of their terms are scaled as if they were that
-#: large: rounding errors, about 1e-31, are then below the rank tolerance.
+#: Squared gradients of constraints below this fraction of their terms are scaled as if they had
+#: this size: rounding errors, about 1e-31, are then below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
 
-#: Multiplier of a row that no multiplier can satisfy, over that which its residual would need if
-#: nothing else held it. Rounding of residuals enters multipliers as often.
+#: Limit of the ratio of a multiplier to the one that its residual would require if nothing else
+#: balanced it. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of residuals
+#: are amplified as much.
 _BEYOND = 1e4
 
 
@@ -51,12 +52,12 @@ class RankedSolver(LinearSolver, Protocol):
 class Core:
     """Equations of which the pivots are chosen at run time."""
 
-    places: tuple[int, ...]  # the unknowns
+    places: tuple[int, ...]  # indices of the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # their symmetric matrix
-    #: Scales of the diagonal: divided by their roots, entries close to 1 have lost nothing to
-    #: cancellation, so that the rank does not depend on units.
+    #: Scales of the diagonal. Entries divided by the roots of the scales are close to 1 if nothing
+    #: cancels, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
-    n_determined: int  # how many unknowns, which come first, must have one solution only
+    n_determined: int  # number of unknowns, the first ones, that must be unique
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
         """Solve for the core unknowns; empty if their right-hand side is zero."""
@@ -74,15 +75,15 @@ class SparseFactors:
     """A factorised matrix."""
 
     dag: Dag  # the arena
-    factors: Factors[Node]  # pivot by pivot
-    is_symmetric: bool  # whether the multipliers of a pivot's row are those of its column
-    core: Core | None = None  # the remainder without pivots
+    factors: Factors[Node]  # factors, pivot by pivot
+    is_symmetric: bool  # whether the row multipliers of a pivot equal those of its column
+    core: Core | None = None  # the remaining system without safe pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        # Substitution in unsymmetric factors belongs to the item that needs it.
+        # The substitution in unsymmetric factors belongs to the caller's section.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
             # Forwards with L, the core in between, then backwards.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
@@ -94,7 +95,7 @@ class SparseFactors:
             for (i, j), inverse, row in reversed(
                 list(zip(own.pivots, own.inverses, rows, strict=True))
             ):
-                # Multipliers of symmetric matrices are divided by the pivot already.
+                # Multipliers of symmetric matrices are already divided by the pivot.
                 value = right[i] * inverse if self.is_symmetric else right[i]
                 for k, entry in row.items():
                     value = value - entry * found[k]
@@ -114,7 +115,7 @@ class _OfNodes:
     def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
         product = multiplier * other
         left = -product if entry is None else entry - product
-        # An entry that cancels identically leaves the pattern, and causes no fill-in.
+        # An entry that cancels identically is removed from the pattern, and causes no fill-in.
         return None if left.is_zero else left
 
 
@@ -131,7 +132,7 @@ def factorise(
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
-        # Only pivots that cannot vanish are eliminated; the rows that remain form the core.
+        # Only pivots that cannot be zero are eliminated; the remaining rows form the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -144,11 +145,9 @@ class HeldFactors:
 
     dag: Dag  # the arena
     inner: RankedSolver  # the factorised matrix without the border
-    border: tuple[tuple[Node, ...], ...]  # the rows of the multipliers, over the other unknowns
-    responses: tuple[
-        tuple[Node, ...], ...
-    ]  # the other unknowns for each column as a right-hand side
-    cores: tuple[Core, ...]  # remaining equations of the multipliers, by groups that are coupled
+    border: tuple[tuple[Node, ...], ...]  # rows of the multipliers, in terms of the other unknowns
+    responses: tuple[tuple[Node, ...], ...]  # solution for each column as right-hand side
+    cores: tuple[Core, ...]  # remaining equations of the multipliers, in groups that are coupled
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
@@ -167,7 +166,7 @@ class HeldFactors:
                         value - response * multiplier
                         for value, response in zip(found, self.responses[i], strict=True)
                     ]
-                # A row that no multiplier can satisfy shows it by one beyond all limits.
+                # A row that no multiplier can satisfy has a multiplier beyond all limits.
                 own = [held[i] for i in core.places]
                 for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
                     held[i] = held[i] - _BEYOND * (rest[i] - _product(row, own)) / size
@@ -202,12 +201,13 @@ def hold(
                 if is_symmetric:
                     core[j][i] = core[i][j]
         diagonal = [
-            # Without the second term a row that no motion changes would consist of rounding errors.
+            # Without the second term, a row that no motion changes would consist of rounding errors
+            # only.
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
     cores = [
-        # Multipliers need not be unique, hence no determined unknowns.
+        # Multipliers may be indeterminate, so that no unknown must be unique.
         Core(
             tuple(group),
             tuple(tuple(core[i][j] for j in group) for i in group),
@@ -270,8 +270,8 @@ def _core(
         sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
-                # Couplings to unknowns of the core that are not eliminated, over their own
-                # diagonal.
+                # Couplings to unknowns of the core that are not eliminated, divided by their
+                # diagonal entries.
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
@@ -310,7 +310,7 @@ def factorise_unsymmetric(
     more than ``most_updates`` entries would be changed.
     """
     rows = _nonzeros(matrix)
-    # Rows that are left over have no pivot, or none that is cheap enough.
+    # The remaining rows have no pivot, or none that is cheap enough.
     factors = eliminate(rows, _OfNodes(), FewestUpdates(most_updates))
     if rows:
         return None
@@ -328,7 +328,7 @@ def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node
             for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
             if i in lower and j in upper
         ]
-        # A pivot that is an entry of the matrix itself cannot have lost anything.
+        # A pivot that is an entry of the matrix cannot be affected by cancellation.
         if not parts:
             continue
         size = dag.function("abs", matrix[i].get(j, dag.zero))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
 
 
-_NO_AXIS = -1  # among force and torque
+_NO_AXIS = -1  # neither a force nor a torque along a coordinate axis
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def released(
     )
     pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
     for w in a.taken:
-        # Deferred terms: (s.w)^2 / d of each lowers the pivot, and w (s.w) / d the wrench.
+        # Each deferred term lowers the pivot by (s.w)^2 / d, and the wrench by w (s.w) / d.
         along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
@@ -126,7 +126,7 @@ def released(
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
-    # Substitutions multiply by w / d in both directions.
+    # Substitutions in both directions multiply by w / d.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -228,18 +228,18 @@ class HeldColumn(Protocol):
 class TreeLink:
     """A moving branch of a tree; vectors in the parent's basis."""
 
-    parent: int  # number of the link that carries it, from one on; zero for the ground
-    speeds: tuple[int, ...]  # the accelerations among its unknowns
-    #: Angular acceleration, and acceleration of the link's origin, for a unit of each.
+    parent: int  # index of the parent link, from one on; zero for the ground
+    speeds: tuple[int, ...]  # indices of its accelerations among the unknowns
+    #: Angular acceleration of the link, and acceleration of its origin, per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    offset: Vector  # from the parent's origin to the link's
-    step: Matrix | None  # from the link's basis to the parent's; None if they are equal
-    #: Inertia about the link's origin, in its own basis.
+    offset: Vector  # vector from the parent's origin to the link's
+    step: Matrix | None  # rotation from the link's basis to the parent's; None if they are equal
+    #: Inertia about the link's origin, in the basis of the link.
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
-    #: Whether the terms w w^T / d of its speeds are subtracted only after its offset.
+    #: Whether the terms w w^T / d of its speeds are subtracted only after the shift by the offset.
     is_deferred: bool = False
 
 
@@ -249,12 +249,12 @@ class TreeFactors:
 
     dag: Dag  # the arena
     links: tuple[TreeLink, ...]  # the moving branches, parents first
-    #: Of each branch, in the order of their elimination: the last speed first. Wrenches are those
-    #: of a unit of each speed over its pivot, so that they are 1 along an axis of their own.
+    #: For each branch, in the order of elimination, the last speed first: wrenches per unit of each
+    #: speed, divided by its pivot. The component along a coordinate axis of the speed is 1.
     gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int  # number of accelerations
-    border: tuple[tuple[Node, ...], ...] = ()  # the rows of the multipliers, over the accelerations
-    #: Accelerations for a unit of each multiplier's column.
+    border: tuple[tuple[Node, ...], ...] = ()  # rows of the multipliers, by acceleration
+    #: Accelerations per unit of each multiplier's column.
     responses: tuple[tuple[Node, ...], ...] = ()
     core: Core | None = None  # remaining equations of the multipliers; None without multipliers
 
@@ -292,7 +292,7 @@ class TreeFactors:
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
                 if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
-                    continue  # a constraint acts on two of many bodies
+                    continue  # zero entry: a constraint acts on two of many bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
@@ -303,7 +303,7 @@ class TreeFactors:
                     torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
                     known = loads[link.parent]
-                    # Terms that depend on the force come last, for a short critical path.
+                    # Terms that depend on the force are added last, for a short critical path.
                     torque = vector.add(known[1], torque)
                     torque = vector.add(torque, vector.cross(link.offset, force))
                     loads[link.parent] = (vector.add(known[0], force), torque)
@@ -321,7 +321,7 @@ class TreeFactors:
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
                     given = gate.inverse * rest[at] - vector.dot(gate.force, linear)
-                    # Last, since it cancels below if the speed turns about this axis.
+                    # Last, since this term cancels below if the speed rotates about this axis.
                     found[at] = given - vector.dot(gate.torque, angular)
                     linear = vector.add(linear, vector.scale(found[at], link.shifting[speed]))
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
@@ -416,7 +416,7 @@ def factorise_tree(
             for j in range(i + 1):
                 # Symmetric, since M^-1 is: one half is formed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
-        # Squares of the gradient over the pivots are the diagonal without cancellation.
+        # The squared gradient over the pivots is the diagonal, computed without cancellation.
         inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
@@ -429,7 +429,7 @@ def factorise_tree(
         bare,
         border=tuple(map(tuple, border)),
         responses=responses,
-        # Multipliers need not be unique (redundant constraints), hence no determined unknowns.
+        # Multipliers may be indeterminate (redundant constraints), so that none must be unique.
         core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 

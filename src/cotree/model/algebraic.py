@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-#: ``rates(t, y)`` and ``jacobian(t, y)``; both may return the same buffer at every call.
+#: ``rates(t, y)`` and ``jacobian(t, y)``; both may return the same buffer in every call.
 Rates = Callable[[float, Array], Array]
 Jacobian = Callable[[float, Array], Matrix]
 
@@ -52,7 +52,7 @@ class Algebraic:
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from a close guess; return the rates."""
         # Exponentials may overflow during the iteration, whose tests reject such points. As a
-        # decorator errstate would be shared by all threads before NumPy 2.
+        # decorator, errstate would affect all threads before NumPy 2.
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._accept(t, y, root)
@@ -82,7 +82,7 @@ class Algebraic:
     def _accept(self, t: float, y: Array, root: Root) -> Array:
         """Store a root's unknowns in y and keep its matrix; return its rates."""
         y[self.cut :] = root.z
-        # The matrix of a root serves the next point nearby; that of a failed search does not.
+        # The matrix at a root is reused at the next point; that of a failed search is not.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
             raise UnsolvedError(self._failure_message(t, root.g))
@@ -101,7 +101,7 @@ class Algebraic:
 
     def _equation(self, t: float, point: Array) -> Equation:
         """Return the algebraic equations at constant time and states."""
-        # One buffer serves all evaluations: only the unknowns, its last entries, change.
+        # One buffer is used for all evaluations: only the unknowns, its last entries, change.
         point = point.copy()
 
         def at(z: Array) -> Array:

@@ -27,10 +27,10 @@ class Rates:
     """The function (x, u, p) -> dx/dt at one time."""
 
     model: CompiledModel
-    linearizer: Callable[[], Linearizer]  # makes the linearizer
+    linearizer: Callable[[], Linearizer]  # creates the linearizer
     t: float  # the time, [s]
-    #: Its arguments p, the parameters that the model was compiled with sensitivities to. Other
-    #: parameters keep the values of the scene.
+    #: Names of the arguments p: the parameters of the model's sensitivities. Other parameters keep
+    #: the values of the scene.
     names: tuple[str, ...]
 
     @property
@@ -127,7 +127,7 @@ def casadi_function(rates: Rates) -> Any:
             return self._names[1][i]
 
         def get_sparsity_in(self, i: int) -> Any:
-            # The value is not read.
+            # Only the shape of this argument is used.
             return casadi.Sparsity.dense(sizes[i], 1) if i < 3 else casadi.Sparsity(n, 1)
 
         def get_sparsity_out(self, i: int) -> Any:
@@ -169,7 +169,7 @@ def casadi_function(rates: Rates) -> Any:
             return True
 
         def get_jacobian(self, name: str, given: Any, results: Any, options: Any) -> Any:
-            # CasADi does not keep its callbacks alive.
+            # CasADi does not hold references to its callbacks.
             self._jacobian = Jacobian(name, list(given), list(results), options)
             return self._jacobian
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from cotree.model.model import EvaluationPoint
     from cotree.model.start_in_c import StartCall
 
-#: Larger relative changes of given values are named in messages; smaller residuals than the second
-#: number count as zero.
+#: Relative changes of prescribed values above the first number are named in messages; residuals
+#: below the second number count as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
 #: Largest number of residuals, and of changes, in a message.
@@ -67,7 +67,7 @@ class Start:
     def z(self) -> Array:
         """States, then sensitivities by parameter: the layout of integrations."""
         found = np.concatenate([self.y, self.s.T.ravel()])
-        found.flags.writeable = False  # shared by runs with the same start
+        found.flags.writeable = False  # shared by all runs with this start
         return found
 
 

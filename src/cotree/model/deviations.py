@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Entries below this fraction of the largest one in a row are residues of cancellation.
+#: Entries below this fraction of the largest one in a row are due to cancellation.
 _ROUNDING = 1e-10
 #: Rates below this, relative to the largest rate or one, count as zero.
 _STILL = 1e-6
@@ -73,7 +73,7 @@ class Reduced:
     B: Array
     C: Array
     D: Array
-    basis: Array  # deviations of all states for unit values of each z
+    basis: Array  # deviations of all states for a unit of each z
     rates: Array  # rates of the motion itself along each z
     #: The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
@@ -278,7 +278,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),
         1e-3 * _ROUNDING * np.max(np.abs(system.A), initial=0.0),
     )
-    # Deviation j is kept while a remaining row has a significant entry in column j.
+    # Keep deviation j while a remaining row has a significant entry in column j.
     matters = np.abs(system.A) > scale[:, None]
     kept = np.arange(len(system.A))
     while True:
@@ -298,7 +298,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 def is_same(first: Reduced, second: Reduced) -> bool:
     """Return whether two linear systems agree in all deviations on which others depend."""
-    # Deviations on which nothing depends, such as a heading, may differ.
+    # Deviations that have no effect, such as a heading, may differ.
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)
     change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)

@@ -51,14 +51,14 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # An infinite intermediate value may be harmless, but a nan propagates. Nodes are in the order
-    # of evaluation, so the first nan has no nan among its arguments.
+    # An infinite intermediate value may be harmless, but a nan propagates. Nodes are in order of
+    # evaluation, so that the arguments of the first nan are not nan.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
     if wrong is None:
         return ""
-    # Go down to the operation whose arguments are all finite: it is the first cause.
+    # Find the first cause: an operation whose arguments are all finite.
     while any(arg in lost for arg in wrong.args):
         wrong = next(arg for arg in wrong.args if arg in lost)
     return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"

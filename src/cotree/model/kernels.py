@@ -49,7 +49,7 @@ def load_newton(program: Program) -> Newton | None:
     """Build and load the factors and second derivatives of a model; None if no compiler can."""
     if find_toolchain() is None:
         return None
-    # Imported here: runs with explicit methods print no C.
+    # Imported here, because runs with explicit methods print no C.
     from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 
     # Second derivatives are new nodes of the arena, which threads share.
@@ -94,7 +94,8 @@ class StepWork:
     n_factors: int
     n_products: int
     is_unrolled: bool  # whether its C code is fully unrolled
-    #: The same for an elimination with row exchanges, banded if the band is narrow.
+    #: The corresponding numbers for an elimination with row exchanges, banded if the band is
+    #: narrow.
     n_banded: int
     n_banded_products: int
 
@@ -122,7 +123,7 @@ def count_step_work(program: Program) -> StepWork | None:
     )
 
 
-#: The status of a kernel with a singular linear system.
+#: Status of a kernel in which a linear system is singular.
 SINGULAR = 1
 
 
@@ -137,9 +138,10 @@ class NativeModel:
     library: LoadedLibrary  # the library, which keeps the code loaded
     layout: Layout
     can_extend: bool  # whether it has rates of its algebraic unknowns
-    #: Returns factors and second derivatives, built at the first call; None if that is impossible.
+    #: Returns factors and second derivatives, which the first call builds; None if that is
+    #: impossible.
     newton: Callable[[], Newton | None]
-    #: Returns the operation counts of implicit steps, counted at the first call.
+    #: Returns the operation counts of implicit steps, which the first call computes.
     work: Callable[[], StepWork | None]
 
 
@@ -254,13 +256,13 @@ class CKernels:
         bound = self._own.bound
         bound.p[:] = p
         status = self._model.prepare(*bound.prepared)
-        # C returns a status only. Python evaluates the guards again, to name the value.
+        # C returns only a status. Python evaluates the guards again, to name the value.
         if status < 0:
             from cotree.model.failures import check_guards
 
             check_guards(self._text.program.guards, p)
         if status:
-            # No guard rejects the values: a linear system is singular.
+            # No guard rejected the values, so a linear system is singular.
             raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -359,13 +361,13 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     if toolchain is None:
         return None
     # Vectorised sums over equations make steps a fifth faster for 8 equations, a quarter for 36.
-    # The code around the steps compiles more slowly with these flags without being faster.
+    # The code around the steps would compile more slowly with these flags and run no faster.
     try:
         _, loaded = obtain_library(
             code.files,
             code.declarations,
             abi_version=ABI_VERSION,
-            # The level is given below, so that the number of operations has no effect.
+            # The optimisation level is given below, so that the number of operations has no effect.
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,
@@ -402,7 +404,8 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # Points remain without a compiler, or after C has failed at one: Python names the cause.
+    # Evaluate the remaining points in Python, either without a compiler or because C failed: the
+    # Python error names the cause.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()
@@ -424,7 +427,7 @@ class _Points:
         )
         for j in np.flatnonzero(~np.isfinite(self.t))[:1].tolist():
             raise ParameterError(f"column {j}: t is {self.t[j]}: give a finite number")
-        # A row for each point, or one for all of them.
+        # One row for each point, or a single row.
         self.has_own = is_many(p)
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")

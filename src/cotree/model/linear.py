@@ -28,21 +28,22 @@ Matrix = Any
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 #: Steps below this fraction of an unknown that no longer halve are rounding errors, since Newton's
-#: method squares its errors. If unknowns are zero up to rounding, it is a fraction of the scales.
+#: method converges quadratically. For unknowns that are zero up to rounding, the fraction refers to
+#: the scales.
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
 #: Residuals below this fraction of the sum of their terms are cancellation errors.
 _MET = 1e-3
 
-#: Full matrices are faster up to so many rows, and from this density on.
+#: Full matrices are faster up to this number of rows, and above this density.
 _FEW, _SHARE = 60, 0.1
 
 #: Random sign vectors estimate the effect of rounding errors of the equations on the unknowns of a
 #: large system.
 _PROBES = 16
 
-#: Rounds of inverse iteration, and how far above rounding a singular value must be to count as
+#: Number of inverse iterations, and the multiple of rounding above which a singular value is
 #: nonzero.
 _ROUNDS, _CLEARLY = 4, 1e3
 

@@ -102,7 +102,7 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     return found
 
 
-#: Change of the fastest state over which a motion is followed to see whether it is steady.
+#: Change of the fastest state over which a motion is followed to determine whether it is steady.
 _ASIDE = 0.1
 
 
@@ -353,7 +353,7 @@ class Linearizer:
     def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        # At rest and autonomous: an equilibrium.
+        # An equilibrium: at rest, and autonomous.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
         # Until the fastest state has changed by a tenth, but at most a tenth of a second.
@@ -410,7 +410,7 @@ class Linearizer:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        # Only existing symbols are used: creating one here would alter the shared graph.
+        # Use existing symbols only: a new symbol would alter the shared graph.
         for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:

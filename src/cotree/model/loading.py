@@ -132,7 +132,7 @@ class OperatingPoint:
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
-        # Its parameters are a subset of the model's.
+        # Its parameters are some of the model's.
         own = rest.parameter_array({name: known[name] for name in rest.parameters})
         inputs = None
         if u is not None:
@@ -154,7 +154,8 @@ def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if not model.text.files:
         raise TypeError("a model without C text cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
-    # Programs and texts are repetitive: compression to a quarter takes a few milliseconds.
+    # Programs and texts are repetitive: compression to a quarter of the size takes a few
+    # milliseconds.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
     return _arrived, (_versions(), data)
 
@@ -198,5 +199,6 @@ def _named(versions: dict[str, str]) -> str:
     return f"{versions.get('cotree')} ({others})"
 
 
-# A library belongs to its process; another process compiles the text or finds it in its cache.
+# A library is valid in one process only. Another process compiles the text, or finds it in the
+# cache.
 copyreg.pickle(CompiledModel, _reduced)

@@ -238,7 +238,7 @@ class CompiledModel:
         try:
             found = find_toolchain()
         except BuildError:
-            found = None  # the environment names another compiler since
+            found = None  # the environment now names another compiler
         return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
@@ -396,7 +396,7 @@ class CompiledModel:
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # then the kernel does not exist
+        if not self.constraints:  # without constraints the kernel does not exist
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
@@ -532,7 +532,7 @@ class StatesOnly(CompiledModel):
     def native(self, p: Array) -> NativeModel | None:
         """Return the model for C; see :meth:`CompiledModel.native`."""
         native = super().native(p)
-        # The kernel of the states may exist even if the one with sensitivities is too long.
+        # The kernel of the states may exist even if the one with sensitivities was too long.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 

@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 
-#: An old matrix is replaced if it would need more further steps than this: with the matrix of its
-#: own point, a step squares the error.
+#: An old matrix is replaced if more further steps than this would be needed; with the matrix of the
+#: present point, each step squares the error.
 _FEW = 3
 
 #: The least fraction of the decrease predicted by the linear model: Armijo's rule.
@@ -68,7 +68,7 @@ _NEIGHBOURS, _DISTANCES = 8, 5
 class Residuals(Protocol):
     """Equations that an iteration solves."""
 
-    n_carried: int  # number of values that are no residuals; they come first
+    n_carried: int  # number of leading values that are no residuals
 
     def value(self, z: Array) -> Array:
         """Evaluate at a point, shape (n_carried + n,), a fresh array; it need not be finite."""
@@ -135,8 +135,8 @@ class Root(NamedTuple):
 
     z: Array  # the point
     values: Array  # values of the equations there
-    is_found: bool  # whether the residual is nothing but rounding
-    linear: Linear | None = None  # the linear equations solved last, of this point or of one nearby
+    is_found: bool  # whether the residual consists of rounding errors only
+    linear: Linear | None = None  # last linear equations solved, at this point or at one nearby
     n_carried: int = 0  # number of values that are no residuals
 
     @property
@@ -170,7 +170,7 @@ class NaturalTest:
         The step must be shorter by this share of the damping factor.
     """
 
-    share = 0.25  # Deuflhard's value
+    share = 0.25  # recommended by Deuflhard
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
@@ -186,7 +186,7 @@ class NaturalTest:
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
         ratio = after / self._before  # factor by which further steps with this matrix would shrink
-        # A few further steps with this matrix reach rounding, so that it is reused.
+        # A few further steps with this matrix would reach rounding, so it is reused.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _REFACTOR
 
@@ -203,7 +203,7 @@ class ResidualTest:
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
     ) -> None:
-        # Each row is divided by the largest change that a unit of any unknown makes in it.
+        # Divide each row by the largest change that a unit of any unknown causes in it.
         largest = np.max(np.abs(equation.square(point.z) * units), axis=1)
         self._weights = 1.0 / np.maximum(largest, TINY)
         self._before = float(np.linalg.norm(self._weights * point.g))
@@ -218,12 +218,12 @@ class ResidualTest:
 class NewtonLimits:
     """Limits of an iteration."""
 
-    most_steps: int  # the most steps that are taken
-    #: The test that accepts a step; if omitted, whole steps are taken.
+    most_steps: int  # maximum number of steps
+    #: Test that accepts a step; None: all full steps are accepted.
     test: type[NaturalTest] | type[ResidualTest] | None = None
-    least_damping: float = 1.0  # the least share of a step that is tried
-    #: The iteration ends at a step below this share of the scales or, with a test, at one whose
-    #: next step would be.
+    least_damping: float = 1.0  # smallest damping factor
+    #: The iteration ends at a step below this fraction of the scales or, with a test, if the next
+    #: step would be below it.
     settled: float = ROUNDING
 
 
@@ -294,7 +294,8 @@ def iterate(
             # The matrix belongs to an earlier point; repeat the step with that of this point.
             kept = _REFACTOR
         else:
-            # Whole steps are rejected for infinite residuals only, which prove nothing.
+            # Full steps are rejected only for infinite residuals, which is no evidence of
+            # convergence.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -368,13 +369,13 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
-# Far from the root of an exponential each step changes its argument by one, and the first guess of
-# the argument may be too large by a hundred.
+# Far from the root of an exponential, each step changes its argument by one, and the initial guess
+# of the argument may be too large by a hundred.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
 _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 
-#: Whole steps converge from a point next to a root.
+#: Full steps, which converge from a point next to a root.
 NEXT = NewtonLimits(20, WholeSteps)
 
 #: Close to a root little damping is needed; otherwise the search ends after a few steps.
@@ -384,7 +385,7 @@ NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
-#: Distance of random initial points, as a share of the guess or of 1, and their number.
+#: Distance of random initial points, as a fraction of the guess or of 1, and their number.
 _ASIDE, _TRIES = 0.5, 3
 
 
@@ -454,7 +455,7 @@ def _searches(
 
 def _starts(guess: Array) -> Iterator[Array]:
     yield guess
-    # Laws of networks mostly vanish at zero and do not overflow there.
+    # Laws of networks are usually zero at zero, and do not overflow there.
     if np.any(guess):
         yield np.zeros_like(guess)
     rng = np.random.default_rng(0)
@@ -471,7 +472,7 @@ def _falling(equation: Equation, z: Array) -> Root:
 def _continued(equation: Equation, z: Array) -> Root:
     """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
     first, cut = equation.value(z), equation.n_carried
-    # The carried values are no residuals, and are not changed.
+    # Values that are not residuals are not changed by the continuation.
     first[:cut] = 0.0
     reached, advance = 0.0, 0.1
     for _ in range(_MOST_ADVANCES):
@@ -484,23 +485,22 @@ def _continued(equation: Equation, z: Array) -> Root:
 
         root = iterate(Equation(value, equation.slope, equation.held, cut), z, _CORRECTION)
         if root.is_found:
-            # The next correction begins at this root, which is a constant predictor.
+            # The next correction starts from this root (constant predictor).
             z, reached, advance = root.z, goal, 2.0 * advance
         else:
             advance /= 2.0
     return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
 
 
-#: The largest unlimited increase of an exponent, and the largest exponent taken from a guess.
+#: Largest increase of an exponent that is not limited, and largest exponent accepted from a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
-#: Number of limited steps, which grows with the number of junctions, since changes propagate along
-#: chains of them; and the relative step at which Newton's method takes over.
+#: Maximum number of limited steps, and further steps for each junction, since changes propagate
+#: along chains of junctions; and the relative step size at which Newton's method takes over.
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
-#: The largest and the smallest conductance in parallel with junctions, in units of saturation
-#: current over thermal voltage: at 1e-15 A the largest is that of a wire, the smallest is
-#: negligible.
+#: Largest and smallest conductance in parallel with junctions, in units of saturation current over
+#: thermal voltage. At 1e-15 A the largest is that of a wire; the smallest is negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
 _FACTORS = (1.05, 10.0, 1e3)
 
@@ -509,7 +509,7 @@ _FACTORS = (1.05, 10.0, 1e3)
 class Junctions:
     """The algebraic equations of a program, as functions of unknowns and exponentials."""
 
-    equations: tuple[Node, ...]  # the residuals g, which are to vanish
+    equations: tuple[Node, ...]  # residuals g, which must be zero
     unknowns: tuple[Node, ...]  # symbols of z
     exponentials: tuple[Node, ...]  # those that depend on z
     #: Derivatives of each equation, then of each exponent, by z and by the exponentials; keys are
@@ -530,7 +530,7 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        # Exponentials are variables of their own: derivatives by z do not go through them.
+        # Exponentials are treated as variables: derivatives by z do not differentiate them.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
@@ -567,7 +567,7 @@ class FrozenSystem:
             if node.op == "symbol" and node not in self._free and node.data[0] != PIECE
         }
         moving = dependent(order, self._free)
-        # Values that do not depend on unknowns are evaluated once.
+        # Values that do not depend on unknowns are evaluated only once.
         edge = {a for node in order if node in moving for a in node.args if a not in moving}
         fixed = list(edge.union(roots) - moving)
         self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
@@ -584,7 +584,7 @@ class FrozenSystem:
         if not m:
             return None
         exponents = self._evaluate(z, np.ones(m))[0][self._n :]
-        # Exponents that are huge at a poor guess start at zero, as at zero voltage.
+        # Exponents that are huge at a poor guess start at zero, which corresponds to zero voltage.
         w = np.where(np.abs(exponents) < _FAR_OF_JUNCTIONS, exponents, 0.0)
         found = self._iterate(z, w, 0.0)
         return self._lower(z, np.zeros(m)) if found is None else found[0]
@@ -596,7 +596,7 @@ class FrozenSystem:
             lower = conductance / factor if conductance > _LEAST else 0.0
             found = self._iterate(z, w, lower)
             if found is not None:
-                # A success squares the factor; a failure takes its square root.
+                # After a success the factor is squared; after a failure its square root is taken.
                 (z, w), conductance, factor = found, lower, min(factor**2, most)
             elif factor < least:
                 return None

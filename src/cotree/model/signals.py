@@ -69,7 +69,7 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
         raise ParameterError(f"the period of a sampled input is {period}: it must be positive")
     try:
         kinds = [row.kind for row in inspect.signature(function).parameters.values()]
-    except (TypeError, ValueError):  # functions written in C may have no signature
+    except (TypeError, ValueError):  # C functions may have no signature
         kinds = []
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return Sampled(function, float(period), sum(kind in positional for kind in kinds) > 1)
@@ -81,7 +81,7 @@ class ReplacedInputs:
 
     #: Functions of time by the index of the input in u.
     by_position: Mapping[int, Signal]
-    breakpoints: tuple[float, ...]  # times where a table has a kink
+    breakpoints: tuple[float, ...]  # times at which a table has a kink
     #: Replaced inputs that are numbers or tables.
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
     #: Replaced inputs that are sampled.
@@ -119,7 +119,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
         else:
             constant = parsed.number
-            # Other expressions are compiled into a model of their own; see cotree.scene.variants.
+            # Other expressions are compiled into a separate model; see cotree.scene.variants.
             assert constant is not None
             # A table of one point is a constant, which C reads without calling Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])

@@ -161,9 +161,9 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A value given for the run depends on no parameter, only on itself.
+        # A value set for the run depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
-    # A run without sensitivities has no initial ones.
+    # A run without sensitivities has no initial sensitivities.
     if slopes and wanted:
         _put_slopes(model, slopes, s)
     return y, s

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
 
 
-#: With more algebraic unknowns than these, sparse factorisations in Python are faster.
+#: With more algebraic unknowns than this, sparse factorisations in Python are faster.
 _MOST_UNKNOWNS = 200
 
 
@@ -41,17 +41,17 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Results of C: given values contradict the constraints, or cannot change with a parameter.
+#: Statuses of C: prescribed values contradict the constraints, or cannot change with a parameter.
 _CONTRADICTIONS = (100, 102)
 
 #: The algebraic equations have no solution near the guess, or leave unknowns undetermined.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
-#: The modes of jumps contradict the states that they lead to.
+#: The modes of jumps contradict the states that result from them.
 _REVERSED = 105
 
-#: All states are found, but redundant values contradict each other, a value is not finite, or the
-#: start is at a jump whose time depends on a parameter.
+#: All states are found; but redundant values may contradict each other, a value may not be finite,
+#: or the start may be at a jump whose time depends on a parameter.
 _REDUNDANT = 103
 _COMPLETE = (0, _REDUNDANT, 106, 109)
 

@@ -207,10 +207,10 @@ _MET = 1e-6
 #: Residuals below this are rounding errors, relative to the sum of the magnitudes of their terms.
 _EXACT = 1e-11
 
-#: The most iterations over modes, each of which solves for the point again.
+#: Maximum number of iterations over modes, each of which solves for the point again.
 _MOST_ROUNDS = 20
 
-#: Unknowns with relative entries below this count as not involved in a direction.
+#: Unknowns with relative components below this are not involved in a direction.
 _INVOLVED = 0.1
 
 
@@ -338,8 +338,8 @@ class _TrimEquation(Equation):
         inverse = pseudo_inverse(slope)[0]
         terms = np.abs(slope) @ np.abs(z) + self._targets
         # Least-squares steps also vanish if the conditions contradict each other, so the residuals
-        # are compared with the size of their terms. At a solution of zero all terms are rounding
-        # errors, so unknowns count as one at least.
+        # are compared with the magnitude of their terms. At a solution of zero all terms are
+        # rounding errors; therefore unknowns count as at least one.
         sizes = _MET * (np.abs(slope) @ np.maximum(np.abs(z), 1.0) + self._targets)
         return Linear(inverse.dot, np.abs(z) + np.abs(inverse) @ terms, sizes)
 
@@ -356,7 +356,7 @@ def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
-        # Equilibration: scales the largest entry of every column, then of every row, to one.
+        # Equilibration: scale the largest entry of every column, then of every row, to one.
         for axis, sizes in ((0, columns), (1, rows)):
             found = np.max(np.abs(scaled), axis=axis, initial=0.0)
             found = np.where(found > 0.0, found, 1.0)
@@ -440,7 +440,7 @@ def _posed(
     at = EvaluationPoint(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
-    except Error:  # keep the initial values as given
+    except Error:  # keep the prescribed initial values
         y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel, EvaluationPoint
 
 
-#: Both may be given if they agree to this relative tolerance.
+#: Both values may be given if they agree to this relative tolerance.
 _AGREE = 1e-6
 
 
@@ -71,8 +71,9 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
-        # This row has the derivatives of the storage's law. If the law does not depend on its own
-        # variable at this point, the largest derivative by another one replaces the capacitance.
+        # This row contains the derivatives of the storage's law. If the law does not depend on its
+        # own variable at this point, the largest derivative by another variable replaces the
+        # capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own
@@ -107,8 +108,8 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
         return y
     y = y.copy()
     for _ in range(_MOST_CHANGES * len(rows)):
-        # `jumps` contains the new values of each event. An event has occurred if its function has
-        # the sign of its direction.
+        # `jumps` contains the new values of all events. An event has occurred if the sign of its
+        # function is that of its direction.
         values, wanted = at.event_values(y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
@@ -155,7 +156,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
-    # Called only after Newton's method has failed from the guess.
+    # Called only if Newton's method has failed from the guess.
     def improve(t: float, y: Array) -> Array | None:
         return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 
@@ -168,7 +169,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     )
 
 
-#: Relative tolerance of speeds and forces, below the errors of runs and searches.
+#: Relative tolerance of speeds and forces, larger than the errors of runs and searches.
 _CLOSE = 1e-6
 
 #: Modes of an edge that sticks and of one without a normal force.
@@ -225,7 +226,7 @@ def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Arr
     y = settle_friction(at, y, given)
     try:
         return solve_states(at, y)
-    except Error:  # the search raises it again
+    except Error:  # the search raises the error again
         return y
 
 
@@ -258,7 +259,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             _values(at, y, part).get(place, np.inf)
             for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
-        # The sum is the width of the range between both limits.
+        # The sum of the distances is the width of the range between both limits.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
             raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")

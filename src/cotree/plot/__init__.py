@@ -43,7 +43,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
 
     path = Path(path)
     format = check_picture(path).removeprefix(".")
-    # Neither date nor random identifiers, so that the same picture is the same file.
+    # Without dates and random identifiers, equal pictures are equal files.
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with (
         atomic_write(path, "the picture") as draft,
@@ -61,7 +61,7 @@ def svg_text(fig: Figure) -> str:
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
         fig.savefig(text, format="svg", metadata={"Date": None})
-    # A page takes the element, without the declaration of a document.
+    # A page requires only the element, without the document declaration.
     return text.getvalue().partition("<svg")[2].join(["<svg", ""])
 
 

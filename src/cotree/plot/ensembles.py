@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.plot.layout import Array
 
 
-#: Dimensions that are not dimensions of members.
+#: Dimensions of arrays that are not dimensions of members.
 _OTHERS = ("time", "parameter", "occurrence")
 
 _PER_MEMBER = ("status", "message", "steps", "seconds")
@@ -38,10 +38,10 @@ _PER_MEMBER = ("status", "message", "steps", "seconds")
 class Variable:
     """One quantity of all members."""
 
-    name: str  # as given
-    label: str  # in pictures
+    name: str  # name as given by the user
+    label: str  # label in pictures
     unit: str
-    array: Any  # its values: dimensions of members first, then time if it has any
+    array: Any  # values: dimensions of members first, then time if present
     is_sensitivity: bool  # whether it is a derivative
 
     @property
@@ -181,14 +181,15 @@ def _titled(name: str, row: Any) -> str:
 if TYPE_CHECKING:
     Make = Callable[[float, float], Figure]
 
-# Shares of the members inside the bands, from the outer to the inner one, with opacity and label.
+# Fractions of the members within the bands, from the outer to the inner band, with opacity and
+# label.
 _BANDS = ((0.95, 0.18, "95 %"), (0.5, 0.38, "50 %"))
 
 # Panels in a row.
 _COLUMNS = 2
 
-# Ratio of the largest to the smallest positive value from which an axis is logarithmic: for values
-# that grow by a constant factor, and for any values.
+# Minimum ratio of the largest to the smallest positive value for a logarithmic axis: for values
+# that increase by a constant factor, and for any values.
 _LEAST_RATIO, _WIDE_RATIO = 3.0, 30.0
 
 _NOTHING = "all members failed: there is nothing to draw"
@@ -348,7 +349,7 @@ def heat_map(
         # Without a layout the title of a colour bar may overlap the labels of other axes.
         figure.set_layout_engine("constrained")
     where.set_facecolor("0.85")
-    where.grid(False)  # a style may have one
+    where.grid(False)  # a style may draw a grid
     mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)
     where.set(xlabel=level.title, xscale=level.scale, ylabel=upright.title, yscale=upright.scale)
     for axis in (where.xaxis, where.yaxis):

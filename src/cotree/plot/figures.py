@@ -25,10 +25,10 @@ class ShownFigure(Figure):
         if pyplot is not None and number is not None and pyplot.fignum_exists(number):
             backend = pyplot.get_backend().lower()
             if "ipympl" in backend and pyplot.isinteractive():
-                return  # it is shown already
+                return  # already shown
             if "inline" in backend:
                 pyplot.close(self)
-        # The notebook then shows it as a picture, like any other figure.
+        # The notebook then shows the figure as a picture.
         raise NotImplementedError
 
 

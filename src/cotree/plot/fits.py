@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.plot.layout import Array
 
-# Panels in a row, and the colours of measured values, computed values and limits.
+# Number of panels in a row; colours of measured values, computed values and limits.
 _COLUMNS = 3
 _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 
@@ -196,7 +196,7 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         label = f"{curve.name} {_bracketed(curve.unit)}".strip()
         _label(ax, label, "increase of 2 × objective", "")
         if k == 0:
-            # Both ends of the interval have one entry.
+            # The two ends of the interval share one legend entry.
             ax.legend(*_distinct(ax), fontsize=8, frameon=False, loc="upper center", ncols=2)
     return figure
 
@@ -233,7 +233,7 @@ def draw_overview(
     correlation: Array,
 ) -> Figure:
     """Draw courses, residuals, and starts or correlations in one figure."""
-    # Panels of courses may be wider than those of the last row.
+    # Panels of time plots may be wider than those of the last row.
     columns = 2 if len(courses) in (2, 4) else min(len(courses), _COLUMNS)
     n_rows = -(-len(courses) // columns)
     figure = figure_for_people(4.3 * _COLUMNS, 3.2 * (n_rows + 1) + 0.4)

@@ -122,7 +122,7 @@ def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
 def _freest(directions: Sequence[Array], n: int) -> Array:
     """Choose one of `n` directions around a node, furthest from all edges; down first."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
-    # Rounding makes equivalent directions equal; the first is taken.
+    # Rounding makes equivalent directions equal, so that the first one is chosen.
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
     if not directions:
         return np.asarray(candidates[0])
@@ -141,7 +141,7 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])
     size = 1.3 if bold else 1.0
-    # Off the middle, where the name is.
+    # Not in the middle, where the name is.
     tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
     half = _HEAD_WIDTH / 2 * size * normal
     back = tip - _HEAD_LENGTH * size * along

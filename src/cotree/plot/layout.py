@@ -24,11 +24,12 @@ Array = npt.NDArray[np.float64]
 
 # Distance of parallel edges, clearance of edges from other nodes, margin of the picture.
 _FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
-# Width of a letter of an edge's name, and possible places of the name on the edge, best first.
+# Width of a letter in an edge's name; possible positions of the name along the edge, best first.
 _LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
-# Nodes in a line of a long chain.
+# Number of nodes in a line of a long chain.
 _LINE = 7
-# If the largest gap between directions from the reference is less, the picture is opened.
+# If all gaps between directions from the reference are smaller than this, the edges are compressed
+# into a half plane.
 _OPEN = np.radians(150)
 
 
@@ -148,7 +149,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     # Angles are compressed into the half plane above the reference; radii grow, so that arcs keep
     # their length.
     shrink = min(1.0, np.pi / spread)
-    # Clockwise from the left, where the traversal from the reference usually begins.
+    # Clockwise from the left, where the traversal from the reference usually starts.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
     directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
     radii = np.hypot(x, y) / shrink
@@ -186,7 +187,7 @@ def _curve(
     # The middle of a cubic curve is 3/4 of the way to its inner control points.
     inner = 4 / 3 * bulge * normal
     points = np.array([first, first + 0.2 * along + inner, last - 0.2 * along + inner, last])
-    # The arc is bent with respect to the pair, the curve runs from the edge's tail.
+    # The arc is computed for the pair of nodes; the curve runs from the tail of the edge.
     return Curve(edge, points if edge.tail == ends[0] else points[::-1])
 
 
@@ -210,7 +211,7 @@ def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[
         foreign = np.vstack([*samples[:i], *samples[i + 1 :], nodes])
         taken, widths = np.reshape(places, (-1, 2)), np.reshape(halves, (-1, 2)) + half
         candidates = [curve.at(s) for s in _LABEL_PLACES]
-        # A name that covers another is worse than one that covers any number of lines.
+        # Covering another name is worse than covering any number of lines.
         costs = [
             1000 * _count_within(taken - place, widths) + _count_within(foreign - place, half)
             for place in candidates

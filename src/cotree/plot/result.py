@@ -103,11 +103,12 @@ def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequenc
 
 Color = tuple[float, ...]
 
-# Largest numbers of panels in a row, of circles of an overlay, of curves with a legend above them.
+# Maximum number of panels in a row, of circles of an overlay, and of curves with a legend above
+# them.
 _COLUMNS = 3
 _OPEN_CIRCLES = 40
 _FEW = 4
-# Widths of a panel and of the line before a label, in letters of a legend.
+# Widths of a panel and of the line in front of a label, in letters of a legend.
 _PANEL, _LINE = 66, 7
 _CIRCLES = "finite differences"
 
@@ -211,7 +212,7 @@ def plot_result(
 
 def _followers(result: RunRecord) -> tuple[str, ...]:
     """List the variables that follow from the states: positions along f-circuits, and outputs."""
-    # Records of other programs may have no positions.
+    # Records of other programs may lack positions.
     return (*(row.name for row in getattr(result, "positions", ())), *result.outputs)
 
 
@@ -299,7 +300,7 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
         times, values = (np.asarray(column)[::every] for column in overlay)
         ax.plot(times, values, color=color, **style)
     if overlays:
-        # Circles of all colours have one grey entry in the legend.
+        # One grey entry in the legend represents the circles of all colours.
         ax.plot([], [], color="0.3", label=_CIRCLES, **style)
 
 

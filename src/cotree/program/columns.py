@@ -61,9 +61,10 @@ if TYPE_CHECKING:
     from cotree.program.solved import SolvedSystem
 
 
-#: Operations for moving one nonzero value into a vector, or out of it.
+#: Operations to move one nonzero value into a vector, or out of it.
 _MOVE = 2
-#: Number of times that exchanges of two columns are tried for all pairs; none for many columns.
+#: Number of sweeps in which exchanges of all pairs of columns are tried, and maximum number of
+#: columns.
 _SWEEPS, _MOST_COLUMNS = 4, 400
 
 
@@ -81,7 +82,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
     Two columns of different blocks are exchanged as long as this reduces the number of computed
     values. Also returns the original place of each column.
     """
-    # The supports by column: the statements that are nonzero there, as bits.
+    # For each column, the statements that are nonzero there, as a bit mask.
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -89,7 +90,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
             lowest = support & -support
             nonzero[lowest.bit_length() - 1] |= 1 << k
             support ^= lowest
-    # A column whose results are all zero is left out.
+    # A column whose results are all zero is omitted.
     found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
     places = [j for j in range(linear.n_columns) if found >> j & 1]
     blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
@@ -124,7 +125,7 @@ def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
     return union.bit_count()
 
 
-#: Operations that apply to both parts of their arguments separately.
+#: Operations that can be applied separately to both parts of their arguments.
 _SUMS = frozenset({"add", "sub", "neg"})
 
 
@@ -132,9 +133,9 @@ _SUMS = frozenset({"add", "sub", "neg"})
 class CommonDirection:
     """Derivatives along any direction, from sensitivities of states and from sources."""
 
-    direction: Derivative  # the forcing and the rates, in terms of both
+    direction: Derivative  # forcing and rates, in terms of changes and sources
     sources: tuple[Node, ...]  # symbols of the sources
-    #: The nonzero sources of each parameter, by place.
+    #: Nonzero sources of each parameter, by index.
     given: list[dict[int, Node]]
 
 
@@ -150,7 +151,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
-    # Values that follow from sensitivities and sources are formed once for all parameters; only the
+    # Values that depend on sensitivities and sources are formed once for all parameters; only the
     # values of the sources differ.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
@@ -172,7 +173,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Results are uses, too: a value with two uses must be formed as a whole.
+        # Results count as uses: a value with two uses must be formed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -216,8 +217,8 @@ class _Parting:
         """Split a value into parts that depend on states, and on parameters only."""
         dag = self._dag
         if node.op not in _SUMS:
-            # Products and quotients have one factor that changes. Its parts are added before, since
-            # multiplying both would cost twice.
+            # Products and quotients have one factor that changes. Its two parts are added first,
+            # since multiplying both would cost twice as much.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
@@ -231,20 +232,20 @@ class _Parting:
             return self._dag.zero, node
         if self._n_readers[node] == 1:
             return self._parts[node]
-        # The sum has another user, so that splitting it here would form it twice.
+        # The sum has another user, so splitting it here would form it twice.
         return self.parted(node), self._dag.zero
 
 
-#: Fewer operations than these are written out for each direction.
+#: Number of operations below which the code is written out for each direction.
 _FEW_OPERATIONS = 600
-#: A map is used if it costs less than this fraction of the operations written out.
+#: A map is used if it costs less than this fraction of the written-out operations.
 _WORTH = 0.75
-#: The largest number of column values that a kernel stores on its stack: 800 kB.
+#: Maximum number of column values that a kernel stores on the stack: 800 kB.
 _MOST_VALUES = 100_000
-#: Directions that are written out to estimate the cost of one.
+#: Number of directions that are written out to estimate the cost of one.
 _SAMPLES = 5
 
-#: Derivatives along one direction, by place.
+#: Derivatives along one direction, by index.
 _Row = dict[int, "Node"]
 
 
@@ -252,7 +253,7 @@ _Row = dict[int, "Node"]
 class MappedRates:
     """The rates along all states, and along all sensitivities; None if they are not a map."""
 
-    columns: list[_Row] | None  # of the Jacobian, by place
+    columns: list[_Row] | None  # columns of the Jacobian, by index
     sensitivities: list[Node] | None  # rates of all sensitivities, direction by direction
 
 
@@ -300,7 +301,7 @@ class _Map:
     columns: list[Sequence[Node]]
     order: list[int]
     n_directions: int
-    places: list[int]  # of its results
+    places: list[int]  # indices of the results
 
     @property
     def known(self) -> list[Node]:
@@ -346,7 +347,7 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Places of the rates that depend on unknowns."""
-        # Rates without unknowns are not part of this map: with_unsolved forms their derivatives
+        # Rates without unknowns are not part of this map; with_unsolved forms their derivatives
         # directly.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
@@ -395,7 +396,7 @@ class _Ways:
         ]
         n_sources = len(self.common.sources)
         given = [spread(row, n_sources, self._dag.zero) for row in self.common.given]
-        # These columns stay in the order of ``s``, so that C reads sensitivities in place.
+        # These columns keep the order of ``s``, so that C reads sensitivities in place.
         at_once = self._map(
             self._results(()),
             range(n),
@@ -406,8 +407,8 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # The Jacobian costs a product and a sum for each nonzero and column. If these exceed the
-        # statements of the first form, the second cannot be cheaper.
+        # The Jacobian requires a product and a sum for each nonzero and column. If these exceed the
+        # statements of the first form, the second form cannot be cheaper.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -423,7 +424,7 @@ class _Ways:
         """Multiply the Jacobian by the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        # The derivatives by parameters are further inputs of each column.
+        # The derivatives by parameters are additional inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -495,7 +496,7 @@ class _Ways:
             count_operations(node for node in order if node not in shared).total
             for order in written_out
         )
-        # The cost of the sampled directions represents that of all of them.
+        # The average cost of the sampled directions is used for all of them.
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
 
@@ -529,7 +530,7 @@ _ALONG = KernelSpec(
 class Curvature:
     """Both kernels."""
 
-    #: Their ``k`` are prepared values, and what ``at`` computes.
+    #: Kernels whose ``k`` contains prepared values, and the values that ``at`` computes.
     at: Kernel
     along: Kernel
     places: tuple[int, ...]  # places of the results of ``along`` among the sensitivities' rates
@@ -545,7 +546,7 @@ def form_curvature(program: Program) -> Curvature | None:
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
     seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
     found = tangents(kernel.results, seed)
-    # Most of these derivatives are zero, and are left out of the results.
+    # Most of these derivatives are zero, and are omitted from the results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None

@@ -83,8 +83,8 @@ _COSTS = {
     "sin": (8.0, 50.0),
     "cos": (8.0, 50.0),
 }
-_UNFILLED = 0.3  # of the shorter time
-_FUNCTION = (25.0, 50.0)  # of the C library
+_UNFILLED = 0.3  # share of the shorter time that is not hidden
+_FUNCTION = (25.0, 50.0)  # cost of a C library function
 
 
 def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
@@ -118,7 +118,8 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
     Values are in order of evaluation; ``known`` ones take no cycles.
     """
     need = dict.fromkeys(order, 0.0)
-    # In reverse order, all users of a value have passed on their need before its own is added.
+    # In reverse order of evaluation, the needs of all users of a value are known before the value
+    # is treated.
     for node in reversed(order):
         if node not in known:
             need[node] += waits(node)
@@ -134,7 +135,7 @@ def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
     the longest path, with independent operations between them.
     """
     need = needs(order, known)
-    # Reading a result of several takes no time: it follows the node that it reads.
+    # Reading one of several results takes no time: it is ordered directly after the node.
     return sorted(order, key=lambda node: (-need[node], node.index))
 
 

@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from cotree.program.solved import Along, SolvedSystem
 
 
-#: Monotonic functions: the zeros of their argument determine theirs.
+#: Monotonic functions: they are zero where their argument has a certain value.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
-#: Values of more nodes than this are quantities themselves: computing their ranges would take
-#: longer than steps.
+#: Values with more nodes than this are quantities themselves, since computing their ranges would
+#: take longer than steps.
 _MOST_NODES = 1000
 
 #: How a value depends on variables that change during a step.
@@ -57,10 +57,10 @@ _CONSTANT, _LINEAR, _CURVED = range(3)
 class EventRanges:
     """Ranges of event functions and switching functions."""
 
-    #: The place of each among all events, followed by kinks; -1: it is linear.
+    #: Index of the range of each event, then of each kink; -1: the function is linear.
     places: tuple[int, ...]
-    quantities: tuple[Node, ...]  # the quantities of which they consist
-    #: For each of these, four values: the ends of its range, and of the range of its rate.
+    quantities: tuple[Node, ...]  # quantities on which the functions depend
+    #: For each nonlinear function, four values: bounds of its value, then of its rate.
     results: tuple[Node, ...]
 
 
@@ -112,7 +112,8 @@ def _kinds(
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # A sign is kept; other operations depend on their arguments.
+            # A selection by a frozen sign is constant; the result of other operations depends on
+            # their arguments.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]
@@ -124,7 +125,7 @@ def _kinds(
             node.op in ("add", "sub", "neg")
             or (node.op == "mul" and _CONSTANT in given)
             or (node.op == "div" and given[1] == _CONSTANT)
-            # A frozen interval of a table is a line.
+            # A frozen interval of a table is linear.
             or isinstance(node.data, HeldTable)
             or (node.op == "result" and isinstance(node.args[0].data, HeldTable))
         )
@@ -186,7 +187,7 @@ class Impact:
     response: tuple[Node, ...]  # a, then multipliers
     rate: Node  # g'
     restitution: Node  # e
-    speeds: tuple[Node, ...]  # the speeds after it
+    speeds: tuple[Node, ...]  # speeds after the impact
 
     def tangent(
         self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node
@@ -202,8 +203,8 @@ class Impact:
         # to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # Chain rule: the values from which the speeds were formed are seeded, so that these are not
-        # differentiated again.
+        # Chain rule: the values from which the speeds were formed are seeded, so that these values
+        # are not differentiated again.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -288,7 +289,7 @@ def event_kernels(
     if not (equations.events or equations.corners):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events
-    # Events without a restitution set states, and have no impulse.
+    # Events without restitution set states, and have no impulse.
     impacts = [
         None if row.restitution is None else form_impact(equations, solved, row, values)
         for row in rows
@@ -299,14 +300,15 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.substitute([row.value for row in equations.corners])
-    # No state jumps at a kink; if the slope is infinite, its value at rest depends on no parameter.
+    # No state jumps at a kink. If the slope is infinite there, the value at rest depends on no
+    # parameter.
     looked_at = [
         value if row.is_steep else dag.zero
         for row, value in zip(equations.corners, corners, strict=True)
     ]
-    # The value that decides whether an impact ends in rest is read at impacts only.
+    # The value that decides whether an impact ends at rest is evaluated only in impacts.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
-    # Bounds of the values that multipliers consist of would be far too wide.
+    # Bounds of values that contain multipliers would be far too wide.
     first = equations.n_speeds + len(equations.constraints.rows)
     multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
     found_ranges = find_ranges(equations, [*crossed, *corners], multipliers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Arguments of kernels, arrays except ``t``. ``k`` are the results of ``prepare`` for p.
+#: Arguments of kernels, all arrays except ``t``. ``k`` contains the results of ``prepare`` for p.
 ARGUMENTS: dict[str, str] = {
     "t": "time",
     "x": "states",
@@ -20,18 +20,19 @@ ARGUMENTS: dict[str, str] = {
 class KernelSpec:
     """A kind of kernel."""
 
-    name: str  # its name; in C it follows the model's name
-    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order; the result comes last
+    name: str  # name; in C it follows the model's name
+    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order, followed by the result
     result: str  # name of the result in C
     doc: str  # the meaning of its results
-    #: The kernel whose last results equal those of this one, if any: C then calls it and uses
-    #: these, since computing them separately would save little.
+    #: Kernel whose last results equal those of this one, or empty. C calls that kernel and copies
+    #: these results, since computing them separately would save little.
     tail_of: str = ""
-    #: Whether every model has it. Others are left out of C if they have no results.
+    #: Whether every model has the kernel. Others are omitted in C if they have no results.
     is_required: bool = False
-    #: Whether its ``s``, and the sensitivities among its results, leave out zero sensitivities.
+    #: Whether its argument ``s``, and the sensitivities among its results, omit sensitivities that
+    #: always vanish.
     is_packed: bool = False
-    #: Suffix of its name in the structure of a model, if that has a number or array of the name.
+    #: Suffix of its name in the model structure, if a number or array there has the same name.
     of: str = ""
 
     @property
@@ -190,5 +191,5 @@ _ROWS = (
     ),
 )
 
-#: Every kind of kernel, by name, in the order of the structure of a model.
+#: All kernels by name, in the order of the model structure.
 KERNELS: dict[str, KernelSpec] = {row.name: row for row in _ROWS}

@@ -26,60 +26,61 @@ class Layout:
     """Names, units and patterns of a program's arguments and results."""
 
     name: str  # name of the scene
-    #: In the order of the arrays.
+    #: Quantities in the order of the arrays.
     states: tuple[Quantity, ...]
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]  # parameters and states of the sensitivities
+    sensitivities: tuple[str, ...]  # parameters and states by which sensitivities are taken
     parameter_values: tuple[float, ...]  # the scene's values
     #: The Jacobian's pattern, compressed by columns.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
-    #: For each input, the ``sensitivities`` on which its scene function depends.
+    #: For each input, the members of ``sensitivities`` on which its function in the scene depends.
     input_sensitivities: tuple[tuple[str, ...], ...]
-    uncertain: tuple[str, ...]  # coordinates whose pivot is checked at run time
+    uncertain: tuple[str, ...]  # coordinates whose pivot must be checked at run time
     #: Residuals of the constraints, in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
-    constraint_edges: tuple[str, ...]  # the edge of each row that has a multiplier
+    constraint_edges: tuple[str, ...]  # edge of each row that has a multiplier
     n_coordinates: int  # number of coordinates among the states; they come first
     n_speeds: int  # number of speeds among the states; they come next
-    #: Whether each state is an algebraic unknown; these come last. Their rates are residuals.
+    #: Whether each state is an algebraic unknown; these are last, and their rates are residuals.
     algebraic: tuple[bool, ...]
-    quaternions: tuple[int, ...]  # the first state of each quaternion
-    given: tuple[bool, ...]  # whether the scene gives the initial value of each state
-    #: Further conditions on the start: initial values of variables that are not states.
+    quaternions: tuple[int, ...]  # first state of each quaternion
+    given: tuple[bool, ...]  # whether the scene prescribes the initial value of each state
+    #: Further conditions at the start: initial values of variables that are not states.
     start_rows: tuple[str, ...]
-    start_units: tuple[str, ...]  # their units
-    start_is_rate: tuple[bool, ...]  # whether each is a rate
-    #: Whether each output depends on multipliers: a reaction.
+    start_units: tuple[str, ...]  # units of these variables
+    start_is_rate: tuple[bool, ...]  # whether each condition is a rate
+    #: Whether each output depends on multipliers, that is, on reactions.
     uses_multipliers: tuple[bool, ...]
-    events: tuple[EventRow, ...] = ()  # in the order of the kernel ``events``
-    event_inputs: tuple[str, ...] = ()  # the inputs that these kernels read
-    #: Initial values that must agree with those of states; the last results of the kernel ``start``
-    #: are the values that follow from states, then the given ones.
+    events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
+    event_inputs: tuple[str, ...] = ()  # inputs that the kernels of events read
+    #: Initial values that must agree with those that states determine. The last results of the
+    #: kernel ``start`` are the values determined by states, then the given values.
     redundant: tuple[RedundantRow, ...] = ()
-    #: States that are the content of several storages, with the algebraic unknown that follows from
-    #: each: a start without a given content has that unknown.
+    #: States that are the total content of several storages, each with the algebraic unknown that
+    #: it determines. If a start prescribes no content, it uses the value of that unknown.
     followers: tuple[tuple[int, int], ...] = ()
-    #: The states that depend on each of them, one after another: the pattern of sensitivities, in
-    #: compressed columns. Other sensitivities are zero at all times.
+    #: The states that depend on each parameter, concatenated: the pattern of the sensitivities in
+    #: compressed columns. Other sensitivities always vanish.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
-    #: Parameters that follow from these, and are not arguments.
+    #: Parameters that are derived from others, and are not arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: The next results of that kernel: for each kink the branch that ends there, the direction, and
-    #: whether it is steep, as in :class:`cotree.equations.CornerRow`.
+    #: The next results of that kernel: for each kink the index of the branch that ends there, the
+    #: direction, and whether the kink is steep, as in :class:`cotree.equations.CornerRow`.
     corners: tuple[tuple[int, int, bool], ...] = ()
-    #: Number of branches that steps freeze: the last prepared values, zero unless frozen.
+    #: Number of branches that are frozen during steps: the last prepared values, zero unless
+    #: frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: For each event, then each kink, its place in the kernel ``event_ranges``; -1: it is linear,
-    #: and has none.
+    #: For each event, then each kink: its index in the kernel ``event_ranges``, or -1 if it is
+    #: linear.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities of these, the last results of the kernel ``events``.
+    #: Number of quantities on which these depend, the last results of the kernel ``events``.
     n_quantities: int = 0
-    #: The initial values of coordinates and rates that the scene gives, in its order.
+    #: Initial values of coordinates and rates that the scene prescribes, in its order.
     given_names: tuple[str, ...] = ()
 
     @cached_property

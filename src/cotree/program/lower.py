@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-#: Constraints are nearly redundant closer to a singular configuration than the square root of this:
-#: corrections there would amplify rounding by the inverse distance.
+#: Constraints count as nearly redundant within a distance of the square root of this from a
+#: singular configuration: corrections there would amplify rounding errors by the inverse distance.
 _RANK = 1e-8
 
 
@@ -152,8 +152,8 @@ def _step(
     shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
     speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Rates of coordinates are linear in the speeds. With the shift in place of the speeds they are
-    # the change of the coordinates, quaternions included.
+    # Rates of coordinates are linear in the speeds. Evaluated at the shift, they are the changes of
+    # the coordinates, including quaternions.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]
@@ -164,11 +164,12 @@ def _step(
     ]
 
 
-#: Larger kernels take longer to compile than loops over dense matrices take to run.
+#: Limits above which the kernel would take longer to compile than loops over dense matrices take to
+#: run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
-# Functions that change their curvature if their argument changes by 1; and those that do, or may
-# have a kink, if it changes by its own magnitude.
+# Functions whose curvature changes if their argument changes by 1. Then functions whose curvature
+# changes, or that may have a kink, if it changes by its own magnitude.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
 
@@ -206,7 +207,7 @@ def reduced_kernels(
         factors, doubt = factorised
         symbols = [state.symbol for state in equations.states[cut:]]
         found["algebraic_step"] = [*_newton_step(factors, rates, slopes, symbols), doubt]
-        # Models with constraints are projected in another way.
+        # Models with constraints use a different projection.
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
@@ -219,7 +220,7 @@ def reduced_kernels(
                 found["extended_augmented_rhs"] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
-        # A kernel that is too long is dropped, and the engine solves dense systems instead.
+        # A kernel that is too long is omitted, and the engine solves dense systems instead.
         name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
         for name, nodes in found.items()
     }
@@ -297,8 +298,8 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     of_share: dict[Node, None] = {}
     for node in order:
         inner = [arg for arg in node.args if arg in changing]
-        # Sums are linear in the step, and so are products and quotients with one changing factor,
-        # of any size.
+        # Sums are linear in the step. So are products and quotients with one changing factor, for
+        # steps of any size.
         if not inner or node.op in ("add", "sub", "neg"):
             continue
         if node.op in _OF_CHANGE:
@@ -345,7 +346,7 @@ def _unknown_rates(
     """Form z', which cancels the change of the residuals along the motion at constant z."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
-    # The states move at their rates and z is constant, so that g_x x' + g_t remains.
+    # The states change at their rates while z is constant, so that g_x x' + g_t remains.
     moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
@@ -367,8 +368,8 @@ def _sensitivities(
     cut = n - len(columns)
     rates: list[Node] = []
     unknowns: list[Node] = []
-    # The argument of the kernel has the nonzero sensitivities of states one after another, and none
-    # of z.
+    # The kernel's argument contains the nonzero sensitivities of states, concatenated, and none of
+    # z.
     for j, (row, own) in enumerate(zip(along, reached, strict=True)):
         left = [i for i in own if i < cut]
         known = {dag.symbol(SENSITIVITY, j * n + i): dag.zero for i in range(n)}
@@ -408,7 +409,7 @@ def lower(equations: Equations) -> Program:
         is_mapped=bool(mapped.sensitivities),
         with_columns=not mapped.columns,
     )
-    # Derivatives that are not maps are written out, direction by direction.
+    # Derivatives that are not computed by maps are written out, direction by direction.
     columns = mapped.columns or [row.rates for row in written_out]
     sensitivity_rates = mapped.sensitivities or [
         node for row in along for node in spread(row.rates, n, zero)
@@ -426,8 +427,8 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        # Both kernels contain the rates: one call then computes all that a step with sensitivities
-        # needs.
+        # Both kernels contain the rates, so that one call computes all that a step with
+        # sensitivities needs.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],
@@ -452,7 +453,7 @@ def lower(equations: Equations) -> Program:
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
         _timed(equations, _of_time(equations, [*rates, *watched], find_time_events)),
-        # A long step might also skip event functions that are driven by a sine.
+        # A long step might also miss zeros of event functions that are driven by a sine.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
         else {},
@@ -489,8 +490,8 @@ def _timed(
 def _check_sensitivities(equations: Equations) -> None:
     """Raise for sensitivities to states that have no initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # The unknown that follows from the state of a storage may be given instead, so that its initial
-    # value counts.
+    # The initial value of the unknown that a storage state determines may be given instead, so it
+    # counts.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -513,8 +514,8 @@ def _differentiate(
     motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all directions except the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # All directions at once, since they share most of their values. They are separated in this
-    # order.
+    # All directions together, since they share most of their values. The results are separated in
+    # this order.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
@@ -528,7 +529,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):
-            # A derivative may be formed and still fold to zero.
+            # A nonzero derivative may still fold to zero.
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 def stage_parameters(program: Program) -> Program:
     """Move values of parameters only to ``prepare``."""
-    # Over all kernels at once, so that a value that several of them read is prepared once.
+    # Over all kernels together, so that a value used by several of them is prepared once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     dag, n_pieces = program.dag, program.layout.n_pieces
     frontier = _frontier(results)
@@ -72,7 +72,7 @@ def _frontier(results: list[Node]) -> list[Node]:
     read = {arg for node in order if node in varying for arg in node.args}
     read.update(results)
     return [
-        # Kernels read the results of a node with several, never the node itself.
+        # Kernels use the results of such a node, never the node itself.
         node
         for node in order
         if node in read and node not in varying and node.args and node.op not in SEVERAL
@@ -103,7 +103,7 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
-        # Values that come out the same are not replaced, so that their users are not rebuilt.
+        # Values that are unchanged are not replaced, so that their users are not rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
@@ -112,7 +112,7 @@ def rewrite(
 def with_reciprocals(kernel: Kernel) -> Kernel:
     """Replace the repeated divisions of one kernel by products with a reciprocal."""
     order = kernel.order
-    # Reciprocals themselves are unchanged.
+    # Reciprocals themselves remain unchanged.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
@@ -132,7 +132,7 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
     return rewrite(kernel, shared, form)
 
 
-#: Fewer angles than these cost less one by one.
+#: Minimum number of angles; fewer cost less one by one.
 _FEWEST = 3
 
 
@@ -161,8 +161,8 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: If the operations divided by this exceed the longest path, sums of products are left to fused
-#: operations, of which chains contain more.
+#: If the operations divided by this exceed the longest path, sums of products are not rebalanced:
+#: chains of them contain more fused operations.
 _MOST = 2.0
 _PREPARED = -1.0  # arrival of values that depend on parameters only
 
@@ -189,7 +189,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
-            # If both are available at the same time, the sum stays as it was formed.
+            # If both are available at the same time, the sum remains as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
         clock(made)  # called in order of evaluation, so that arguments are timed first
         return made
@@ -225,7 +225,7 @@ def _inner_sums(
     Sums of the kernel's own arguments stay: a difference of two close numbers is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
-    # A result is used from outside: merged into another sum it would be lost.
+    # A result is needed as such: it would be lost if it were merged into another sum.
     uses.update(results)
     return {
         arg
@@ -257,12 +257,12 @@ def _terms(
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
     """Add terms, at each step the two available first; ties are broken by their order."""
-    # By the time at which each is available; the place among the terms breaks ties, so that nodes
+    # Ordered by the time at which each term is available. The position breaks ties, so that nodes
     # are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
-        # The operands keep the order of their terms, whichever was available first.
+        # Operands keep the order of their terms, independently of availability.
         (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
         if is_added == other:
             total = a + b
@@ -280,21 +280,21 @@ def _place(item: tuple[float, int, Node, bool]) -> int:
     return item[1]
 
 
-#: The number of operations that a processor looks ahead.
+#: Number of operations within the look-ahead of a processor.
 _FEW = 250
-#: Kernels with more operations keep their values in the order of forming: repeated links then
-#: become loops. A chain of 1000 rods takes half the C text; one of 100 is twice as fast in the
-#: order of needs.
+#: Kernels with more operations keep their values in the order in which they were formed: repeated
+#: links then become loops. A chain of 1000 rods needs half as much C text; a chain of 100 is twice
+#: as fast if ordered by need.
 _MANY = 20_000
-#: If all operations together take longer than this multiple of the longest path, any order has
-#: operations to overlap with it.
+#: If all operations take longer than this multiple of the longest path, there are operations to
+#: overlap in any order.
 _MOST_EARLY = 3.0
 
 
 def _ordered(kernel: Kernel) -> Kernel:
     """Order the values of one kernel by need, if that helps."""
     order, prepared = kernel.order, kernel.prepared
-    # A map begins when the arguments of all its columns are available.
+    # The loop of a map starts when the arguments of all its columns are available.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel
@@ -308,14 +308,14 @@ def _ordered(kernel: Kernel) -> Kernel:
 def _lifetimes(kernel: Kernel) -> int:
     """Sum the lifetimes of all values, in formed values: a measure of registers needed."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
-    # Later statements overwrite: the last user counts.
+    # Later statements overwrite earlier ones, so that the last user is stored.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: Each pass with its name, in order.
-# Reciprocals and sums come before staging, which then finds the reciprocals of parameters, and
-# needs the final sums. The order of values is decided last.
+#: All passes by name, in order. Reciprocals and sums are formed before staging, which then prepares
+#: the reciprocals of parameters and operates on the final sums. The order of values is determined
+#: last.
 RECIPE: dict[str, Callable[[Program], Program]] = {
     "reciprocals": partial(for_each_kernel, with_reciprocals),
     "sines": partial(for_each_kernel, _packed),
@@ -356,7 +356,7 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """Run every pass of the recipe."""
     reports = []
     for name, transform in RECIPE.items():
-        # Programs are immutable, so the report stores both.
+        # Programs are immutable, so the report can refer to both.
         earlier, program = program, transform(program)
         reports.append(PassReport(name, earlier, program))
     return program, tuple(reports)

@@ -33,12 +33,11 @@ if TYPE_CHECKING:
 class Kernel:
     """One kernel: its kind and its results, in order."""
 
-    spec: KernelSpec  # its kind
-    results: tuple[Node, ...]  # the values that it writes
-    #: Values that it reads from ``k`` instead of computing them, with their place there.
+    spec: KernelSpec  # kind of the kernel
+    results: tuple[Node, ...]  # values that the kernel writes
+    #: Values that the kernel reads from ``k`` instead of computing them, with their index there.
     prepared: Mapping[Node, int]
-    #: Whether it is written in the order in which its longest path needs values, not in that of
-    #: forming.
+    #: Whether statements are ordered by the needs of the longest path, not as they were formed.
     is_by_need: bool = False
 
     @property
@@ -67,10 +66,11 @@ class Program:
     layout: Layout  # names and patterns
     kernels: Mapping[str, Kernel]  # by name, in the registry's order
     guards: tuple[Guard, ...]  # checked by ``prepare``
-    #: Times at which each input, by its name, jumps or has a kink in the scene; and times of all
-    #: others in the rates, by the empty name; along each sensitivity.
+    #: Time events at which each input jumps or has a kink in the scene, by the name of the input;
+    #: time events of all other parts of the rates, by the empty name; with derivatives along each
+    #: sensitivity.
     stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
-    #: Upper bounds of the steps while each input is the scene's own, by the same names.
+    #: Upper bounds of the step size while each input is that of the scene, by the same names.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def restart_times(
@@ -87,7 +87,7 @@ class Program:
         """
         if not self.stops and not others:
             return RestartTimes.none()
-        # A run that replaces an input has none of its time events.
+        # If a run replaces an input, the time events of the scene's input do not apply.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
@@ -134,7 +134,7 @@ class Program:
     def traits(self) -> Traits:
         """What calls have to know of the nodes."""
         layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
-        # Kernels from whose results all others follow, except for derivatives.
+        # Kernels from which all others are derived, except derivatives.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in results[name]])
         reached = {layout.parameters[node.data[1]].name for node in read if node.data[0] == "p"}
@@ -172,7 +172,8 @@ class Program:
         """Operation counts of each kernel, with its share of ``prepare``."""
         counts = {}
         for name, kernel in self.kernels.items():
-            # ``prepare`` serves all kernels; the counts of each include the values that it needs.
+            # ``prepare`` is shared by all kernels; the counts of each kernel include the prepared
+            # values that it uses.
             used = [node for node in kernel.order if node in kernel.prepared]
             counts[name] = kernel.operations.with_prepared(count_operations(reachable(used)))
         return counts

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: The symbols on which a value depends, as bits, and whether it may be nonzero if all of these are
-#: zero.
+#: Symbols on which a value depends, as a bit mask, and whether the value may be nonzero if all of
+#: these are zero.
 _Part = tuple[int, bool]
 
 _CONSTANT: _Part = (0, True)
@@ -53,8 +53,9 @@ def reached_states(
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
-    # A direction's derivatives contain its own sensitivities only, so that state i has bit i in all
-    # of them. Tangents of the unknowns have the bits after those of the states.
+    # The derivatives of a direction contain only the sensitivities of that direction, so that state
+    # i has bit i for all directions. Tangents of the unknowns have the bits after those of the
+    # states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -72,8 +73,8 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # States that constraints or events change may affect further states, which may change more:
-        # this is repeated until nothing is added.
+        # Changes of states by constraints or events may affect further states, which may change
+        # more: repeat until no state is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -87,8 +88,8 @@ def reached_states(
 class Timed:
     """Conditions on times that a parameter moves."""
 
-    states: set[int]  # the states whose rates have such a condition
-    is_event: bool  # whether some event function has one
+    states: set[int]  # states whose rates contain such a condition
+    is_event: bool  # whether an event function contains such a condition
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
@@ -105,8 +106,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # A time event that moves along the direction has a first time, or a period, with a
-        # derivative.
+        # A time event moves along the direction if its first time or its period has a derivative.
         moved = [
             node
             for node, own in looking.items()
@@ -137,7 +137,7 @@ class _Parts:
             if node.op in ("mul", "div"):
                 is_left = all(remains)
             else:
-                # The condition of a selection adds nothing to the value.
+                # The condition of a selection does not contribute to the value.
                 is_left = any(remains[1:] if node.op == "select" else remains)
             self._known[node] = (mask, is_left)
 
@@ -151,7 +151,7 @@ class _Direction:
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
         forcing = [parts[node] for node in row.forcing]
-        # Each unknown follows from those entries of the forcing that elimination combines in it.
+        # Each unknown depends on those entries of the forcing that elimination combines for it.
         self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
@@ -191,7 +191,7 @@ class _Direction:
             for k in _places(mask):
                 users.setdefault(k, []).append(i)
         reached = {i for i, node in self.row.initial.items() if not node.is_zero}
-        # A rate that is nonzero without any sensitivity depends on the parameter directly.
+        # A rate that is nonzero for zero sensitivities depends on the parameter directly.
         reached |= {i for i, (_, rest) in self.rates.items() if rest}.union(known)
         stack = list(reached)
         while stack:
@@ -236,7 +236,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     """Group the algebraic unknowns that equations connect."""
     cut = len(equations.states) - equations.n_algebraic
     masks = [1 << i for i in range(cut, len(equations.states))]
-    # Groups are masks of places. An equation joins all groups that it contains.
+    # Groups are bit masks. An equation merges all groups that it contains.
     for i, (mask, _) in rates:
         if i < cut:
             continue
@@ -261,7 +261,7 @@ def _choosers(equations: Equations) -> dict[int, set[int]]:
     # then assumed to depend on it, which is conservative.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
-    # The targets on which each value depends.
+    # The targets of events on which each value depends.
     mask = supports_of(reachable(solved), own)
     whole = _either((mask[node], False) for node in solved)[0]
     mask |= dict.fromkeys(equations.unknowns, whole)
@@ -299,7 +299,8 @@ def _moved(
         causes = event.causes
         moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
-            # The states that it sets change from then on, and so do those whose rates change.
+            # The states that the event sets change from then on, and so do the states whose rates
+            # change.
             moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
             moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved

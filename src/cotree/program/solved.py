@@ -29,7 +29,7 @@ class Along:
     """Derivatives along one direction, in terms of states, inputs and parameters only."""
 
     unknowns: tuple[Node, ...]  # w'
-    #: By place; absent ones are zero.
+    #: By index; missing entries are zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 
@@ -81,7 +81,7 @@ class SolvedSystem:
         )
         found = []
         for row in directions:
-            # The three groups were put in together, and are taken out in the same order.
+            # The three groups were passed together, and are returned in the same order.
             forcing = [next(known) for _ in row.forcing]
             rates = [next(known) for _ in row.rates]
             outputs = [next(known) for _ in row.outputs]

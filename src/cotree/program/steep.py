@@ -126,10 +126,10 @@ class SteepRoots:
         if node is root:
             exact = dag.rebuild(node, args)
             inside = inside * share
-        elif node.op == "div":  # c/r is 2 c r'
+        elif node.op == "div":  # c/r contributes 2 c r'
             exact = args[0] / dag.function("sqrt", z)
             inside = args[0] * (6.0 * inside / width)
-        else:  # z**(e - 1) is r'/e
+        else:  # z**(e - 1) contributes r'/e
             exact = dag.rebuild(node, args)
             inside = 3.0 * inside / (exponent * width)
         return dag.select(dag.function("abs", distance) - width, exact, inside)

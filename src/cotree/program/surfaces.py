@@ -63,8 +63,8 @@ _BRANCHING = frozenset({"select", "abs", "sign"})
 #: at each of them.
 _MOST_POINTS = 1000
 
-#: The largest number of values followed from one that jumps to those that do not, and of users of a
-#: branch.
+#: Maximum numbers of values that are followed from a value that jumps to values that do not, and of
+#: users of a branch.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Sums of more terms than this are compared without expansion.
@@ -124,9 +124,9 @@ def strip_switching_surfaces(program: Program) -> Program:
 class _Found:
     """Conditions and tables whose branches steps freeze."""
 
-    #: The sides of each condition, as :class:`_Keys` writes it, on which steps freeze a branch.
+    #: For each condition, as :class:`_Keys` writes it, the sides on which branches are frozen.
     conditions: dict[_Key, frozenset[int]]
-    tables: set[Node]  # the tables whose branches steps freeze
+    tables: set[Node]  # tables whose intervals are frozen
     steep: SteepRoots
 
 
@@ -148,7 +148,7 @@ def _find(equations: Equations) -> _Found:
             continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
-        # One condition has all users of its key: one of these may exclude it.
+        # One condition combines all users of its key; one of these may exclude it.
         sides = None if node in heavy else corners.sides(node)
         if node in wild:
             sides = _in_common(sides, corners.sides_above(node))
@@ -179,8 +179,8 @@ def _find(equations: Equations) -> _Found:
 class _Sides:
     """Sides of a kink: 1 if its condition is positive, -1 if it is negative."""
 
-    held: frozenset[int]  # those on which steps freeze the branch; on others the argument decides
-    steep: frozenset[int]  # those on which the slope is infinite at the kink
+    held: frozenset[int]  # sides on which the branch is frozen; on others the argument decides
+    steep: frozenset[int]  # sides on which the slope at the kink is infinite
 
     def turned(self, scale: float) -> _Sides:
         """Return the sides of the condition divided by a factor."""
@@ -244,7 +244,7 @@ class _Kinks:
                 return None
             for reader in self._readers(last):
                 own = [substitute([reader], {node: value})[0] for value in branches]
-                # Each of several results is compared.
+                # All of several results are compared.
                 found = None if reader.op in SEVERAL else _sides(condition, own)
                 if found is None:
                     jumping.append(reader)
@@ -335,10 +335,10 @@ def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) ->
     return True
 
 
-#: Values without a slope, or without one beyond a kink.
+#: Values that have no slope, or none beyond a kink.
 _NOWHERE, _ENDS, _STEEP = range(3)
 
-#: Substitutions, each of which makes a condition zero.
+#: Substitutions that make a condition zero.
 _Ways = list[dict["Node", "Node"]]
 
 
@@ -396,7 +396,7 @@ def _is_timed(node: Node) -> bool:
 
 
 def _is_table(node: Node) -> bool:
-    return type(node.data) in (Table, PlaneTable)  # not one that is frozen already
+    return type(node.data) in (Table, PlaneTable)  # not an interval that is already frozen
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
@@ -438,7 +438,7 @@ def _wild(order: Sequence[Node]) -> set[Node]:
     return found
 
 
-#: A sum as its terms by their numbers, with coefficients; the first of these is one.
+#: A sum: the numbers of its terms, with coefficients scaled so that the first one is one.
 _Key = tuple[tuple[int, float], ...]
 
 
@@ -515,9 +515,9 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
         if sides == _BOTH:
-            # Minus its size is zero or more only at its own zero.
+            # Minus the magnitude is nonnegative only at zero.
             return dag.select(-dag.function("abs", piece), of(condition), own)
-        # The condition if no branch is frozen, and beyond a side that is not.
+        # The condition itself decides if no branch is frozen, and on sides that are not frozen.
         decides = of(condition)
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)
@@ -554,7 +554,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         for i, (at, piece) in enumerate(zip(given, pieces, strict=True)):
             number = piece.data[1]
             if not held.pieces[number].is_zero:
-                continue  # another table with these arguments at the same value
+                continue  # another table has these arguments at the same value
             low, high, which = data.ends(i)
             held.pieces[number] = made[which]
             held.rows.append(CornerRow(at - made[low], number, -1))
@@ -576,7 +576,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         elif key and key in found.conditions:
             own = sign(node.args[0], key, scale)
             if not found.conditions[key]:
-                # The step ends there, but its values are decided by the arguments.
+                # The step ends at this table, but its values depend on the arguments only.
                 made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
             elif node.op == "select":
                 made = dag.select(own, of(node.args[1]), of(node.args[2]))

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 class Traits:
     """What follows from the nodes of a program, and decides how its kernels are called."""
 
-    n_results: Mapping[str, int]  # number of results of each kernel that C has
-    #: Parameters of sensitivities that no state or output depends on.
+    n_results: Mapping[str, int]  # number of results of each kernel in C
+    #: Parameters of sensitivities on which no state or output depends.
     unreached: tuple[str, ...]
     is_rheonomic: bool  # whether conditions on the start depend on time
     constant_inputs: tuple[str, ...]  # inputs that are functions of parameters only
     has_constant_start: bool  # whether initial values depend on no parameter
     has_time_events: bool  # whether inputs or rates have time events
-    has_longest_step: bool  # whether anything bounds the steps
+    has_longest_step: bool  # whether there are upper bounds of the step size
 
     def can_extend(self, layout: Layout) -> bool:
         """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
@@ -46,15 +46,15 @@ class ModelText:
 
     layout: Layout
     traits: Traits
-    stored: Program | bytes = field(repr=False)  # the program after its passes, or that as bytes
+    stored: Program | bytes = field(repr=False)  # program after its passes, pickled if bytes
     files: Mapping[str, str] = field(default_factory=dict)  # C text by file name
     declarations: str = ""  # declarations for cffi
     prefix: str = ""  # prefix of the names in it
-    #: Operations of the longest C function, and of all.
+    #: Number of operations in the longest C function, and in all.
     n_written: int = 0
     n_written_in_all: int = 0
     slow_causes: str = ""  # sentences on values of the scene that make steps short
-    cautions: tuple[str, ...] = ()  # sentences of which each compilation warns
+    cautions: tuple[str, ...] = ()  # sentences that each compilation issues as warnings
 
     @classmethod
     def of(cls, program: Program, **text: Any) -> ModelText:
