@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import time
 import warnings
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.arguments import check_names
 from cotree.build import BuildOptions
 from cotree.compiled import Model, compile_spec
-from cotree.errors import ParameterError, SingularSystemError, TopologyError
+from cotree.errors import (
+    FormulationError,
+    ModelError,
+    ParameterError,
+    SingularSystemError,
+    TopologyError,
+)
 from cotree.model.start import check_start
 from cotree.readers import load_source
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
 from cotree.scene.methods import PartMethods, TableMethods
-from cotree.scene.part_adding import locating_errors
-from cotree.scene.variants import keep_tunable, with_inputs
 from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from cotree.export.graph_report import GraphReport
     from cotree.export.symbolic import SymbolicEquations
@@ -128,7 +133,11 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         begun = time.perf_counter()
         names = check_names(sensitivities, "sensitivities")
         # Parameters that no run may change become numbers, which fold into the code.
-        described = keep_tunable(self, tunable, names)
+        described = self
+        if tunable is not None:
+            from cotree.scene.variants import keep_tunable
+
+            described = keep_tunable(self, tunable, names)
         # At a negative rate violations of the constraints would grow.
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
@@ -139,7 +148,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         described = described.copied()
         spec = BuildSpec(described, names, tree, options, rate, bool(locate_corners))
         try:
-            with locating_errors(self):
+            with _locating_errors(self):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
                 # Errors that depend on numbers, such as a motion without inertia, are raised here.
@@ -190,6 +199,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         >>> closed.compile(["k"]).linearize().A.tolist()
         [[0.0, 1.0], [-4.0, -2.0]]
         """
+        from cotree.scene.variants import with_inputs
+
         return with_inputs(self, inputs, parameters)
 
     def graph(self, tree: TreeChoice = None) -> GraphReport:
@@ -203,7 +214,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.export.graph_report import graph_report
         from cotree.pipeline import count_trees, draw_graphs
 
-        with locating_errors(self):
+        with _locating_errors(self):
             costs = count_trees(self)
             # The report shows the tree that compile() would choose. If the equations of a scene
             # cannot be formed, costs is empty and the trees are chosen without it.
@@ -225,7 +236,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.pipeline import formulate
 
         names = check_names(sensitivities, "sensitivities")
-        with locating_errors(self):
+        with _locating_errors(self):
             return symbolic_equations(formulate(self, names, tree)[1])
 
     def lint(self, allow: Sequence[str] = ()) -> tuple[Finding, ...]:
@@ -273,6 +284,22 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.scene.toml_text import save_scene
 
         save_scene(self, Path(path))
+
+
+@contextmanager
+def _locating_errors(scene: SceneDescription) -> Iterator[None]:
+    """Append to errors about a scene the locations of its parts' declarations."""
+    try:
+        yield
+    except (ModelError, FormulationError) as error:
+        if not scene.members:
+            raise
+        from cotree.scene.part_adding import origin_note
+
+        note = origin_note(str(error), scene.members, scene)
+        if not note or note in str(error):
+            raise
+        raise type(error)(f"{error}{note}") from None
 
 
 def load(source: str | Path) -> Scene:

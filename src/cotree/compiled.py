@@ -20,7 +20,6 @@ from cotree.report import Report, Reported
 from cotree.results import Result
 from cotree.scene.expressions import check_number, parse
 from cotree.scene.settings import Simulation, documented, settings_from
-from cotree.scene.variants import expressions_among, new_names, with_inputs
 from cotree.sharing import RecentCache, forming, locked_cached_property
 from cotree.solvers.prepare import Preparation, cached_for
 from cotree.solvers.simulate import run_values
@@ -35,10 +34,10 @@ if TYPE_CHECKING:
     from cotree.export.c_project import CProject
     from cotree.export.fmi.fmu import Fmu
     from cotree.model.arrays import Array
-    from cotree.model.consistent import Start
     from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
+    from cotree.model.start import Start
     from cotree.model.trim import TrimPoint
     from cotree.scene.settings import OtherSettings, Settings, SettingsDict
 
@@ -553,7 +552,11 @@ class Model(Reported):
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
         """Return the model with expressions of inputs compiled in, and the remaining inputs."""
         given = settings.inputs
-        expressions = expressions_among(given) if given and isinstance(given, Mapping) else {}
+        if not given or not isinstance(given, Mapping):
+            return self, settings
+        from cotree.scene.variants import expressions_among, new_names, with_inputs
+
+        expressions = expressions_among(given)
         if not expressions:
             return self, settings
         scene, parameters = self.spec.scene, settings.parameters

@@ -13,7 +13,6 @@ import numpy as np
 from cotree.errors import ModelError
 from cotree.model.arrays import as_array
 from cotree.scene.settings import settings_from
-from cotree.scene.variants import expressions_among
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -131,6 +130,7 @@ def run_members(
     from cotree.ensemble.members import read_members
     from cotree.ensemble.run import Execution, make_plan, run_ensemble
     from cotree.ensemble.trial import POINTS
+    from cotree.scene.variants import expressions_among
 
     check_xarray()
     given = {

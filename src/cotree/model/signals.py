@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag.lookup import Table
 from cotree.errors import ParameterError, brief, nearest
-from cotree.scene.expressions import check_number
-from cotree.scene.tables import parse_signal
+from cotree.scene.expressions import Expression, check_number
+from cotree.scene.fields import parse_signal
 
 if TYPE_CHECKING:
+    from cotree.dag.lookup import Table
     from cotree.model.arrays import Array
 
 Signal = Callable[[float], float]
@@ -113,17 +113,17 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             by_position[names.index(name)] = _checked(value, name)
             continue
         parsed = parse_signal(value, f"input '{name}'")
-        if isinstance(parsed, Table):
-            breakpoints += parsed.x
-            signal = _function_of_time(parsed)
-            tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
-        else:
+        if isinstance(parsed, Expression):
             constant = parsed.number
             # Other expressions are compiled into a separate model; see cotree.scene.variants.
             assert constant is not None
             # A table of one point is a constant, which C reads without calling Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])
             signal = _constant(constant)
+        else:
+            breakpoints += parsed.x
+            signal = _function_of_time(parsed)
+            tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
         by_position[names.index(name)] = signal
     return ReplacedInputs(by_position, tuple(breakpoints), tables, sampled_ones)
 

@@ -11,17 +11,16 @@ from cotree.errors import SceneError, UnitError, brief, check_known, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
 from cotree.report import Listing, Report, Reported, Table, Values, counted
 from cotree.scene.edge import Edge, make_edge
-from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, may_call_tables, parse
 from cotree.scene.fields import Input, check_vector, make_input
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
-from cotree.scene.part import TABLES, Part
-from cotree.scene.part_adding import LARGEST_SCENE, check_nodes, set_in_part
 from cotree.scene.settings import Simulation, with_settings
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
+    from cotree.scene.events import Event, Mode
+    from cotree.scene.part import Part
     from cotree.scene.tables import LookupTable
 
 __all__ = [
@@ -30,6 +29,11 @@ __all__ = [
     "SceneDescription",
 ]
 
+
+#: Tables of a scene to which a part adds rows.
+TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
+#: A bound for untrusted input: edges of a scene, and declarations added by parts.
+LARGEST_SCENE = 250_000
 
 _PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
 
@@ -256,8 +260,11 @@ class SceneDescription(Reported):
         SceneError, ParameterError, ExpressionError, UnitError
             If the name is unknown, or the value or the unit is invalid.
         """
-        if set_in_part(self, name, value, unit):
-            return
+        if self.members:
+            from cotree.scene.part_adding import set_in_part
+
+            if set_in_part(self, name, value, unit):
+                return
         row = self.inputs.get(name) or self.parameters.get(name)
         if row is None:
             hint = nearest(name, {**self.parameters, **self.inputs})
@@ -353,7 +360,15 @@ class SceneDescription(Reported):
             if not is_list(listed):
                 raise SceneError(f"nodes of edge '{name}' must be a list of names")
         made = make_edge(name, type, listed, initial, fields)
-        check_nodes(self, made)
+        along = [node for ends in made.ports if len(ends.acts_on) == 2 for node in ends.acts_on]
+        for node in (*made.nodes, *along):
+            if "." in node or node in self.members:
+                from cotree.scene.part_adding import check_node
+
+                try:
+                    check_node(self, node)
+                except SceneError as error:
+                    raise SceneError(f"edge '{name}': {error}") from None
         self.edges[name] = made
 
     def port(self, *nodes: str) -> None:
@@ -398,6 +413,8 @@ class SceneDescription(Reported):
         SceneError, ExpressionError
             If the name is not allowed or taken, or the value is not accepted.
         """
+        from cotree.scene.events import Mode
+
         self._check_new("mode", name, self._signals)
         text = check_text(doc, f"doc of mode '{name}'")
         self.modes[name] = Mode(name, parse(initial, f"mode '{name}'"), text)
@@ -433,6 +450,8 @@ class SceneDescription(Reported):
         SceneError, ExpressionError
             If the name is not allowed or taken, or a field is not accepted.
         """
+        from cotree.scene.events import make_event
+
         self._check_new("event", name, self.events)
         self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cotree.errors import SceneError, brief, check_known
 from cotree.naming import check_name
@@ -17,9 +17,6 @@ from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-#: Fields of an event in a scene file.
-_FIELDS = ("when", "direction", "set", "stop", "impact")
 
 
 @dataclass(frozen=True)
@@ -153,13 +150,3 @@ def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
         *(event.when for event in listed),
         *(value for event in listed for value in event.expressions[1:]),
     )
-
-
-def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
-    """Check the fields of an event in a scene file."""
-    if not isinstance(table, dict):
-        raise SceneError(f"event '{name}' must be a table")
-    check_known(table, _FIELDS, f"event '{name}' has no field")
-    if "when" not in table:
-        raise SceneError(f"event '{name}' needs the field 'when'")
-    return table

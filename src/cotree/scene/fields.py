@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from numbers import Number
 from typing import TYPE_CHECKING, Any
 
 from cotree.arguments import is_list, plain
 from cotree.components import Component, Field, FreeRotation, Role, Shape, content_of, integral_of
 from cotree.components.multibody import body_space
 from cotree.domains import DOMAINS
-from cotree.errors import SceneError, check_known
+from cotree.errors import SceneError, UnitError, check_known
 from cotree.naming import check_text
-from cotree.scene.expressions import Expression, FieldValue, parse
-from cotree.scene.tables import converted, parse_lookup, parse_signal
+from cotree.scene.expressions import Expression, FieldValue, check_number, parse
 from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
@@ -172,6 +172,8 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
     if row.shape is Shape.ROTATION:
         return _rotation(value, where)
     if row.shape is Shape.SCALAR and isinstance(value, Mapping):
+        from cotree.scene.tables import parse_lookup
+
         return parse_lookup(value, where)
     return parse(value, where)
 
@@ -219,6 +221,34 @@ def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...
     if len(value) != 3 or not all(map(is_list, value)):
         return None
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
+
+
+def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
+    """Check a number, an expression string or a pair (times, values)."""
+    # An array without axes is a number; strings of NumPy have no axes, either.
+    is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
+    if isinstance(value, Number) or is_scalar:
+        value = check_number(value, where)
+    if isinstance(value, (str, float)):
+        return converted(parse(value, where), unit, where)
+    from cotree.scene.tables import make_table
+
+    made = make_table(value, where, "times")
+    if unit is None or unit.is_si:
+        return made
+    return replace(made, y=tuple(map(unit.to_si, made.y)))
+
+
+def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
+    """Convert a number to SI."""
+    if unit is None or unit.is_si:
+        return value
+    if value.number is None:
+        raise UnitError(
+            f"{where} is an expression, whose value is in SI: its unit is '{unit.si}', not "
+            f"'{unit.text}'"
+        )
+    return parse(unit.to_si(value.number), where)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 from cotree.errors import SceneError, brief
 from cotree.files import read_text
 from cotree.scene.description import SceneDescription
-from cotree.scene.part_adding import add_part
-from cotree.scene.tables import LARGEST_POINTS, add_table
 from cotree.scene.toml_file import load_part
 
 if TYPE_CHECKING:
@@ -75,6 +73,8 @@ class PartMethods:
         >>> ladder.compile().states
         ('cell1.shunt.v', 'cell2.shunt.v', 'cell3.shunt.v')
         """
+        from cotree.scene.part_adding import add_part
+
         if isinstance(part, SceneDescription):
             scene, source = template_of(part), ""
         elif isinstance(part, (str, PathLike)):
@@ -154,6 +154,8 @@ class TableMethods:
         >>> scene.edge("rotor", "rotational_inertia", "ground", "shaft", inertia=0.1)
         >>> scene.edge("drive", "torque_source", "ground", "shaft", torque="torque(rotor.w)")
         """
+        from cotree.scene.tables import LARGEST_POINTS, add_table
+
         given = {"x": x, "y": y, "values": values, "file": file}
         rest = {"interpolation": interpolation, "beyond": beyond, "doc": doc}
         stated = {key: value for key, value in given.items() if value is not None}

@@ -27,15 +27,15 @@ from cotree.errors import ExpressionError, SceneError, brief
 from cotree.naming import RESERVED
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.expressions import Expression, map_names, parse, shared_tree, table_scope
-from cotree.scene.fields import Input, make_input
+from cotree.scene.fields import Input, make_input, parse_signal
 from cotree.scene.parameters import Parameter, make_parameter
-from cotree.scene.tables import LookupTable, parse_signal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from cotree.scene.description import Origin, SceneDescription
     from cotree.scene.events import Event
+    from cotree.scene.tables import LookupTable
 
 
 #: Entries of tables in fields that are words, not expressions.
@@ -321,10 +321,6 @@ def _number(text: str, index: Mapping[str, int], what: str) -> float:
     found = parse(text, what).lower(dag, resolve).value
     assert found is not None  # constants fold
     return float(found)
-
-
-#: Tables of a scene to which a part adds rows.
-TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
 
 
 @dataclass(frozen=True, eq=False)

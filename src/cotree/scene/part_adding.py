@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import takewhile
@@ -17,15 +16,15 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from cotree.arguments import is_list, plain
-from cotree.errors import FormulationError, ModelError, SceneError, brief, nearest
+from cotree.errors import ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
+from cotree.scene.description import LARGEST_SCENE, TABLES
 from cotree.scene.expressions import table_scope
 from cotree.scene.parameters import check_cycle
-from cotree.scene.part import TABLES, Part, Renaming, Rows, in_name, in_value, owner_of
+from cotree.scene.part import Part, Renaming, Rows, in_name, in_value, owner_of
 
 if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
-    from cotree.scene.edge import Edge
 
 
 #: Kinds of bindings, in the order of their lookup.
@@ -33,8 +32,6 @@ KINDS = ("nodes", "parameters", "inputs")
 #: Entries of a part besides its bindings.
 RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
 _INDEX = ("i", "j", "k")
-#: A bound for untrusted input: edges of a scene, and declarations added by parts.
-LARGEST_SCENE = 250_000
 
 
 def make_part(
@@ -248,18 +245,6 @@ def origin_note(
     return f" ({'; '.join(rows)})" if rows else ""
 
 
-@contextmanager
-def locating_errors(scene: SceneDescription) -> Iterator[None]:
-    """Append to errors about a scene the locations of its parts' declarations."""
-    try:
-        yield
-    except (ModelError, FormulationError) as error:
-        note = origin_note(str(error), scene.members, scene) if scene.members else ""
-        if not note or note in str(error):
-            raise
-        raise type(error)(f"{error}{note}") from None
-
-
 def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None:
     """Find the innermost part that contains a name, and the name there."""
     member, dot, local = name.partition(".")
@@ -468,17 +453,6 @@ def check_node(scene: SceneDescription, name: object) -> str:
         hint = nearest(node, (f"{member}.{other}" for other in part.node_names))
         raise SceneError(f"part '{member}' has no node '{brief(local)}'{hint}")
     return node
-
-
-def check_nodes(scene: SceneDescription, edge: Edge) -> None:
-    """Check the nodes of an edge in a scene with parts."""
-    along = [node for ends in edge.ports if len(ends.acts_on) == 2 for node in ends.acts_on]
-    for node in (*edge.nodes, *along):
-        if "." in node or node in scene.members:
-            try:
-                check_node(scene, node)
-            except SceneError as error:
-                raise SceneError(f"edge '{edge.name}': {error}") from None
 
 
 def _check_part_name(scene: SceneDescription, name: object) -> None:

@@ -9,21 +9,19 @@ from __future__ import annotations
 
 import ast
 import math
-import numbers
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from cotree.dag.lookup import Table
-from cotree.errors import SceneError, UnitError, brief, check_known, nearest
+from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.files import is_number, read_rows
 from cotree.naming import RESERVED, check_name, check_text
 from cotree.scene.expressions import (
     FUNCTIONS,
     WHERE,
     Expression,
-    check_number,
     finite,
     name_of,
     names_in,
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.scene.description import SceneDescription
-    from cotree.units import Unit
 
 
 #: Largest numbers of values in a table: of numbers, and of expressions, which are written out.
@@ -260,32 +257,6 @@ def make_table(value: object, where: str, argument: str) -> Table:
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made
-
-
-def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
-    """Check a number, an expression string or a pair (times, values)."""
-    # An array without axes is a number; strings of NumPy have no axes, either.
-    is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
-    if isinstance(value, numbers.Number) or is_scalar:
-        value = check_number(value, where)
-    if isinstance(value, (str, float)):
-        return converted(parse(value, where), unit, where)
-    made = make_table(value, where, "times")
-    if unit is None or unit.is_si:
-        return made
-    return Table(made.x, tuple(unit.to_si(item) for item in made.y))
-
-
-def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
-    """Convert a number to SI."""
-    if unit is None or unit.is_si:
-        return value
-    if value.number is None:
-        raise UnitError(
-            f"{where} is an expression, whose value is in SI: its unit is '{unit.si}', not "
-            f"'{unit.text}'"
-        )
-    return parse(unit.to_si(value.number), where)
 
 
 #: The largest size of a file of points, in bytes.

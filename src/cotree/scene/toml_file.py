@@ -19,9 +19,6 @@ from cotree.components import COMPONENTS
 from cotree.errors import ModelError, SceneError, brief, check_known, nearest
 from cotree.files import read_text
 from cotree.scene.description import SceneDescription, check_allowed, read_origin
-from cotree.scene.events import check_event_table
-from cotree.scene.part_adding import add_part, check_entries, statement_lines
-from cotree.scene.tables import LARGEST_POINTS, add_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -143,6 +140,8 @@ def fill(
     for name, table in _table(data, "tables").items():
         if not isinstance(table, dict):
             raise SceneError(f"table '{brief(name)}' must be a table with 'x' and its values")
+        from cotree.scene.tables import add_table
+
         add_table(scene, name, table, points)
     for name, value in _table(data, "parameters").items():
         if isinstance(value, list):
@@ -164,7 +163,7 @@ def fill(
     for name, value in _table(data, "outputs").items():
         scene.output(name, value)
     for name, event in _table(data, "events").items():
-        scene.event(name, **check_event_table(name, event))
+        scene.event(name, **_event(name, event))
     scene.simulation(**_table(data, "simulation"))
     scene.allow(*check_allowed(data.get("allow", [])))
     scene.port(*_ports(data.get("ports", []), scene))
@@ -197,9 +196,23 @@ def _ports(given: object, scene: SceneDescription) -> list[str]:
     return given
 
 
+_EVENT = ("when", "direction", "set", "stop", "impact")
+
+
+def _event(name: str, table: Any) -> Mapping[str, Any]:
+    if not isinstance(table, dict):
+        raise SceneError(f"event '{name}' must be a table")
+    check_known(table, _EVENT, f"event '{name}' has no field")
+    if "when" not in table:
+        raise SceneError(f"event '{name}' needs the field 'when'")
+    return table
+
+
 def _add_part(scene: SceneDescription, name: str, part: Any, parts: Parts) -> None:
     if not isinstance(part, dict):
         raise SceneError(f"part '{name}' must be a table")
+    from cotree.scene.part_adding import add_part, check_entries
+
     rest = dict(part)
     try:
         check_entries(rest)
@@ -327,6 +340,8 @@ class _Reading:
 
     def located(self, error: ModelError, where: str, section: str) -> ModelError:
         """Prefix a message with the file, and the line of the first declaration that it names."""
+        from cotree.scene.part_adding import statement_lines
+
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
         # Single parts of an array are named after it.
@@ -360,6 +375,8 @@ class _Reading:
         if not isinstance(name, str):
             raise SceneError(f"file {brief(repr(name))} of a table must be a path in quotes")
         path, _ = self.place(name, "file", "write the points here", "add the table in Python", "")
+        from cotree.scene.tables import LARGEST_POINTS
+
         return read_text(path, LARGEST_POINTS)
 
     def place(self, name: str, kind: str, here: str, beside: str, suffix: str) -> tuple[str, str]:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from cotree.dag.lookup import Table
 from cotree.errors import ModelError, SceneError
 from cotree.files import atomic_write, read_text
-from cotree.scene.description import SceneDescription, origin_table
+from cotree.scene.description import TABLES, SceneDescription, origin_table
 from cotree.scene.expressions import Expression
-from cotree.scene.part import TABLES
 from cotree.scene.part_adding import statement_of
 from cotree.scene.settings import OF_SCENES, Simulation
 from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts

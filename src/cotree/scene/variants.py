@@ -22,11 +22,11 @@ from cotree.components.law import law_symbol
 from cotree.errors import ParameterError, SceneError, brief, check_known, nearest
 from cotree.scene.description import Edge, SceneDescription
 from cotree.scene.expressions import Expression, parse
+from cotree.scene.fields import parse_signal
 from cotree.scene.parameters import sources
 from cotree.scene.part import owner_of
 from cotree.scene.part_adding import set_in_part
 from cotree.scene.settings import Simulation
-from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -141,12 +141,8 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
                 waiting.append((other, (*path, other)))
 
 
-def keep_tunable(
-    scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
-) -> _Scene:
-    """Return the scene with only the wanted parameters tunable; None keeps the scene's choice."""
-    if tunable is None:
-        return scene
+def keep_tunable(scene: _Scene, tunable: Sequence[str], sensitivities: Sequence[str]) -> _Scene:
+    """Return the scene with only the wanted parameters tunable."""
     wanted = check_names(tunable, "tunable")
     after = ", which is no parameter"
     check_known(wanted, scene.parameters, "tunable names", after, ParameterError)
