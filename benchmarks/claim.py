@@ -41,7 +41,7 @@ from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import symbols_in
-from cotree.model.kernels import CKernels
+from cotree.model.kernels import Kernels
 from cotree.pipeline import trees_to_try
 from cotree.program.lower import lower
 from cotree.program.passes import run_passes
@@ -185,7 +185,7 @@ def compiled(
     took = spent_by_children() - before
     found = Contender(program.operations["augmented_rhs"].kernel, size, generation, took, "")
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    kernels = CKernels(program, loaded, context.prefix)
+    kernels = Kernels(program, loaded, context.prefix)
     kernels.prepare(np.array(program.layout.parameter_values))
     native = kernels.native()
     struct = loaded.ffi.cast("const cotree_model *", native.address)

@@ -24,7 +24,7 @@ from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.export.c_project import write_c_project
-from cotree.model.kernels import CKernels
+from cotree.model.kernels import Kernels
 from cotree.pipeline import formulate, generate
 from cotree.program.text import ModelText
 from cotree.version import ABI_VERSION
@@ -299,7 +299,7 @@ def _items(text: str) -> Iterator[str]:
 # Kernels
 
 
-def compiled(program: Program, compiler: str, level: str) -> CKernels:
+def compiled(program: Program, compiler: str, level: str) -> Kernels:
     """Compile a program's own text as models are compiled."""
     context = model_context(program)
     files = dict(render_model(context))
@@ -315,12 +315,12 @@ def compiled(program: Program, compiler: str, level: str) -> CKernels:
         toolchain=toolchain,
     )
     declarations = cdef(files["cotree_abi.h"], context.prefix)
-    return CKernels(
+    return Kernels(
         ModelText.of(program, prefix=context.prefix), load_library(library.path, declarations)
     )
 
 
-def made(program: Program, compiler: str, flags: str, folder: Path) -> CKernels:
+def made(program: Program, compiler: str, flags: str, folder: Path) -> Kernels:
     """Compile the model of a C project by the project's Makefile."""
     write_c_project(program, folder, "dopri5", t_end=1.0, rtol=1e-6, atol=1e-8)
     context = model_context(program)
@@ -332,7 +332,7 @@ def made(program: Program, compiler: str, flags: str, folder: Path) -> CKernels:
     ):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
     declarations = cdef((folder / "cotree_abi.h").read_text(), prefix)
-    return CKernels(
+    return Kernels(
         ModelText.of(program, prefix=prefix), load_library(folder / f"{prefix}.so", declarations)
     )
 
@@ -358,7 +358,7 @@ class Points:
         return self.rng.uniform(0.0, 1.0), x, s, self.rng.uniform(-1.0, 1.0, self.n_inputs)
 
 
-def differing(program: Program, kernels: CKernels, seed: int) -> Iterator[str]:
+def differing(program: Program, kernels: Kernels, seed: int) -> Iterator[str]:
     """List the kernels whose results are not those of their nodes, at two points."""
     points, own = Points(program, np.random.default_rng(seed)), EvaluatedKernels(program)
     for each in (own, kernels):

@@ -42,7 +42,7 @@ def load_kernels():
     from cotree.build import BuildOptions, build_library, find_toolchain, load_library
     from cotree.codegen.c_files import cdef, render_model
     from cotree.codegen.context import model_context
-    from cotree.model.kernels import CKernels
+    from cotree.model.kernels import Kernels
     from cotree.program.text import ModelText
     from cotree.version import ABI_VERSION
 
@@ -57,6 +57,6 @@ def load_kernels():
             toolchain=find_toolchain(),
         )
         loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-        return CKernels(ModelText.of(program, prefix=context.prefix), loaded)
+        return Kernels(ModelText.of(program, prefix=context.prefix), loaded)
 
     return load

@@ -11,7 +11,7 @@ from cotree.codegen.c_files import cdef, render_model
 from cotree.codegen.context import model_context
 from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
-from cotree.model.kernels import CKernels, Kernels
+from cotree.model.kernels import Kernels
 from cotree.model.model import CompiledModel
 from cotree.pipeline import generate, trees_to_try
 from cotree.program.lower import lower
@@ -60,4 +60,4 @@ def compiled(scene: Scene, tree: Sequence[str] | None = None) -> BareModel:
         files, abi_version=ABI_VERSION, n_operations=0, options=options, toolchain=toolchain
     )
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    return BareModel(program, CKernels(ModelText.of(program, prefix=context.prefix), loaded))
+    return BareModel(program, Kernels(ModelText.of(program, prefix=context.prefix), loaded))

@@ -13,7 +13,7 @@ from evaluated_kernels import EvaluatedKernels
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, symbols_in
-from cotree.model.kernels import CKernels
+from cotree.model.kernels import Kernels
 
 pytestmark = pytest.mark.compiler
 
@@ -59,7 +59,7 @@ def along(model, y, s, p, j, name):
 
 def test_kernels_are_compiled(model_of, scene_name):
     assert model_of(scene_name).kernels.backend == "C"
-    assert isinstance(model_of(scene_name).kernels._kernels, CKernels)
+    assert isinstance(model_of(scene_name).kernels._kernels, Kernels)
 
 
 def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of, scene_name):

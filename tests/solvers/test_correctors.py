@@ -22,8 +22,8 @@ from cotree.pipeline import formulate
 from cotree.solvers import engine, integrate, job
 from cotree.solvers import engine as sundials_library
 from cotree.solvers.engine import library_path, load_engine, version_of
-from cotree.solvers.evaluate import Tolerances
 from cotree.solvers.native import check_available, is_available
+from cotree.solvers.problem import Tolerances
 
 METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")
 

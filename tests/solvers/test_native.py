@@ -120,16 +120,16 @@ def test_budgets(slider):
 
 @pytest.mark.parametrize("first", [5, 20])
 def test_a_second_attempt_takes_what_is_left_of_the_budget(monkeypatch, first):
-    run_job, jobs = native.run_job, []
+    steps, jobs = native.Attempt._steps, []
 
-    def failing(job, problem, method, spent=0.0):
-        jobs.append(job)
+    def failing(attempt, begin, progress, until):
+        jobs.append(attempt.job)
         if len(jobs) > 1:
-            return run_job(job, problem, method, spent)
-        job.run(first)
-        return native.Ended(native.FAILED, "made up", 0.0)
+            return steps(attempt, begin, progress, until)
+        attempt.job.run(first)
+        return native.FAILED, "made up", False
 
-    monkeypatch.setattr(native, "run_job", failing)
+    monkeypatch.setattr(native.Attempt, "_steps", failing)
     model = load("bridge-rectifier").compile()
     with pytest.warns(RuntimeWarning, match="the limit of 20 steps is reached"):
         result = model.simulate((0.0, 0.1), None, "dop853", max_steps=20)

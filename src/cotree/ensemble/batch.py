@@ -41,11 +41,10 @@ from cotree.model.arrays import CObjects
 from cotree.model.kernels import build_engine, shared_code
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
-from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import HeldConstraints, refusal
-from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
+from cotree.solvers.result import BUDGET_SPENT, Drift, FloatArray, Statistics, Trajectory
+from cotree.solvers.result import FAILED as STATUS_FAILED
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.stiffness import is_confirmed, stiff_method
 from cotree.solvers.trust import check_constraint_drift, check_time_resolution, is_fine

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.plan import Block, Plan
 from cotree.errors import BuildError, SolveError, brief
-from cotree.solvers.evaluate import FAILED
+from cotree.solvers.result import FAILED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

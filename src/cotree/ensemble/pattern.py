@@ -35,11 +35,10 @@ from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import is_slope
 from cotree.sharing import forming
 from cotree.solvers.engine import Engine, load_engine
-from cotree.solvers.evaluate import tested
 from cotree.solvers.job import Job
 from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
 from cotree.solvers.prepare import prepared
-from cotree.solvers.problem import Problem, check_values, refusal, turn_tolerances
+from cotree.solvers.problem import Problem, check_values, refusal, tested, turn_tolerances
 from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
 
 def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
     """Return the problem of one run with the sensitivities of the plan."""
-    problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
+    problem = prepared(plan.model, plan.settings).run(parameters, initial)
     check_values(problem)
     return problem
 
@@ -147,8 +146,7 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
         return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
-    assert problem.native is not None  # the plan runs in C
-    if problem.native.functions:  # an exception in a Python function would end all members
+    if problem.functions:  # an exception in a Python function would end all members
         return True
     return bool(_moving(plan) & set(plan.columns))
 
@@ -204,7 +202,7 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
     """Return the absolute tolerances of members, of values and of quaternions, if they differ.
 
     Those of sensitivities are divided by the sizes of the parameters; see
-    :class:`cotree.solvers.evaluate.Tolerances`.
+    :class:`cotree.solvers.problem.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
     names = model.sensitivities[: problem.n_sensitivities]

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.plan import NOT_RUN
-from cotree.solvers.budgets import steps_spent, time_spent
-from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.messages import event_message, stiffness_note, summary, with_growth
-from cotree.solvers.result import FloatArray, Statistics, Trajectory
+from cotree.solvers.budgets import events_spent, steps_spent, time_spent
+from cotree.solvers.messages import with_growth
+from cotree.solvers.native import stiffness_note, summary
+from cotree.solvers.result import BUDGET_SPENT, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,7 +81,7 @@ def budget_message(
     """Describe where a member stopped and which state grew."""
     settings = problem.settings
     if ended == EVENTS_SPENT:
-        reason = event_message("spends", [], detail=job.most_events)
+        reason = events_spent(job.most_events)
     elif ended == STEPS_SPENT:
         reason = steps_spent(settings.max_steps or 0)
     else:

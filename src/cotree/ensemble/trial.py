@@ -19,7 +19,7 @@ from cotree.ensemble.plan import Block, Plan
 from cotree.errors import Error
 from cotree.methods import METHODS, method_row
 from cotree.quiet import level_of_user, without_warnings
-from cotree.solvers.evaluate import FAILED
+from cotree.solvers.result import FAILED
 from cotree.solvers.select import probe_steps
 from cotree.solvers.simulate import simulate
 

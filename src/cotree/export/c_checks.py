@@ -21,10 +21,9 @@ from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_time_events
 from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
-from cotree.model.consistent import Start
 from cotree.model.loading import load_model
 from cotree.model.model import EvaluationPoint
-from cotree.model.start import scene_start
+from cotree.model.start import Start, scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.pipeline import text_of

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from cotree.model.consistent import Start
+    from cotree.model.start import Start
     from cotree.program.program import Kernel, Program
 
 

@@ -10,8 +10,6 @@ used in the scene's order. ``templates/runtime/start/cotree_assembly.c`` compute
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -38,37 +36,6 @@ _NOTICED, _MET = 1e-4, 1e-10
 _MOST_NAMED = 6
 
 _LEVELS = ("positions", "velocities")
-
-
-@dataclass(frozen=True)
-class Start:
-    """A consistent start.
-
-    Attributes
-    ----------
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        Initial states and their sensitivities.
-    is_chosen : bool
-        Whether states that neither constraints nor given values determine were changed. The
-        smallest change was chosen, and ``s`` is the derivative of this choice.
-    note : str
-        A sentence on the given values that change with a parameter; empty if none does.
-    is_mended : bool
-        Whether given values had to change.
-    """
-
-    y: Array
-    s: Array
-    is_chosen: bool = False
-    note: str = ""
-    is_mended: bool = False
-
-    @cached_property
-    def z(self) -> Array:
-        """States, then sensitivities by parameter: the layout of integrations."""
-        found = np.concatenate([self.y, self.s.T.ravel()])
-        found.flags.writeable = False  # shared by all runs with this start
-        return found
 
 
 class Report:

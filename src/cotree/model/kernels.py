@@ -13,7 +13,7 @@ import contextlib
 import threading
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -145,43 +145,6 @@ class NativeModel:
     work: Callable[[], StepWork | None]
 
 
-class Kernels(Protocol):
-    """Kernels of a model, called by name."""
-
-    @property
-    def backend(self) -> str:
-        """Return the backend of the kernels: ``C``, or ``none`` without a compiler."""
-        ...
-
-    def prepare(self, p: Array) -> None:
-        """Set the parameters of all further calls of this thread.
-
-        Raises
-        ------
-        ParameterError
-            If a guard of the model rejects them.
-        """
-        ...
-
-    def native(self) -> NativeModel | None:
-        """Return the model in C with this thread's parameters; None without a compiler."""
-        ...
-
-    def address(self, name: str) -> int | None:
-        """Return the address of a kernel in C; None if C has no such kernel."""
-        ...
-
-    def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel; arguments that it does not use are ignored.
-
-        Raises
-        ------
-        SingularSystemError
-            If a linear system of the kernel is singular here.
-        """
-        ...
-
-
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
     """Kernels of a thread with pointers and results, each bound at its first call.
 
@@ -225,7 +188,7 @@ class _OwnBuffers(threading.local):
         self.bound = _Bound(text, library, model)
 
 
-class CKernels:
+class Kernels:
     """Kernels of a loaded library, with every buffer and pointer bound once for each thread."""
 
     backend = "C"
@@ -252,7 +215,10 @@ class CKernels:
         )
 
     def prepare(self, p: Array) -> None:
-        """Set the parameters of all further calls of this thread; see :class:`Kernels`."""
+        """Set the parameters of all further calls of this thread.
+
+        Raises ParameterError if a guard of the model rejects them.
+        """
         bound = self._own.bound
         bound.p[:] = p
         status = self._model.prepare(*bound.prepared)
@@ -266,7 +232,10 @@ class CKernels:
             raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel; see :class:`Kernels`."""
+        """Evaluate a kernel; arguments that it does not use are ignored.
+
+        Raises SingularSystemError if a linear system of the kernel is singular here.
+        """
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
         # Values are copied behind pointers that are bound once: new pointers would take several
@@ -283,14 +252,14 @@ class CKernels:
             raise self._failure(status, name, known)
         return result
 
-    def native(self) -> NativeModel:
-        """Return the model and the parameters that this thread last prepared."""
+    def native(self) -> NativeModel | None:
+        """Return the model in C with this thread's parameters; None without a compiler."""
         # Copies, since this thread may prepare other parameters during the run.
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
     def address(self, name: str) -> int | None:
-        """Return the address of a kernel; see :class:`Kernels`."""
+        """Return the address of a kernel in C; None if C has no such kernel."""
         if name not in self._text.traits.n_results:
             return None
         return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
@@ -310,22 +279,25 @@ NO_COMPILER = (
 )
 
 
-class MissingKernels:
+class MissingKernels(Kernels):
     """Kernels of a model on a machine without a compiler: every call raises SolveError."""
 
     backend = "none"
+
+    def __init__(self) -> None:
+        pass
 
     def prepare(self, p: Array) -> None:
         """Raise SolveError."""
         raise SolveError(NO_COMPILER)
 
-    def native(self) -> None:
+    def native(self) -> NativeModel | None:
         """Return None."""
-        return
+        return None
 
-    def address(self, name: str) -> None:
+    def address(self, name: str) -> int | None:
         """Return None."""
-        return
+        return None
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Raise SolveError."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.errors import BuildError, Error
-from cotree.model.kernels import CKernels, MissingKernels
+from cotree.model.kernels import Kernels, MissingKernels
 from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
@@ -82,7 +82,7 @@ def load_model(
             options=options,
             toolchain=toolchain,
         )
-        model = CompiledModel(text, CKernels(text, loaded), options)
+        model = CompiledModel(text, Kernels(text, loaded), options)
         model.cached = library.cached
     if at_rest is not None:
         model.rest = OperatingPoint(model, at_rest)

@@ -19,7 +19,6 @@ import numpy as np
 from cotree.build import find_toolchain
 from cotree.errors import BuildError, ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters, derived_values, is_many
-from cotree.model.start_in_c import StartInC, start_in_c
 from cotree.model.structure import Structure
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from cotree.dag.corners import RestartTimes
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.model.roots import Junctions
+    from cotree.model.start_in_c import StartInC
     from cotree.program.layout import Layout
     from cotree.program.program import Program
     from cotree.program.text import ModelText
@@ -357,6 +357,8 @@ class CompiledModel:
     @locked_cached_property
     def start_in_c(self) -> StartInC | None:
         """The search for starts in C; None without a compiler."""
+        from cotree.model.start_in_c import start_in_c
+
         return start_in_c(self)
 
     @locked_cached_property

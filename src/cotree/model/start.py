@@ -16,21 +16,86 @@ C takes all steps (:mod:`cotree.model.start_in_c`).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cotree.errors import ParameterError, SingularSystemError, SolveError, listed, nearest
-from cotree.model.consistent import Start
 from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, EvaluationPoint
-from cotree.model.unknowns import check_followers
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.model.arrays import Array
+
+
+#: Both values may be given if they agree to this relative tolerance.
+_AGREE = 1e-6
+
+
+@dataclass(frozen=True)
+class Start:
+    """A consistent start.
+
+    Attributes
+    ----------
+    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
+        Initial states and their sensitivities.
+    is_chosen : bool
+        Whether states that neither constraints nor given values determine were changed. The
+        smallest change was chosen, and ``s`` is the derivative of this choice.
+    note : str
+        A sentence on the given values that change with a parameter; empty if none does.
+    is_mended : bool
+        Whether given values had to change.
+    """
+
+    y: Array
+    s: Array
+    is_chosen: bool = False
+    note: str = ""
+    is_mended: bool = False
+
+    @cached_property
+    def z(self) -> Array:
+        """States, then sensitivities by parameter: the layout of integrations."""
+        found = np.concatenate([self.y, self.s.T.ravel()])
+        found.flags.writeable = False  # shared by all runs with this start
+        return found
+
+
+def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
+    """Raise ParameterError if initial values of a run contradict each other.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    initial : mapping of str to float
+        Initial values of the run that replace the scene's.
+    y : ndarray, shape (n_states,)
+        The start that was found.
+
+    Raises
+    ------
+    ParameterError
+        If a run gives both the content of a storage and the variable that follows from it, and
+        they do not agree.
+    """
+    names = model.states
+    for total, follower in model.layout.followers:
+        if names[total] in initial and names[follower] in initial:
+            given, found = initial[names[follower]], float(y[follower])
+            # Written such that nan raises, too.
+            if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
+                raise ParameterError(
+                    f"initial values contradict each other: '{names[follower]}' is given as "
+                    f"{given:.6g} but is {found:.6g} by '{names[total]}'; leave one out"
+                )
 
 
 def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
@@ -61,7 +126,7 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
             "constraints, and correcting them changes their sensitivities: give consistent "
             "values of all states"
         )
-    check_followers(model, initial, found.y)
+    _check_followers(model, initial, found.y)
     return found
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from cotree.codegen.start_tables import start_tables
 from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
 from cotree.model.arrays import Array, CObjects
-from cotree.model.consistent import Report, Start, contradiction
+from cotree.model.consistent import Report, contradiction
 from cotree.model.kernels import NO_COMPILER, SINGULAR, build_engine, shared_code
+from cotree.model.start import Start
 from cotree.model.unknowns import contradicting_jumps, of_model
 from cotree.sharing import locked_cache
 

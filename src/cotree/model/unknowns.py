@@ -15,49 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import Error, ParameterError, SolveError
+from cotree.errors import Error, SolveError
 from cotree.scene.events import ModePart
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection
 
     from cotree.model.algebraic import Algebraic
     from cotree.model.arrays import Array
-    from cotree.model.model import CompiledModel, EvaluationPoint
-
-
-#: Both values may be given if they agree to this relative tolerance.
-_AGREE = 1e-6
-
-
-def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
-    """Raise ParameterError if initial values of a run contradict each other.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    initial : mapping of str to float
-        Initial values of the run that replace the scene's.
-    y : ndarray, shape (n_states,)
-        The start that was found.
-
-    Raises
-    ------
-    ParameterError
-        If a run gives both the content of a storage and the variable that follows from it, and
-        they do not agree.
-    """
-    names = model.states
-    for total, follower in model.layout.followers:
-        if names[total] in initial and names[follower] in initial:
-            given, found = initial[names[follower]], float(y[follower])
-            # Written such that nan raises, too.
-            if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
-                raise ParameterError(
-                    f"initial values contradict each other: '{names[follower]}' is given as "
-                    f"{given:.6g} but is {found:.6g} by '{names[total]}'; leave one out"
-                )
+    from cotree.model.model import EvaluationPoint
 
 
 def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:

@@ -39,6 +39,11 @@ def steps_spent(limit: int) -> str:
     return f"the limit of {limit} steps is reached"
 
 
+def events_spent(limit: float) -> str:
+    """Return the message that the limit of events is reached."""
+    return f"the limit of {limit:g} events is reached"
+
+
 def time_spent(limit: float) -> str:
     """Return the message that the time limit, [s], is reached."""
     return f"the time limit of {limit:g} s is spent"

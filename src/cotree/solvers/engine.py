@@ -239,21 +239,16 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    model: CompiledModel,
-    p: FloatArray,
-    u: Inputs,
-    t: FloatArray,
-    z: FloatArray,
-    native: NativeModel,
+    model: CompiledModel, native: NativeModel, u: Inputs, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate outputs, their sensitivities and inputs at many points.
 
     Parameters
     ----------
     model : CompiledModel
-        The model; ``native`` is the same as C sees it, with these parameters.
-    p : ndarray, shape (n_parameters,)
-        Parameters.
+        The model.
+    native : NativeModel
+        The model in C with its parameters.
     u : callable
         Inputs at a time; None leaves them to the model.
     t, z : ndarray, shapes (n_t,) and (n_states * (1 + n_sensitivities), n_t)
@@ -280,7 +275,7 @@ def sweep(
     library = load_sweep()
     if library is None:
         raise BuildError("no compiler can build the loop over the points of a run")
-    return _in_c(model, native, library, u, t, z) or _blame(model, p, u, t, z)
+    return _in_c(model, native, library, u, t, z) or _blame(model, native.p, u, t, z)
 
 
 @locked_cache

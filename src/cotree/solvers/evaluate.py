@@ -21,27 +21,15 @@ import numpy as np
 
 from cotree.errors import SingularSystemError, SolveError
 from cotree.solvers.budgets import time_spent
-from cotree.solvers.problem import Problem, describe_entry
+from cotree.solvers.problem import DENSE_LIMIT, Problem, Tolerances, describe_entry
+from cotree.solvers.result import BUDGET_SPENT, FAILED
 from cotree.tolerances import SAME
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy.typing as npt
-
-    from cotree.methods import Method
     from cotree.solvers.result import FloatArray
 
-
-#: Augmented systems longer than this are factored block by block, not as one dense matrix.
-DENSE_LIMIT = 100
-
-#: SciPy's limit; below it the error test measures rounding only.
-RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
-
-#: Absolute tolerance of sensitivities outside the error test. Infinite weights would turn norms of
-#: LSODA and SUNDIALS into 0 * inf; the square of this number is finite.
-UNTESTED = 1e100
 
 _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 
@@ -111,96 +99,10 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     """Return the relative tolerance and the absolute ones of all that is integrated.
 
     The first is at least ``RTOL_FLOOR``; the others have shape (..., len(problem.integrated)), see
-    :class:`Tolerances`.
+    :class:`cotree.solvers.problem.Tolerances`.
     """
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
-
-
-class Tolerances:
-    """Absolute tolerances of entries of z, for problems that differ only in values of parameters.
-
-    Absolute tolerances of sensitivities are those of the states divided by the sizes of the
-    parameters, as in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F
-    to a capacitance of 1e-12 F exceeds the tolerance of a voltage.
-
-    Solvers cannot exclude entries from the error test, so untested sensitivities have an absolute
-    tolerance that no error reaches. Solvers average squares over all entries, so the states'
-    tolerances are divided by the square root of the ratio of both numbers: states are then tested
-    as without sensitivities. LSODA uses the maximum and becomes stricter by that factor.
-
-    Sizes of states and of parameters may have a row for each of several problems. ``is_left``
-    selects entries; by default all that are integrated.
-    """
-
-    def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
-        places = problem.integrated if is_left is None else problem.integrated[is_left]
-        self._atol = problem.settings.atol
-        # Block 0 of z contains the states, block k their sensitivities to parameter k - 1.
-        self._block, self._state = np.divmod(places, max(1, problem.n_states))
-        self._is_tested = problem.settings.error_test_sensitivities
-        self._share = 1.0 if self._is_tested else _share(problem)
-
-    def rtol_of(self, problem: Problem) -> float:
-        """Return the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
-        return max(problem.settings.rtol / self._share, RTOL_FLOOR)
-
-    def of(self, problem: Problem) -> FloatArray:
-        """Return the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
-        scales = problem.scales
-        atol: Any = self._atol
-        if problem.sizes is not None:
-            atol = (atol * problem.sizes)[..., self._state]
-        if not self._is_tested:
-            return np.where(self._block > 0, UNTESTED, atol / self._share)
-        if scales is None:
-            scales = np.ones(problem.n_sensitivities)
-        # The divisor of states is one.
-        divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
-        divisors[..., 0], divisors[..., 1:] = 1.0, scales
-        found: FloatArray = atol / divisors.take(self._block, axis=-1)
-        return np.minimum(found, UNTESTED, out=found)
-
-
-def tested_rtol(problem: Problem) -> float:
-    """Return the relative tolerance of the error test, at least ``RTOL_FLOOR``."""
-    share = 1.0 if problem.settings.error_test_sensitivities else _share(problem)
-    return max(problem.settings.rtol / share, RTOL_FLOOR)
-
-
-def _share(problem: Problem) -> float:
-    """Return the square root of the number of entries divided by that of states."""
-    return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
-
-
-def tested(
-    row: Method, problem: Problem, *, is_extended: bool
-) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return the places in z of integrated entries, (n,), and their tolerances, (..., n).
-
-    ``is_extended``: an explicit method integrates the algebraic unknowns, too.
-    """
-    is_left = is_integrated(row, problem, is_extended=is_extended)
-    known = as_tested(row, problem)
-    return problem.integrated[is_left], Tolerances(known, is_left).of(known)
-
-
-def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
-    """Return which of the entries that do not vanish are integrated in C."""
-    places = problem.integrated
-    cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
-    # Sensitivities of algebraic unknowns are always solved for.
-    lead = problem.n_states if is_extended else cut
-    # States up to `lead`, and sensitivities up to `cut` in each block.
-    found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
-        places < problem.n_states, lead, cut
-    )
-    return found
-
-
-def as_tested(row: Method, problem: Problem) -> Problem:
-    """Return the problem with sensitivities in the error test if SUNDIALS excludes them itself."""
-    return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem
 
 
 class IntegrationStopError(Exception):
@@ -210,11 +112,6 @@ class IntegrationStopError(Exception):
         super().__init__(reason)
         self.status = status
         self.reason = reason
-
-
-# Values of ``Trajectory.status``.
-FAILED = -1
-BUDGET_SPENT = -2
 
 
 class Evaluator:

@@ -10,29 +10,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
-from cotree.errors import Error
 from cotree.model.arrays import pointer_to
-from cotree.model.kernels import SINGULAR, Newton
-from cotree.model.start_in_c import filled_tables
 from cotree.sharing import RecentCache
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
-from cotree.solvers.evaluate import (
-    Evaluator,
-    IntegrationStopError,
+from cotree.solvers.problem import (
+    Problem,
     Tolerances,
     as_tested,
     is_integrated,
-)
-from cotree.solvers.messages import event_message, subjects, undefined_ahead
-from cotree.solvers.problem import (
-    Native,
-    Problem,
-    describe_entry,
     restart_times,
     turn_tolerances,
-    turning,
 )
 from cotree.tolerances import LIMITS
 
@@ -40,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from cotree.methods import Method
+    from cotree.model.kernels import Newton
     from cotree.solvers.engine import Engine
     from cotree.solvers.result import FloatArray
 
@@ -186,10 +175,6 @@ def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
 # Most singular positions of a run whose edges are named.
 _MOST_CROSSINGS = 5
 
-# Sentences by status.
-_SENTENCES = dict(enumerate(SENTENCES.values()))
-
-
 # Members of the structure that depend on times and the longest step only.
 _OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
 
@@ -240,28 +225,30 @@ class Job:
         self._pointers: dict[str, Any] = {}  # each keeps its array alive
         self._n_bytes = 0  # of all arrays
         self.rescue = Rescue(problem)
-        self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.model.library)
+        self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.library)
         self.kind = job_kind(row, problem, is_extended=is_extended)
-        self._has_newton = newton is not None
+        self.has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
         # Zero would name the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.held is not None)
         c.is_extended = int(is_extended)
-        self._set_model(problem, problem.native)
+        self._set_model(problem)
         self._crossings: FloatArray = np.zeros((0, 1 + problem.n_states))
         if problem.singular is not None:
-            tables = filled_tables(self._callbacks, problem.native.model.layout)
+            from cotree.model.start_in_c import filled_tables
+
+            tables = filled_tables(self._callbacks, problem.native.layout)
             c.constraints = tables.assembly
             self._crossings = np.zeros((_MOST_CROSSINGS, 1 + problem.n_states))
             c.crossings = self._callbacks.pointer(self._crossings)
             c.most_crossings = _MOST_CROSSINGS
         is_left = is_integrated(row, problem, is_extended=is_extended)
-        self._places = problem.integrated[is_left]  # positions in z
+        self.places = problem.integrated[is_left]  # positions in z
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
-        c.n, c.atol = len(self._places), problem.settings.atol
+        c.n, c.atol = len(self.places), problem.settings.atol
         if engine.has_events:
             # Correctors do not return to a point within a step.
             c.is_tested = int(row.family == "correctors")
@@ -273,8 +260,7 @@ class Job:
             self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
         # SUNDIALS' memory and functions of Python belong to one run.
-        native = problem.native
-        asks_python = bool(native.functions) or problem.reach is not None
+        asks_python = bool(problem.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
         # A record holds time, event, sensitivities of the time, and states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
@@ -302,13 +288,13 @@ class Job:
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
         self.rescue.problem, self.rescue.reason = problem, ""
-        if not self._has_newton and problem.singular is not None:
+        if not self.has_newton and problem.singular is not None:
             # Rates exist only on dependent constraints: C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
-        self._set_array("p", native.model.p)
-        self._set_array("k", native.model.k)
-        if native.n_inputs:
-            self._set_array("u", np.zeros(native.n_inputs))
+        self._set_array("p", native.p)
+        self._set_array("k", native.k)
+        if native.layout.inputs:
+            self._set_array("u", np.zeros(len(native.layout.inputs)))
         c.rtol = self._tolerances.rtol_of(problem)
         sizes = [row if row is None else row.tobytes() for row in (problem.sizes, problem.scales)]
         if sizes != self._sizes:
@@ -348,13 +334,14 @@ class Job:
         """Number of bytes of an idle job."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
-    def _set_model(self, problem: Problem, native: Native) -> None:
+    def _set_model(self, problem: Problem) -> None:
         """Set the model, its inputs, and the functions of Python that C calls."""
+        assert problem.native is not None
         c = self.job
-        c.model = self._ffi.cast("cotree_model *", native.model.address)
-        c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
-        if native.functions:
-            c.input_function = self._callbacks.input_function(native.functions)
+        c.model = self._ffi.cast("cotree_model *", problem.native.address)
+        c.n_replaced, c.replaced = len(problem.replaced), self._tables(problem)
+        if problem.functions:
+            c.input_function = self._callbacks.input_function(problem.functions)
         if problem.reach is not None:
             c.reach = self._callbacks.reach(problem.reach, problem.size)
         if problem.n_algebraic:
@@ -405,44 +392,6 @@ class Job:
         """Make an explicit method pause if its problem is stiff, from ``first_step`` on."""
         self._tested_from = first_step
 
-    def reason(self, problem: Problem) -> str:
-        """Return why the job failed."""
-        c, status = self.job, int(self.job.status)
-        if status in EVENT_FAILURES:
-            return self._event_reason(problem, EVENT_FAILURES[status])
-        if status == TURNED:
-            return turning(problem, float(c.t), int(c.turned))
-        reasons = []
-        if c.flag:
-            known = status != NUMBERS["FLAGGED"]
-            reasons = [f"SUNDIALS reports: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
-        elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
-            reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
-        if c.kernel_status == SINGULAR and not problem.n_algebraic:
-            reasons.append("a linear system of the model is singular ahead")
-        if c.row >= 0:
-            of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
-            reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
-        if c.entry >= 0:
-            name = describe_entry(problem, int(self._places[c.entry]))
-            reasons.append(f"the derivative of {name} is not finite ahead")
-        elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
-            reasons += self._fault_of_jacobian(problem)
-        reason = "; ".join(reasons)
-        # Steps may be short because rates have no value beyond a point.
-        why = undefined_ahead(problem, float(c.t), self.z)
-        return f"{reason}: {why}" if why else reason
-
-    def _fault_of_jacobian(self, problem: Problem) -> list[str]:
-        """Return a message on an entry of the Jacobian that is not finite at the job's point."""
-        if not self._has_newton or problem.n_algebraic:
-            return []
-        try:
-            Evaluator(problem).state_jacobian(float(self.job.t), self.z)
-        except (IntegrationStopError, Error) as error:
-            return [str(error)]
-        return []
-
     def sync_state(self) -> None:
         """Write the point of a job that has not ended into the structure."""
         self._lib.cotree_job_sync(self.job)
@@ -474,19 +423,6 @@ class Job:
         self.job.slopes = self._placed("slopes", slopes)
         self.job.spreads = self._placed("spreads", spreads)
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
-
-    def _event_reason(self, problem: Problem, name: str) -> str:
-        """Return why an event ended the job."""
-        c = self.job
-        # Kinks of laws are located like events, and have no names.
-        rows = problem.events.rows if problem.events is not None else ()
-        fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
-        event = rows[c.event].name if c.event < len(rows) else "kink of a law"
-        events = subjects(name, event, fired)
-        message = event_message(name, events, float(c.event_time), float(c.event_detail))
-        if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
-            return f"{message}, '{problem.constraints[int(c.event_detail)]}' first of all"
-        return f"{message} ({self.rescue.reason})" if self.rescue.reason else message
 
     def _make_records(self, rows: int) -> None:
         """Allocate records of events; existing ones are copied."""
@@ -528,9 +464,9 @@ class Job:
         else:
             memory.fill(0.0)
 
-    def _tables(self, native: Native) -> Any:
-        tables = self._callbacks.new("cotree_table_input[]", max(1, len(native.replaced)))
-        for row, (place, (times, values)) in zip(tables, native.replaced.items(), strict=False):
+    def _tables(self, problem: Problem) -> Any:
+        tables = self._callbacks.new("cotree_table_input[]", max(1, len(problem.replaced)))
+        for row, (place, (times, values)) in zip(tables, problem.replaced.items(), strict=False):
             row.input, row.length = place, len(times)
             own = (np.asarray(array, dtype=float) for array in (times, values))
             row.t, row.u = map(self._callbacks.pointer, own)

@@ -9,15 +9,18 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.codegen.statuses import SENTENCES
-from cotree.errors import listed
+from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
+from cotree.errors import Error, listed
+from cotree.model.kernels import SINGULAR
 from cotree.solvers.callbacks import Rescue
-from cotree.solvers.evaluate import BUDGET_SPENT, RTOL_FLOOR, tested_rtol
-from cotree.tolerances import LIMITS
+from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.native import ROUNDING_LEVEL
+from cotree.solvers.problem import describe_entry, turning
+from cotree.solvers.result import BUDGET_SPENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -28,55 +31,76 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-#: Reason why a method stopped: its steps no longer change t.
-ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
-
-# Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
-_FINE = 1e-12
+# Sentences by status.
+_SENTENCES = dict(enumerate(SENTENCES.values()))
 
 # Undefined rates explain short steps if they are ahead within this share of the elapsed time, or at
 # the start within the square of this share of the span.
 _SOON = 1e-3
 
 
-def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Return sentences on the time that a method reached, why it stopped, and its tolerance.
+def failure(job: Job, problem: Problem) -> str:
+    """Return why a job failed."""
+    c, status = job.job, int(job.job.status)
+    if status in EVENT_FAILURES:
+        return _event_reason(job, problem, EVENT_FAILURES[status])
+    if status == TURNED:
+        return turning(problem, float(c.t), int(c.turned))
+    reasons = []
+    if c.flag:
+        known = status != NUMBERS["FLAGGED"]
+        reasons = [f"SUNDIALS reports: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
+    elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
+        reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
+    if c.kernel_status == SINGULAR and not problem.n_algebraic:
+        reasons.append("a linear system of the model is singular ahead")
+    if c.row >= 0:
+        of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
+        reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
+    if c.entry >= 0:
+        name = describe_entry(problem, int(job.places[c.entry]))
+        reasons.append(f"the derivative of {name} is not finite ahead")
+    elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
+        reasons += _fault_of_jacobian(job, problem)
+    reason = "; ".join(reasons)
+    # Steps may be short because rates have no value beyond a point.
+    why = undefined_ahead(problem, float(c.t), job.z)
+    return f"{reason}: {why}" if why else reason
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    method : str
-        The method that ran.
-    t : float
-        The last time that it reached, [s].
-    reason : str
-        The reason why it stopped early, without a capital and a full stop; or empty.
-    """
-    sentences = [f"{method} reached t = {t:.10g}."]
-    if reason:
-        end = problem.settings.t_span[1]
-        sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
-    if reason == ROUNDING_LEVEL:
-        sentences.append(_rounding_of_time(problem, t))
-    rtol = tested_rtol(problem)
-    if rtol > problem.settings.rtol:
-        sentences.append(
-            f"rtol = {problem.settings.rtol:.3g} is below what double precision can test; "
-            f"{RTOL_FLOOR:.3g} was used."
-        )
-    return [sentence for sentence in sentences if sentence]
+
+def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
+    """Return a message on an entry of the Jacobian that is not finite at the job's point."""
+    if not job.has_newton or problem.n_algebraic:
+        return []
+    try:
+        Evaluator(problem).state_jacobian(float(job.job.t), job.z)
+    except (IntegrationStopError, Error) as error:
+        return [str(error)]
+    return []
 
 
-def stiffness_note(job: Any) -> str:
-    """Return the report of an explicit method that a problem is stiff; empty if it is not."""
-    if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
-        return ""
-    return (
-        f"The problem is stiff from t = {float(job.stiff_since):.6g} on: about "
-        f"{int(job.n_stiff_steps)} steps were as short as stability requires, and a method for "
-        "stiff problems such as rodas5 may take far fewer."
-    )
+def _event_reason(job: Job, problem: Problem, name: str) -> str:
+    """Return why an event ended the job."""
+    c = job.job
+    # Kinks of laws are located like events, and have no names.
+    rows = problem.events.rows if problem.events is not None else ()
+    fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
+    event = rows[c.event].name if c.event < len(rows) else "kink of a law"
+    events = subjects(name, event, fired)
+    message = event_message(name, events, float(c.event_time), float(c.event_detail))
+    if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
+        return f"{message}, '{problem.constraints[int(c.event_detail)]}' first of all"
+    return f"{message} ({job.rescue.reason})" if job.rescue.reason else message
+
+
+def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> list[str]:
+    """Return sentences on events at stored points ``z`` and at the end of a run."""
+    if problem.events is None:
+        return []
+    rested, jammed = rest_note(problem.events.rows, job.event_records), ""
+    if has_failed and z.shape[1]:
+        jammed = problem.events.jammed(float(job.job.t), np.ascontiguousarray(z[:, -1]))
+    return [row for row in (jammed, rested) if row]
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
@@ -116,17 +140,6 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
     return "" if rescue.find_unknowns(t, y) else rescue.reason
 
 
-def _rounding_of_time(problem: Problem, t: float) -> str:
-    """Report that rounding of a large t, not the motion, makes steps short; or empty."""
-    spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
-    if spacing <= _FINE * abs(end - start):
-        return ""
-    return (
-        f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
-        "needed: start the run nearer to t = 0."
-    )
-
-
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
     """Return sentences on the singular positions that a job crossed, or at which it failed."""
     assert problem.singular is not None  # or there are none
@@ -153,7 +166,7 @@ def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
 
 
-#: Sentences by the name of a status, or of an ending without a failure: ``t`` is the time,
+#: Sentences by the name of a status,: ``t`` is the time,
 #: ``detail`` a further time, a duration or a count.
 EVENT_MESSAGES = {
     "EVENTS_NOT_FINITE": "the function of event {event} is not finite",
@@ -246,8 +259,6 @@ EVENT_MESSAGES = {
         "{event} turns at t = {t:.10g} in its locked direction, which needs an impact: start at a "
         "relative speed of zero or more, and put an elastic shaft between it and a rigid stop"
     ),
-    "spends": "the limit of {detail:g} events is reached",
-    "stops": "event {event} ends the run",
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
 

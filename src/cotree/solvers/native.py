@@ -4,34 +4,26 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.statuses import NUMBERS
+from cotree.codegen.statuses import NUMBERS, SENTENCES
 from cotree.errors import SolveError
 from cotree.methods import METHODS, Method
 from cotree.records import changed, filled
-from cotree.solvers.budgets import Progress, steps_spent, time_spent
+from cotree.solvers.budgets import Progress, events_spent, steps_spent, time_spent
 from cotree.solvers.engine import check_installed, load_engine
-from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.job import Job, job_kind
-from cotree.solvers.messages import (
-    event_message,
-    fold_at,
-    rest_note,
-    singular_positions,
-    stiffness_note,
-    summary,
-)
-from cotree.solvers.problem import beyond_scipy, refusal
-from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
+from cotree.solvers.problem import RTOL_FLOOR, beyond_scipy, refusal, tested_rtol
+from cotree.solvers.result import BUDGET_SPENT, FAILED, Drift, FloatArray, Statistics, Trajectory
+from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from cotree.model.kernels import Newton
     from cotree.solvers.engine import Engine
     from cotree.solvers.problem import Problem
-    from cotree.solvers.stiffness import MethodSwitch
+    from cotree.solvers.select import MethodSwitch
 
 
 # Failures that are caused by the equations, and not by an event or the tolerances.
@@ -40,65 +32,68 @@ _UNSOLVED = {
 }
 
 
-class Ended(NamedTuple):
-    """The outcome of a job that ended or pauses: status, reason of a failure, time in C, [s]."""
+#: Reason why a method stopped: its steps no longer change t.
+ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
-    status: int
-    reason: str
-    seconds: float
-    is_waiting: bool = False
+# Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
+_FINE = 1e-12
+
+
+def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
+    """Return sentences on the time that a method reached, why it stopped, and its tolerance.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    method : str
+        The method that ran.
+    t : float
+        The last time that it reached, [s].
+    reason : str
+        The reason why it stopped early, without a capital and a full stop; or empty.
+    """
+    sentences = [f"{method} reached t = {t:.10g}."]
+    if reason:
+        end = problem.settings.t_span[1]
+        sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
+    if reason == ROUNDING_LEVEL:
+        sentences.append(_rounding_of_time(problem, t))
+    rtol = tested_rtol(problem)
+    if rtol > problem.settings.rtol:
+        sentences.append(
+            f"rtol = {problem.settings.rtol:.3g} is below what double precision can test; "
+            f"{RTOL_FLOOR:.3g} was used."
+        )
+    return [sentence for sentence in sentences if sentence]
+
+
+def stiffness_note(job: Any) -> str:
+    """Return the report of an explicit method that a problem is stiff; empty if it is not."""
+    if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
+        return ""
+    return (
+        f"The problem is stiff from t = {float(job.stiff_since):.6g} on: about "
+        f"{int(job.n_stiff_steps)} steps were as short as stability requires, and a method for "
+        "stiff problems such as rodas5 may take far fewer."
+    )
+
+
+def _rounding_of_time(problem: Problem, t: float) -> str:
+    """Report that rounding of a large t, not the motion, makes steps short; or empty."""
+    spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
+    if spacing <= _FINE * abs(end - start):
+        return ""
+    return (
+        f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
+        "needed: start the run nearer to t = 0."
+    )
 
 
 def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
     """Return a trajectory with the time to compile or to find the C of the method, [s]."""
     statistics = changed(trajectory.statistics, compile_seconds=seconds)
     return changed(trajectory, statistics=statistics)
-
-
-def trajectory_of(
-    job: Job,
-    problem: Problem,
-    method: str,
-    ended: Ended,
-    note: str = "",
-    compile_seconds: float = 0.0,
-) -> Trajectory:
-    """Return the stored values of a job, with the last good point if it failed.
-
-    ``note`` ends the message; ``compile_seconds`` is the time that the C of the method took.
-    """
-    c = job.job
-    t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
-    work = {
-        "method": method,
-        "nfev": c.n_evaluations,
-        "njev": c.n_jacobians,
-        "nlu": c.n_factorisations,
-        "n_steps": c.n_steps,
-        "seconds": ended.seconds,
-        "compile_seconds": compile_seconds,
-        "began_with": "",
-    }
-    sentences = summary(problem, method, c.t, ended.reason)
-    if problem.singular is not None:
-        sentences[1:1] = singular_positions(problem, job, has_failed=ended.status == FAILED)
-    records = job.event_records
-    rested = rest_note(problem.events.rows, records) if problem.events is not None else ""
-    jammed = ""
-    if ended.status != 0 and problem.events is not None and z.shape[1]:
-        jammed = problem.events.jammed(float(c.t), np.ascontiguousarray(z[:, -1]))
-    sentences += [row for row in (jammed, rested, job.rows.thinning.note, note) if row]
-    values = {
-        "t": t,
-        "z": z,
-        "status": ended.status,
-        "message": " ".join(sentences),
-        "statistics": filled(Statistics, work),
-        "drift": _drift(job, problem, t, z),
-        "events": records,
-        "is_unsolved": ended.status != 0 and int(c.status) in _UNSOLVED,
-    }
-    return filled(Trajectory, values)
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
@@ -154,11 +149,10 @@ def is_available(method: str) -> bool:
 
 def can_extend(row: Method, problem: Problem) -> bool:
     """Return whether algebraic unknowns are integrated instead of solved for at each evaluation."""
-    native = problem.native
     return (
-        native is not None
-        and native.model.can_extend
-        and not (native.replaced or native.functions)  # whose rates are not known
+        problem.native is not None
+        and problem.native.can_extend
+        and not (problem.replaced or problem.functions)  # whose rates are not known
         # Explicit methods would solve for the unknowns in each stage.
         and not row.implicit
         and problem.held is None
@@ -175,11 +169,14 @@ class Attempt:
     job: Job  # the job, which may have taken some steps
     is_extended: bool  # whether it integrates algebraic unknowns, too
     compiling: float  # seconds that the C of the method took
-    ended: Ended | None = None  # the outcome of the steps so far; None before any
+    status: int = 0  # as of a trajectory
+    reason: str = ""  # why it failed
+    seconds: float = 0.0  # time in C, [s]
+    is_waiting: bool = True  # whether the job has not ended
 
     def take_steps(self, n: int) -> None:
         """Take the first steps; :attr:`Job.z` is then their end."""
-        self.ended = run_job(self.job, self.problem, self.row.name, until=n)
+        self._advance(until=n)
         self.job.sync_state()
 
     def abandon(self) -> None:
@@ -189,31 +186,138 @@ class Attempt:
 
     def finish(self, successor: MethodSwitch | None = None) -> Trajectory:
         """Integrate to the end; ``successor`` may take over if the problem is stiff."""
-        job, problem, method = self.job, self.problem, self.row.name
-        ended = _run(job, problem, method, successor, self.ended)
-        if (
-            isinstance(ended, Ended)
-            and ended.status == FAILED
-            and self.is_extended
-            and not fold_at(problem, float(job.job.t), job.z)
-        ):
+        other = self._run(successor)
+        if self.status == FAILED and self.is_extended and not self._is_at_fold():
             # Solving for the unknowns at each evaluation may succeed if their integration fails.
             # At a fold it would continue with another solution.
-            problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
+            taken = self.problem.steps_taken + int(self.job.job.n_steps)
+            self.problem = problem = changed(self.problem, steps_taken=taken)
             idle = _idle(self.row, problem, is_extended=False)
-            job = self.job = idle or Job(job.engine, self.row, problem)
-            ended = _run(job, problem, method, successor, Ended(0, "", ended.seconds, True))
+            self.job = idle or Job(self.job.engine, self.row, problem)
+            self.status, self.reason, self.is_waiting = 0, "", True
+            other = self._run(successor)
         # The trajectory of the successor is complete, including its message.
-        if isinstance(ended, Trajectory):
-            return with_compile_time(ended, ended.statistics.compile_seconds + self.compiling)
-        note = successor.note if successor is not None else stiffness_note(job.job)
-        trajectory = trajectory_of(job, problem, method, ended, note, self.compiling)
+        if other is not None:
+            return with_compile_time(other, other.statistics.compile_seconds + self.compiling)
+        note = successor.note if successor is not None else stiffness_note(self.job.job)
+        trajectory = self._trajectory(note, self.compiling)
         self._release()
         return trajectory
+
+    def _run(self, successor: MethodSwitch | None) -> Trajectory | None:
+        """Advance the job to its end, or return the successor's trajectory; free C's memory."""
+        job = self.job
+        try:
+            if successor is not None:
+                job.pause_if_stiff(successor.first_step)
+            if self.is_waiting:
+                self._advance()
+            while successor is not None and self.is_waiting:
+                trajectory = successor.take_over(self.problem, self._trajectory(), job)
+                if trajectory is not None:
+                    return trajectory
+                # The next test, which computes eigenvalues, follows after as many steps as so far.
+                job.pause_if_stiff(2 * int(job.job.n_steps))
+                self._advance()
+            return None
+        finally:
+            job.end()
+
+    def _trajectory(self, note: str = "", compile_seconds: float = 0.0) -> Trajectory:
+        """Return the stored values, with the last good point if the job failed.
+
+        ``note`` ends the message; ``compile_seconds`` is the time that the C of the method took.
+        """
+        job, problem, method, c = self.job, self.problem, self.row.name, self.job.job
+        t, z = job.rows.stored(job.z, is_cut=self.status != 0 or bool(self.reason))
+        work = {
+            "method": method,
+            "nfev": c.n_evaluations,
+            "njev": c.n_jacobians,
+            "nlu": c.n_factorisations,
+            "n_steps": c.n_steps,
+            "seconds": self.seconds,
+            "compile_seconds": compile_seconds,
+            "began_with": "",
+        }
+        sentences = summary(problem, method, c.t, self.reason)
+        if problem.singular is not None or problem.events is not None:
+            from cotree.solvers.messages import notes_of, singular_positions
+
+            if problem.singular is not None:
+                sentences[1:1] = singular_positions(problem, job, has_failed=self.status == FAILED)
+            sentences += notes_of(job, problem, z, has_failed=self.status != 0)
+        sentences += [row for row in (job.rows.thinning.note, note) if row]
+        values = {
+            "t": t,
+            "z": z,
+            "status": self.status,
+            "message": " ".join(sentences),
+            "statistics": filled(Statistics, work),
+            "drift": _drift(job, problem, t, z),
+            "events": job.event_records,
+            "is_unsolved": self.status != 0 and int(c.status) in _UNSOLVED,
+        }
+        return filled(Trajectory, values)
+
+    def _is_at_fold(self) -> bool:
+        from cotree.solvers.messages import fold_at
+
+        return bool(fold_at(self.problem, float(self.job.job.t), self.job.z))
 
     def _release(self) -> None:
         if self.problem.shared is not None:
             self.problem.shared.release(self.job)
+
+    def _advance(self, until: int | None = None) -> None:
+        """Advance the job to its end, or for ``until`` steps."""
+        with Progress(self.row.name, self.problem.settings.t_span) as progress:
+            begin = time.perf_counter() - self.seconds
+            self.status, self.reason, self.is_waiting = self._steps(begin, progress, until)
+            if self.status == BUDGET_SPENT:
+                self.job.sync_state()
+            self.seconds = time.perf_counter() - begin
+
+    def _steps(self, begin: float, progress: Progress, until: int | None) -> tuple[int, str, bool]:
+        """Return the status, the reason of a failure, and whether the job pauses."""
+        job, problem = self.job, self.problem
+        settings, others = problem.settings, problem.steps_taken
+        limit, time_limit = settings.max_steps, settings.time_limit
+        steps = 1 if problem.functions else _FIRST_STEPS  # Python's functions may take long
+        while True:
+            before, taken = time.perf_counter(), job.job.n_steps
+            allowed = steps if limit is None else min(steps, limit - others - taken)
+            if until is not None:
+                if taken >= until:
+                    return 0, "", True
+                allowed = min(allowed, until - taken)
+            result = job.run(allowed)
+            now = time.perf_counter()
+            if result == _FAILED:
+                from cotree.solvers.messages import failure
+
+                return FAILED, failure(job, problem), False
+            if result == _STIFF:
+                return 0, "", True
+            if result == _STOPPED:
+                assert problem.events is not None  # one of which it was
+                return 0, f"event '{problem.events.rows[job.job.event].name}' ends the run", False
+            if result != _MORE:
+                return 0, "", False
+            progress.reached(float(job.job.t))
+            has_records = problem.events is not None
+            if has_records and 0 < job.job.most_events <= job.job.n_records:
+                return BUDGET_SPENT, events_spent(job.job.most_events), False
+            # Checked after events, which end a run in any case.
+            if limit is not None and others + job.job.n_steps >= limit:
+                return BUDGET_SPENT, steps_spent(limit), False
+            if time_limit is not None and now - begin > time_limit:
+                return BUDGET_SPENT, time_spent(time_limit), False
+            # Steps for a tenth of a second: Ctrl-C and the time limit then take effect soon, and
+            # calls of C cost little.
+            rest = _GLANCE if time_limit is None else time_limit - (now - begin)
+            rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
+            steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
 def begin_in_c(problem: Problem, method: str) -> Attempt | str:
@@ -245,7 +349,7 @@ def engine_of(stepper: str, problem: Problem) -> Engine | str:
     The engine contains the search for events only if the model has any.
     """
     assert problem.native is not None
-    return load_engine(stepper, has_events=problem.native.model.layout.has_events)
+    return load_engine(stepper, has_events=problem.native.layout.has_events)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
@@ -256,7 +360,7 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
     if row.family != "cotree" or not row.implicit:
         return None
     assert problem.native is not None  # it was not refused
-    return problem.native.model.newton() or "no compiler can build what it needs of the model"
+    return problem.native.newton() or "no compiler can build what it needs of the model"
 
 
 def band_refusal(job: Job, problem: Problem) -> str:
@@ -273,82 +377,3 @@ def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
     if job is not None:
         job.begin(problem)
     return job
-
-
-def _run(
-    job: Job, problem: Problem, method: str, successor: MethodSwitch | None, ended: Ended | None
-) -> Ended | Trajectory:
-    """Advance a job to its end, or switch to its successor; free the stepper's memory."""
-    try:
-        if successor is not None:
-            job.pause_if_stiff(successor.first_step)
-        if ended is None or ended.is_waiting:
-            ended = run_job(job, problem, method, 0.0 if ended is None else ended.seconds)
-        while successor is not None and ended.is_waiting:
-            first = trajectory_of(job, problem, method, ended)
-            trajectory = successor.take_over(problem, first, job)
-            if trajectory is not None:
-                return trajectory
-            # The next test, which computes eigenvalues, follows after as many steps as so far.
-            job.pause_if_stiff(2 * int(job.job.n_steps))
-            ended = run_job(job, problem, method, ended.seconds)
-        return ended
-    finally:
-        job.end()
-
-
-def run_job(
-    job: Job, problem: Problem, method: str, spent: float = 0.0, *, until: int | None = None
-) -> Ended:
-    """Advance a job to its end, or for ``until`` steps.
-
-    The time already ``spent``, [s], counts against the time limit.
-    """
-    with Progress(method, problem.settings.t_span) as progress:
-        begin = time.perf_counter() - spent
-        status, reason, is_waiting = _advance(job, problem, begin, progress, until)
-        if status == BUDGET_SPENT:
-            job.sync_state()
-        return Ended(status, reason, time.perf_counter() - begin, is_waiting)
-
-
-def _advance(
-    job: Job, problem: Problem, begin: float, progress: Progress, until: int | None
-) -> tuple[int, str, bool]:
-    """Return the status, the reason of a failure, and whether the job pauses."""
-    settings, others = problem.settings, problem.steps_taken
-    limit, time_limit = settings.max_steps, settings.time_limit
-    assert problem.native is not None  # or there were no job
-    steps = 1 if problem.native.functions else _FIRST_STEPS  # Python's functions may take long
-    while True:
-        before, taken = time.perf_counter(), job.job.n_steps
-        allowed = steps if limit is None else min(steps, limit - others - taken)
-        if until is not None:
-            if taken >= until:
-                return 0, "", True
-            allowed = min(allowed, until - taken)
-        result = job.run(allowed)
-        now = time.perf_counter()
-        if result == _FAILED:
-            return FAILED, job.reason(problem), False
-        if result == _STIFF:
-            return 0, "", True
-        if result == _STOPPED:
-            assert problem.events is not None  # one of which it was
-            return 0, event_message("stops", [problem.events.rows[job.job.event].name]), False
-        if result != _MORE:
-            return 0, "", False
-        progress.reached(float(job.job.t))
-        has_records = problem.events is not None
-        if has_records and 0 < job.job.most_events <= job.job.n_records:
-            return BUDGET_SPENT, event_message("spends", [], detail=job.job.most_events), False
-        # Checked after events, which end a run in any case.
-        if limit is not None and others + job.job.n_steps >= limit:
-            return BUDGET_SPENT, steps_spent(limit), False
-        if time_limit is not None and now - begin > time_limit:
-            return BUDGET_SPENT, time_spent(time_limit), False
-        # Steps for a tenth of a second: Ctrl-C and the time limit then take effect soon, and calls
-        # of C cost little.
-        rest = _GLANCE if time_limit is None else time_limit - (now - begin)
-        rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
-        steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))

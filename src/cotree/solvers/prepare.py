@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, S
 from dataclasses import replace
 from numbers import Number, Real
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -18,20 +18,18 @@ from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, EvaluationPoint, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
-from cotree.model.unknowns import content_sizes
 from cotree.records import filled
 from cotree.scene.expressions import check_number, check_positive
 from cotree.scene.settings import MOST_STEPS, Settings, in_python
-from cotree.solvers.evaluate import DENSE_LIMIT
 from cotree.solvers.job import Shared
-from cotree.solvers.problem import HeldConstraints, ModelEvents, Native, Problem
+from cotree.solvers.problem import DENSE_LIMIT, HeldConstraints, ModelEvents, Problem
 from cotree.tolerances import SAME
 
 if TYPE_CHECKING:
     import numpy.typing as npt
     from scipy.sparse import csc_matrix
 
-    from cotree.model.consistent import Start
+    from cotree.model.start import Start
     from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
 
@@ -164,16 +162,6 @@ _LARGEST_SHARE = 0.1
 
 
 _T = TypeVar("_T")
-
-
-class Run(NamedTuple):
-    """One prepared run: its problem, parameters, inputs, start and constraints."""
-
-    problem: Problem
-    p: FloatArray
-    u: Inputs
-    start: Start
-    held: HeldConstraints | None
 
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
@@ -310,14 +298,14 @@ class Preparation:
             places=places_of(model),
             n_observed=n_observed(model),
             shared=Shared(is_repeatable=not self.asks_python),
+            **_replaced_inputs(self._signals),
         )
-        self._inputs = _native_inputs(model, self._signals)
         self._has_sparse = _has_sparse_jacobian(model)
         # The start of runs without initial values, if no parameter changes it.
         self._start: Start | None = None
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
-    def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
+    def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
         """Prepare one run; ``parameters`` and ``initial`` replace values of the scene.
 
         Raises ModelError if a value is not accepted, or there is no start.
@@ -339,16 +327,21 @@ class Preparation:
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
-        inputs = _native_inputs(model, signals) if samples else self._inputs
         z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
         values = {
             **vars(self._template),
             "z0": z0,
             "reach": reach,
+            "u": u,
+            "note": start.note,
+            "native": model.native(p),
             **self._functions(p, u, held),
-            "native": filled(Native, {"model": model.native(p), **inputs}),
         }
+        if samples:
+            values |= _replaced_inputs(signals)
         if model.layout.followers:
+            from cotree.model.unknowns import content_sizes
+
             values["sizes"] = content_sizes(at, start.y)
         if self._is_step_free:
             values["max_step"] = model.longest_step(p, self.settings.inputs)
@@ -359,7 +352,7 @@ class Preparation:
         problem = filled(Problem, values)
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
-        return Run(problem, p, u, start, held)
+        return problem
 
     def projection(self, p: FloatArray) -> HeldConstraints | None:
         """Return the constraints of a run; None if there are none."""
@@ -509,8 +502,8 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
     return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
 
 
-def _native_inputs(model: CompiledModel, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the fields of ``Native`` that describe inputs."""
+def _replaced_inputs(signals: ReplacedInputs) -> dict[str, Any]:
+    """Return the fields of a problem that describe replaced inputs."""
     # C evaluates tables, and calls only functions of Python.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
-    return {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}
+    return {"replaced": signals.tables, "functions": others}

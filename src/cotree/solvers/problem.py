@@ -26,7 +26,6 @@ from cotree.dag.corners import RestartTimes
 from cotree.errors import ModelError, SolveError
 from cotree.methods import METHODS
 from cotree.model.model import CompiledModel, EvaluationPoint
-from cotree.model.unknowns import solve_states
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
 from cotree.tolerances import RANK
@@ -37,22 +36,27 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.equations import EventRow
+    from cotree.methods import Method
     from cotree.model.kernels import NativeModel
     from cotree.scene.settings import Settings
     from cotree.solvers.job import Shared
     from cotree.solvers.result import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Native:
-    """The native form of a problem, which C needs."""
+#: Augmented systems longer than this are factored block by block, not as one dense matrix.
+DENSE_LIMIT = 100
 
-    model: NativeModel  # the model with its parameters prepared
-    n_inputs: int  # number of inputs
-    #: Inputs that are replaced by piecewise linear functions.
-    replaced: Mapping[int, tuple[FloatArray, FloatArray]]
-    #: Inputs that are functions of time in Python, ``f(t)`` with t in [s].
-    functions: Mapping[int, Callable[[float], float]]
+#: SciPy's limit; below it the error test measures rounding only.
+RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
+
+#: Absolute tolerance of sensitivities outside the error test. Infinite weights would turn norms of
+#: LSODA and SUNDIALS into 0 * inf; the square of this number is finite.
+UNTESTED = 1e100
+
+
+def _own_inputs(t: float) -> None:
+    """Return None: the inputs of the model."""
+    return
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +118,16 @@ class Problem:
     sparse_jacobian : callable or None
         ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, with the same pattern at
         all points; given if it has few entries, and used by methods that can.
-    native : Native or None
-        The native form of the problem, if C can integrate it.
+    native : NativeModel or None
+        The model in C with its parameters prepared, if C can integrate the problem.
+    u : callable
+        ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
+    replaced : mapping of int to (ndarray, ndarray)
+        Inputs that are replaced by piecewise linear functions.
+    functions : mapping of int to callable
+        Inputs that are functions of time in Python, ``f(t)`` with t in [s].
+    note : str
+        A sentence on the start, for the message of the run.
     not_native : str
         The reason why C cannot integrate it, without a capital and a full stop.
     singular : callable or None
@@ -160,7 +172,11 @@ class Problem:
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
     undefined: Callable[[float, FloatArray], str] | None = None
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
-    native: Native | None = None
+    native: NativeModel | None = None
+    u: Callable[[float], FloatArray | None] = _own_inputs
+    replaced: Mapping[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)
+    note: str = ""
     not_native: str = "its equations are Python functions"
     events: ModelEvents | None = None
     has_kinks: bool = False
@@ -208,6 +224,92 @@ class Problem:
         """Return +1 if time increases, -1 if it decreases."""
         start, end = self.settings.t_span
         return 1.0 if end > start else -1.0
+
+
+class Tolerances:
+    """Absolute tolerances of entries of z, for problems that differ only in values of parameters.
+
+    Absolute tolerances of sensitivities are those of the states divided by the sizes of the
+    parameters, as in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F
+    to a capacitance of 1e-12 F exceeds the tolerance of a voltage.
+
+    Solvers cannot exclude entries from the error test, so untested sensitivities have an absolute
+    tolerance that no error reaches. Solvers average squares over all entries, so the states'
+    tolerances are divided by the square root of the ratio of both numbers: states are then tested
+    as without sensitivities. LSODA uses the maximum and becomes stricter by that factor.
+
+    Sizes of states and of parameters may have a row for each of several problems. ``is_left``
+    selects entries; by default all that are integrated.
+    """
+
+    def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
+        places = problem.integrated if is_left is None else problem.integrated[is_left]
+        self._atol = problem.settings.atol
+        # Block 0 of z contains the states, block k their sensitivities to parameter k - 1.
+        self._block, self._state = np.divmod(places, max(1, problem.n_states))
+        self._is_tested = problem.settings.error_test_sensitivities
+        self._share = 1.0 if self._is_tested else _share(problem)
+
+    def rtol_of(self, problem: Problem) -> float:
+        """Return the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
+        return max(problem.settings.rtol / self._share, RTOL_FLOOR)
+
+    def of(self, problem: Problem) -> FloatArray:
+        """Return the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
+        scales = problem.scales
+        atol: Any = self._atol
+        if problem.sizes is not None:
+            atol = (atol * problem.sizes)[..., self._state]
+        if not self._is_tested:
+            return np.where(self._block > 0, UNTESTED, atol / self._share)
+        if scales is None:
+            scales = np.ones(problem.n_sensitivities)
+        # The divisor of states is one.
+        divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
+        divisors[..., 0], divisors[..., 1:] = 1.0, scales
+        found: FloatArray = atol / divisors.take(self._block, axis=-1)
+        return np.minimum(found, UNTESTED, out=found)
+
+
+def tested_rtol(problem: Problem) -> float:
+    """Return the relative tolerance of the error test, at least ``RTOL_FLOOR``."""
+    share = 1.0 if problem.settings.error_test_sensitivities else _share(problem)
+    return max(problem.settings.rtol / share, RTOL_FLOOR)
+
+
+def _share(problem: Problem) -> float:
+    """Return the square root of the number of entries divided by that of states."""
+    return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
+
+
+def tested(
+    row: Method, problem: Problem, *, is_extended: bool
+) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Return the places in z of integrated entries, (n,), and their tolerances, (..., n).
+
+    ``is_extended``: an explicit method integrates the algebraic unknowns, too.
+    """
+    is_left = is_integrated(row, problem, is_extended=is_extended)
+    known = as_tested(row, problem)
+    return problem.integrated[is_left], Tolerances(known, is_left).of(known)
+
+
+def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
+    """Return which of the entries that do not vanish are integrated in C."""
+    places = problem.integrated
+    cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
+    # Sensitivities of algebraic unknowns are always solved for.
+    lead = problem.n_states if is_extended else cut
+    # States up to `lead`, and sensitivities up to `cut` in each block.
+    found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
+        places < problem.n_states, lead, cut
+    )
+    return found
+
+
+def as_tested(row: Method, problem: Problem) -> Problem:
+    """Return the problem with sensitivities in the error test if SUNDIALS excludes them itself."""
+    return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem
 
 
 def describe_entry(problem: Problem, index: int) -> str:
@@ -285,7 +387,7 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 def turn_tolerances(problem: Problem) -> FloatArray:
     """Return the absolute tolerance of sensitivities to each parameter, shape (..., m).
 
-    Sizes may have rows; see :class:`cotree.solvers.evaluate.Tolerances`.
+    Sizes may have rows; see :class:`Tolerances`.
     """
     # The tolerance of the state divided by the size of the parameter, as the error test has it.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
@@ -372,6 +474,8 @@ class ModelEvents:
         Sliding friction may increase the normal force of its contact, which grows without bound if
         the friction cancels the inertia that the contact accelerates.
         """
+        from cotree.model.unknowns import solve_states
+
         y, s = self._parts(z)
         at, found = self._at(t), []
         for row in self.rows:
@@ -401,6 +505,8 @@ class ModelEvents:
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
         """Return whether rates depend on the mode of a jump."""
+        from cotree.model.unknowns import solve_states
+
         at, (y, s), rates = self._at(t), self._parts(z), []
         new = at.call("jumps", y, s)
         for row in self.rows:

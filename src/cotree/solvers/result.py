@@ -397,6 +397,10 @@ class Drift:
         return float(np.max(np.abs(self.residual), initial=0.0))
 
 
+# Values of ``Trajectory.status``.
+FAILED, BUDGET_SPENT = -1, -2
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """The outcome of an integration, complete or not."""

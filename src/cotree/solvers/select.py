@@ -8,31 +8,30 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cotree.errors import SolveError
+from cotree.errors import SingularSystemError, SolveError
 from cotree.methods import METHODS, method_row
 from cotree.records import changed
 from cotree.solvers.engine import has_sundials
-from cotree.solvers.evaluate import RTOL_FLOOR
 from cotree.solvers.native import begin_in_c, check_available, engine_of, with_compile_time
-from cotree.solvers.problem import beyond_scipy, check_problem, refusal, restart_times
-from cotree.solvers.stiffness import (
-    MethodSwitch,
-    bound_of_decay,
-    cost_of_rodas5,
-    fastest_decay,
-    fastest_growth,
-    stiff_method,
-    summed,
+from cotree.solvers.problem import (
+    RTOL_FLOOR,
+    beyond_scipy,
+    check_problem,
+    refusal,
+    restart_times,
 )
+from cotree.solvers.result import FAILED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cotree.methods import Method
+    from cotree.solvers.job import Job
     from cotree.solvers.native import Attempt
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray, Trajectory
@@ -73,10 +72,10 @@ def run(problem: Problem, method: str) -> Trajectory:
     if not refusal("dop853", problem):
         engine_of("dop853", problem)
     compiling = time.perf_counter() - before
-    choice = _choose(problem)
-    trajectory = _with_ida(problem, _solve_watched(problem, choice))
+    method, reason, begun = _choose(problem)
+    trajectory = _with_ida(problem, _solve_watched(problem, method, begun))
     trajectory = with_compile_time(trajectory, trajectory.statistics.compile_seconds + compiling)
-    return changed(trajectory, message=f"{trajectory.message} {choice.reason}")
+    return changed(trajectory, message=f"{trajectory.message} {reason}")
 
 
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
@@ -99,6 +98,8 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
     if second.status != 0:
         return changed(first, message=f"{first.message} Nor did ida: {second.message}")
+    from cotree.solvers.stiffness import summed
+
     return changed(
         second,
         message=f"{second.message} ida restarted the run, since {first.message.rstrip('.')}.",
@@ -106,14 +107,59 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     )
 
 
-def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:
+@dataclass
+class MethodSwitch:
+    """The switch of one run to a method for stiff problems."""
+
+    #: ``solve(problem, method)`` integrates with a named method.
+    solve: Callable[[Problem, str], Trajectory]
+    #: The first step that is tested for stiffness; the steps before decided the choice of the
+    #: method.
+    first_step: int = 0
+    note: str = ""  # the outcome as a sentence; empty if no other method was tried
+    _has_failed: bool = False
+
+    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
+        """Continue a stiff problem from the last point of its job to the end of the span.
+
+        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job
+        continues.
+        """
+        from cotree.solvers import stiffness
+
+        c, method = job.job, first.statistics.method
+        # A copy, since the job may continue from this point.
+        t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
+        if self._has_failed or not stiffness.is_confirmed(
+            problem, t, z, float(c.last_step), method
+        ):
+            return None
+        self.note = stiffness.obstacle(problem, t, z, method)
+        if self.note:
+            return None
+        rest = stiffness.rest(problem, first, t, z)
+        if rest is None:
+            return None
+        other = stiffness.stiff_method(problem)
+        second = self.solve(rest, other)
+        became = f"from t = {since:.6g} on its steps were as short as stability requires"
+        # Another attempt would fail at the same point.
+        if second.status == FAILED:
+            self._has_failed = True
+            self.note = f"{method} continued, although {became}: {second.message}"
+            return None
+        note = f"{other} took over from {method} at t = {t:.10g}: stiff, {became}."
+        return stiffness.joined(problem, first, changed(second, message=f"{second.message} {note}"))
+
+
+def _solve_watched(problem: Problem, method: str, begun: Attempt | None) -> Trajectory:
     """Integrate; a method for stiff problems takes over if the problem becomes stiff."""
-    row = method_row(choice.method)
+    row = method_row(method)
     # Only the explicit steppers of the engine test the stability of their steps.
     if row.family != "cotree" or row.implicit:
-        return _solve(problem, choice.method)
+        return _solve(problem, method)
     successor = MethodSwitch(_solve, probe_steps(problem.settings.rtol))
-    return _solve(problem, choice.method, successor, choice.begun)
+    return _solve(problem, method, successor, begun)
 
 
 def _solve(
@@ -183,32 +229,24 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     configurations; without scikit-sundae "BDF" replaces it if it can.
     """
     check_problem(problem)
-    choice = _choose(problem)
-    if choice.begun is not None:
-        choice.begun.abandon()
-    return choice.method, choice.reason
+    method, reason, begun = _choose(problem)
+    if begun is not None:
+        begun.abandon()
+    return method, reason
 
 
-class Choice(NamedTuple):
-    """A method, the reason for the choice, and its integration if that has begun."""
-
-    method: str
-    reason: str
-    begun: Attempt | None = None
-
-
-def _choose(problem: Problem) -> Choice:
-    """Choose a method for a problem that was checked; see :func:`choose_method`."""
+def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
+    """Return a method, the reason for it, and its integration if that has begun."""
     if problem.n_states == problem.n_algebraic:
         method = "DOP853" if refusal(_STATIC, problem) else _STATIC
-        return Choice(method, "There are no states to integrate.")
+        return method, "There are no states to integrate.", None
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     probe = Probe(problem, explicit)
     method, reason = _chosen(problem, explicit, _rates(problem, probe))
     if probe.begun is not None and method != explicit:
         probe.begun.abandon()
         probe.begun = None
-    return Choice(method, reason, probe.begun)
+    return method, reason, probe.begun
 
 
 def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
@@ -221,6 +259,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
+    from cotree.solvers.stiffness import stiff_method
+
     method = stiff_method(problem)
     growth = rates.growth
     # A mode that begins at the tolerance and grows e-fold this often stays below one, so that an
@@ -242,6 +282,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
 def _saving(problem: Problem, method: str) -> str:
     """Return a remark that rodas5 would take longer, if that decided the choice."""
+    from cotree.solvers.stiffness import cost_of_rodas5
+
     cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
     return f", and rodas5 would take about {cost:.2g} times as long" if cost > 1.0 else ""
 
@@ -265,7 +307,7 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
         return probe.rates()
-    return shared.finding(probe.rates, native.model.p, problem.z0)
+    return shared.finding(probe.rates, native.p, problem.z0)
 
 
 class Probe:
@@ -287,6 +329,8 @@ class Probe:
         start, first = (float(problem.settings.t_span[0]), problem.z0), None
         bound = bound_of_decay(problem, *start)
         if not self._is_mild(bound):
+            from cotree.solvers.stiffness import fastest_decay
+
             first = fastest_decay(problem, [start])
             if not self._is_mild(first):  # no step is needed
                 return self._by_eigenvalues([start], first)
@@ -305,6 +349,8 @@ class Probe:
         self, points: Sequence[tuple[float, FloatArray]], first: float | None = None
     ) -> Rates:
         """Compute the rates at some points; the decay at the first one may be known."""
+        from cotree.solvers.stiffness import fastest_decay, fastest_growth
+
         problem = self._problem
         if first is None:
             first = fastest_decay(problem, points[:1])
@@ -321,6 +367,29 @@ class Probe:
         self.begun = attempt
         attempt.take_steps(probe_steps(self._problem.settings.rtol))
         return [(float(attempt.job.job.t), attempt.job.z.copy())]
+
+
+def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
+    """Return an upper bound of the rates at which modes decay at a point, [1/s].
+
+    It is the Frobenius norm of the Jacobian, which no eigenvalue exceeds in size; infinity if it is
+    unknown, or its unknowns have to be eliminated first. It takes a small part of the time of
+    eigenvalues.
+    """
+    # Unknowns would have to be eliminated, and with dependent constraints the projection is large.
+    if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
+        return math.inf
+    y = z[: problem.n_states]
+    try:
+        if problem.sparse_jacobian is not None:
+            entries = problem.sparse_jacobian(t, y).data
+        else:
+            entries = np.asarray(problem.jacobian(t, y)).ravel()
+    except (SingularSystemError, SolveError):
+        return math.inf
+    with np.errstate(over="ignore"):
+        square = float(entries.dot(entries))
+    return math.sqrt(square) if math.isfinite(square) else math.inf
 
 
 def probe_steps(rtol: float) -> int:

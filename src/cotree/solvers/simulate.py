@@ -16,9 +16,8 @@ from cotree.model.signals import read_signals
 from cotree.quiet import level_of_user, without_warnings
 from cotree.records import deferred, filled
 from cotree.solvers.engine import sweep
-from cotree.solvers.messages import is_of_rounding, with_growth
-from cotree.solvers.prepare import Preparation, Run, prepared
-from cotree.solvers.problem import HeldConstraints, check_values
+from cotree.solvers.prepare import Preparation, prepared
+from cotree.solvers.problem import HeldConstraints, Problem, check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
@@ -44,7 +43,7 @@ _MOST_COPIED = 2**18
 
 
 def observed(
-    preparation: Preparation, run: Run, trajectory: Trajectory, left_out: Sequence[int]
+    preparation: Preparation, problem: Problem, trajectory: Trajectory, left_out: Sequence[int]
 ) -> dict[str, Any]:
     """Return the outputs, inputs and events of a record; see :func:`cotree.records.deferred`.
 
@@ -52,15 +51,15 @@ def observed(
     SingularSystemError is raised, at first use, if an output is not determined somewhere.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
-    assert run.problem.native is not None  # runs of models in Python are refused
-    native = run.problem.native.model
+    native, u = problem.native, problem.u
+    assert native is not None  # there is a compiler
     later: dict[str, Callable[[], Mapping[str, Any]]] = {
-        "parameter_values": lambda: {"parameter_values": _parameter_values(model, run.p)},
+        "parameter_values": lambda: {"parameter_values": _parameter_values(model, native.p)},
         "events": lambda: {"events": _event_times(model, trajectory.events)},
     }
 
     def swept() -> dict[str, FloatArray]:
-        values = sweep(model, run.p, run.u, t, z, native)
+        values = sweep(model, native, u, t, z)
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
@@ -114,30 +113,25 @@ def run_values(
     """
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
-    run = preparation.run(parameters, initial)
-    problem = run.problem
+    problem = preparation.run(parameters, initial)
     check_values(problem)
     warn_of_tolerances(problem)
     # The rounding of t, or drift of the constraints, may still make a run fail.
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
     # Redundancy may change along a motion, so a few points are examined.
-    redundant = redundancy(model, run.held, trajectory)
+    redundant = redundancy(model, problem.held, trajectory)
     if trajectory.drift is not None:
         trajectory = check_constraint_drift(problem, trajectory, redundant)
     if trajectory.status != 0:
+        from cotree.solvers.messages import is_of_rounding, with_growth
+
         trajectory = with_growth(problem, trajectory)
         if model.slow_causes and is_of_rounding(trajectory):
             trajectory = replace(trajectory, message=f"{trajectory.message} {model.slow_causes}")
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())
-    t = problem.settings.t_span[0]
-    warn_of_result(
-        problem,
-        trajectory,
-        model.layout.followers,
-        lambda: is_balanced(model, t, run.start.y, run.p, run.u(t)),
-    )
+    warn_of_result(problem, trajectory, model.layout.followers, lambda: is_balanced(model, problem))
     if redundant:
         warn_of_redundancy(problem, trajectory, redundant)
     left_out = _left_out(model) if redundant and model.sensitivities else []
@@ -155,12 +149,12 @@ def run_values(
         "parameters_of_sensitivity": model.sensitivities,
         "units": preparation.units.copy(),
         "status": trajectory.status,
-        "message": f"{trajectory.message} {run.start.note}".rstrip(),
+        "message": f"{trajectory.message} {problem.note}".rstrip(),
         "statistics": trajectory.statistics,
         "times": {"compile": compiling, "integrate": time.perf_counter() - begin - compiling},
         "drift": trajectory.drift,
         "redundant": redundant,
-        **observed(preparation, run, trajectory, left_out),
+        **observed(preparation, problem, trajectory, left_out),
     }
 
 

@@ -7,25 +7,23 @@ are 0.6 to 1.3 times the measured times. Only their ratios matter.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import SingularSystemError, SolveError, UnsolvedError
+from cotree.errors import SingularSystemError, UnsolvedError
 from cotree.solvers.engine import has_sundials
-from cotree.solvers.evaluate import FAILED, Evaluator, IntegrationStopError
+from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.problem import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
     from cotree.model.kernels import StepWork
-    from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 
 
@@ -46,29 +44,6 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
     modes = _modes(problem, points, problem.direction)
     # Modes with |Im| > -Re oscillate faster than they decay.
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
-
-
-def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return an upper bound of the rates at which modes decay at a point, [1/s].
-
-    It is the Frobenius norm of the Jacobian, which no eigenvalue exceeds in size; infinity if it is
-    unknown, or its unknowns have to be eliminated first. It takes a small part of the time of
-    eigenvalues.
-    """
-    # Unknowns would have to be eliminated, and with dependent constraints the projection is large.
-    if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
-        return math.inf
-    y = z[: problem.n_states]
-    try:
-        if problem.sparse_jacobian is not None:
-            entries = problem.sparse_jacobian(t, y).data
-        else:
-            entries = np.asarray(problem.jacobian(t, y)).ravel()
-    except (SingularSystemError, SolveError):
-        return math.inf
-    with np.errstate(over="ignore"):
-        square = float(entries.dot(entries))
-    return math.sqrt(square) if math.isfinite(square) else math.inf
 
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
@@ -174,7 +149,7 @@ def share_of_rodas5(problem: Problem) -> float | None:
 
     The problem has no algebraic unknowns, constraints and events.
     """
-    work = None if problem.native is None else problem.native.model.work()
+    work = None if problem.native is None else problem.native.work()
     if work is None:
         return None
     n, m = problem.n_states, problem.n_sensitivities
@@ -256,47 +231,6 @@ def cost_of_rodas5(problem: Problem) -> float:
     return share_of_rodas5(problem) or 0.0
 
 
-@dataclass
-class MethodSwitch:
-    """The switch of one run to a method for stiff problems."""
-
-    #: ``solve(problem, method)`` integrates with a named method.
-    solve: Callable[[Problem, str], Trajectory]
-    #: The first step that is tested for stiffness; the steps before decided the choice of the
-    #: method.
-    first_step: int = 0
-    note: str = ""  # the outcome as a sentence; empty if no other method was tried
-    _has_failed: bool = False
-
-    def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Continue a stiff problem from the last point of its job to the end of the span.
-
-        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job
-        continues.
-        """
-        c, method = job.job, first.statistics.method
-        # A copy, since the job may continue from this point.
-        t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
-        if self._has_failed or not is_confirmed(problem, t, z, float(c.last_step), method):
-            return None
-        self.note = _obstacle(problem, t, z, method)
-        if self.note:
-            return None
-        rest = _rest(problem, first, t, z)
-        if rest is None:
-            return None
-        other = stiff_method(problem)
-        second = self.solve(rest, other)
-        became = f"from t = {since:.6g} on its steps were as short as stability requires"
-        # Another attempt would fail at the same point.
-        if second.status == FAILED:
-            self._has_failed = True
-            self.note = f"{method} continued, although {became}: {second.message}"
-            return None
-        note = f"{other} took over from {method} at t = {t:.10g}: stiff, {became}."
-        return _joined(problem, first, replace(second, message=f"{second.message} {note}"))
-
-
 def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
     """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
     from cotree.codegen.tableaus import TABLEAUS
@@ -307,7 +241,7 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
     return step * float(np.max(sizes, initial=0.0)) >= _CONFIRMED * bound
 
 
-def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
+def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     """Return why no other method can start at a point; empty if one can."""
     if problem.events is None:
         return ""
@@ -322,7 +256,7 @@ def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     )
 
 
-def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
+def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
     """Return the problem of the rest of the run; None if a budget is spent."""
     own = problem.settings
     wanted = own.t_eval
@@ -347,7 +281,7 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
     return replace(rest, z0=z, steps_taken=taken)
 
 
-def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
+def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
     """Join two trajectories; the second begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:

@@ -14,7 +14,7 @@ import numpy as np
 from cotree.errors import Error
 from cotree.methods import METHODS
 from cotree.quiet import level_of_user
-from cotree.solvers.evaluate import FAILED
+from cotree.solvers.result import FAILED
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:
@@ -68,12 +68,15 @@ def warn_of_result(
             _warn(_left_free(problem, trajectory, followers))
 
 
-def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u: Any) -> bool:
-    """Return whether rates are the rounding errors of large balanced terms, as in a held robot.
+def is_balanced(model: CompiledModel, problem: Problem) -> bool:
+    """Return whether the first rates are rounding errors of large terms, as in a held robot.
 
     Changes of parameters and inputs in their tenth digit change such rates completely, and rates of
     small motions in their tenth digit.
     """
+    native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
+    assert native is not None  # there is a compiler
+    p, u = native.p, problem.u(t)
     u = model.input_values(t, p) if u is None else u
     with suppress(Error):
         rates = model.rhs(t, y, p, u)

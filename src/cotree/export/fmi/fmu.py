@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
-    from cotree.model.consistent import Start
+    from cotree.model.start import Start
     from cotree.program.program import Program
 
 
