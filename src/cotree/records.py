@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# The entry of a record's values that contains the functions of lazy fields.
+# Key in a record's dict under which the functions of lazy fields are stored.
 _PENDING = "_pending"
 
 
@@ -30,7 +30,8 @@ def changed(record: T, **values: Any) -> T:
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
     """Return a record of a frozen dataclass with a dict of its fields, without a copy."""
     record = object.__new__(kind)
-    # Setting the dict takes no time per field; frozen dataclasses do not allow other assignments.
+    # Setting the whole dict takes the same time for any number of fields; frozen dataclasses allow
+    # no other assignment.
     object.__setattr__(record, "__dict__", values if type(values) is dict else dict(values))
     return record
 
@@ -42,7 +43,7 @@ class Deferring:
     all values.
     """
 
-    # For type checkers a record has the fields of its dataclass only.
+    # Type checkers see only the fields of the dataclass.
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
@@ -56,7 +57,7 @@ class Deferring:
                     own.setdefault(key, value)  # if two threads compute it, the first value is kept
                 # A new dict, since records made by `changed` share the old one.
                 own[_PENDING] = {key: row for key, row in pending.items() if key not in made}
-            if name in own:  # or another thread has computed it in the meantime
+            if name in own:  # or another thread computed the value in the meantime
                 return own[name]
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 

@@ -18,7 +18,7 @@ from cotree.errors import Error
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-#: Limits: rows and columns of a table in HTML, characters of a cell, width of a line of text, and
+#: Limits: rows and columns of an HTML table, characters of a cell, width of a line of text, and
 #: lines of a long text.
 MOST_ROWS, MOST_COLUMNS, _MOST_TEXT, _LINE, _MOST_WRAPPED = 24, 12, 160, 96, 4
 
@@ -126,7 +126,7 @@ class Values(Table):
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
         width = max(len(row[0]) for row in rows)
-        # A space reserves the place of a minus sign.
+        # A space takes the place of the minus sign.
         gaps = [" " if isinstance(row[1], float) and not row[1] < 0.0 else "" for row in self.rows]
         return [
             f"{name:<{width}} = {gap}{' '.join(rest)}"
@@ -278,7 +278,7 @@ def json_values(value: Any) -> Any:
     """Convert numbers, arrays and tables to JSON values; None if a number is not finite."""
     if isinstance(value, Mapping):
         return {key: json_values(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # NumPy's arrays and numbers
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
         return json_values(value.tolist())
     if isinstance(value, (list, tuple)):
         return [json_values(item) for item in value]

@@ -39,7 +39,7 @@ class Result(RunRecord):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the model, which is a library in memory, and its settings."""
-        # Pointers, and inputs that are functions, are not valid in another process.
+        # Pointers, and functions as inputs, are not valid in another process.
         return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:

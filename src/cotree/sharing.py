@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Held while nodes are formed in an arena that other threads can reach, such as that of a compiled
-#: model. It is not held during compilation and integration.
+#: Lock held while nodes are formed in an arena that other threads can access, such as that of a
+#: compiled model. It is not held during compilation and integration.
 forming = threading.RLock()
 
 
@@ -59,10 +59,10 @@ class RecentCache(Generic[_T]):
         return made
 
 
-class locked_cached_property(functools.cached_property[_T]):  # a decorator, hence in lower case
+class locked_cached_property(functools.cached_property[_T]):  # lower case: a decorator
     """A property computed at its first use, by one thread at a time; see :data:`forming`."""
 
-    # Type checkers see its base class.
+    # Type checkers see only the base class.
     if not TYPE_CHECKING:
 
         def __get__(self, instance: Any, owner: type | None = None) -> Any:

@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 class BuildSpec:
     """The specification that a model is compiled from."""
 
-    scene: SceneDescription  # the scene, which is not changed afterwards
-    sensitivities: tuple[str, ...] = ()  # parameters and states to take sensitivities to
-    tree: TreeChoice = None  # the branches; None chooses them
+    scene: SceneDescription  # the scene, which must not be changed afterwards
+    sensitivities: tuple[str, ...] = ()  # parameters and states by which sensitivities are taken
+    tree: TreeChoice = None  # the branches; None: chosen automatically
     #: The user's options for the compiler.
     options: BuildOptions = field(default_factory=BuildOptions)
-    #: Rate, [1/s], at which violations of constraints decay; zero: by projection.
+    #: Decay rate of constraint violations, [1/s]; zero: constraints are satisfied by projection.
     baumgarte: float = 0.0
-    #: Whether runs locate kinks of the rates instead of leaving them to the error test.
+    #: Whether runs locate kinks of the rates; otherwise kinks are subject to the error test only.
     locates_corners: bool = True
 
     @property
@@ -56,13 +56,13 @@ class BuildSpec:
         return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Without cached properties.
+        # Cached properties are omitted.
         return BuildSpec, tuple(getattr(self, row.name) for row in fields(self))
 
     @locked_cached_property
     def formed(self) -> Formed:
         """All stages up to the C text: the first graph, formulations tried, reports of passes."""
-        # If the program is cached, the formulation is not even imported.
+        # If the program is cached, the formulation need not be imported.
         from cotree.pipeline import form_text
 
         return form_text(
@@ -102,7 +102,7 @@ class BuildSpec:
         """
         begun = time.perf_counter()
         text = cached(self.key, lambda: self.formed.text)
-        # If the program was cached, these stages were not run.
+        # If the program was cached, these stages did not run.
         formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
         times = dict(formed.times) if formed else times
@@ -122,7 +122,7 @@ class BuildSpec:
 
             return text_at_rest(text.layout, self.scene)
 
-        # A callable: the network at rest is formed at the first request of a start.
+        # A callable: the network at rest is formed when a start is requested first.
         key = None if self.key is None else ("at rest", self.key)
         return lambda: cached(key, form)
 
@@ -136,7 +136,7 @@ def open_spec(data: bytes) -> BuildSpec:
             assert isinstance(spec, BuildSpec)
             return spec
         except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
-            # Without the types that are registered in this process.
+            # Types registered in this process are missing there.
             reason = str(error).split(";")[0].rstrip(".")
     raise ModelError(
         "this model came from another process as C text, and the request needs its scene, "

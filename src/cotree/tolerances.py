@@ -12,15 +12,16 @@ from typing import NamedTuple
 #: At this relative tolerance the error of a step may be as large as the solution.
 LARGEST_RTOL = 1.0
 
-#: Above this relative tolerance error estimates, which are leading terms of series, are unreliable.
+#: Above this relative tolerance, error estimates are unreliable, since they are leading terms of
+#: series.
 LOOSE_RTOL = 1e-2
 
 #: A step fails if the projection of its end changes it by more than this many tolerances on
 #: average.
 FARTHEST_CORRECTION = 10.0
 
-#: Added to, or a lower bound of, magnitudes that are divided by: it only changes zeros. In other
-#: types of numbers it is the same fraction of the range.
+#: Added to divisors, or used as their lower bound: it only affects zeros. In other floating-point
+#: types it is the same fraction of the range.
 TINY = 1e-290
 
 #: Time events closer than this fraction of their magnitude are one: a few rounding errors.
@@ -37,37 +38,38 @@ class Limits(NamedTuple):
     #: A step fails if the projection of its end changes it by more than this many tolerances on
     #: average.
     max_projection: float = FARTHEST_CORRECTION
-    #: A correction opposes the residual from which it is computed if their cosine is below minus
-    #: this.
+    #: A correction opposes the residual from which it is computed if the cosine of their angle is
+    #: below minus this.
     opposed_cosine: float = 0.7
-    #: Largest number of steps of a projection. A step below the limit of small corrections that is
-    #: not half the previous one is rounding, since Newton's method converges quadratically.
+    #: Maximum number of steps of a projection. A step below the limit of small corrections that is
+    #: more than half the previous one is at rounding level, since Newton's method converges
+    #: quadratically.
     most_projections: int = 10
     small_correction: float = 1e-8
-    #: Constraints are violated if a residual, in its own unit, exceeds this fraction of the largest
-    #: state (or of 1). Near a singular configuration, residuals of trial steps at a tolerance of
+    #: Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1,
+    #: largest state). Near a singular configuration, residuals of trial steps at a tolerance of
     #: 1e-8 stay below it in directions that the constraints hardly determine.
     largest_residual: float = 1e-6
-    #: Rates jump if they differ by more than this many times their change over the same time on one
-    #: side of a breakpoint; smaller differences are rounding errors of its time.
+    #: Rates jump at a breakpoint if they differ by more than this many times their change over the
+    #: same time on one side. Smaller differences are rounding errors of the time.
     jump_noise: float = 1e3
-    #: A step of at most this many units in the last place makes no progress. One such step is
-    #: normal before a breakpoint; this many in a row are a stall.
+    #: A step of at most this many units in the last place makes no progress. One such step may
+    #: occur before a breakpoint; this many in a row are a stall.
     stall_spacings: int = 16
     stall_steps: int = 5
-    #: The method is only changed for stiffness if more than this many steps remain: another method
-    #: takes some hundred steps and evaluations of matrices, and has to be compiled.
+    #: Stiffness changes the method only if more than this many steps remain: another method takes
+    #: some hundred steps and matrix evaluations, and must be compiled.
     most_stiff_steps: int = 1000
-    #: Largest number of simultaneous events that one event may trigger.
+    #: Maximum number of simultaneous events that one event may trigger.
     event_rounds: int = 50
-    #: Number of points of the interpolation polynomial, and the bound of its estimated error with
+    #: Number of points of the interpolation polynomial, and limit of its estimated error with
     #: explicit methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
     #: Planned pivots are accepted if the solution solves a system whose entries differ from the
     #: exact ones by at most this fraction.
     planned_pivots: float = 1e-10
-    #: Number of past times stored for each event: as many within a billionth of the span are
+    #: Number of past times stored for each event. As many events within a billionth of the span are
     #: chatter.
     event_crowd: int = 100
 

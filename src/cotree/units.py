@@ -22,7 +22,7 @@ from cotree.errors import UnitError, brief, nearest
 Dimension = tuple[float, ...]
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "Hz")
-_N_TRUE = 7  # angle and cycles follow
+_N_TRUE = 7  # number of physical dimensions; angle and cycles follow
 _SECOND, _ANGLE, _CYCLE = 2, 7, 8
 
 
@@ -32,7 +32,7 @@ def _of(**exponents: float) -> Dimension:
 
 _NONE = _of()
 
-#: Symbols whose factor is one. If several have the same dimension, the first represents it.
+#: Symbols with factor one. If several have the same dimension, the first one is used for output.
 _SI: dict[str, Dimension] = {
     **{base: _of(**{base: 1}) for base in _BASES[:_ANGLE]},
     "rad": _of(rad=1),
@@ -123,7 +123,7 @@ def same_dimension(a: Dimension, b: Dimension) -> bool:
 
 def unit_text(dimension: Dimension) -> str:
     """Write a dimension as a unit of SI: one symbol if there is one, otherwise base units."""
-    # Radians are left out next to other units; a torque per radian times radians is a torque.
+    # Radians are omitted next to other units: a torque per radian times radians is a torque.
     if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
         dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
     if dimension == _SI["J"]:
@@ -154,7 +154,7 @@ def stated_unit(text: str) -> Unit | None:
     try:
         return read_unit(text)
     except UnitError:
-        return None  # components of users may state any text
+        return None  # user-defined components may state any text
 
 
 def check_fits(unit: Unit, wanted: str, what: str) -> None:
@@ -184,7 +184,7 @@ def read_unit(text: str) -> Unit:
     factor = Fraction(1)
     for symbol, power in symbols:
         whole = power.is_integer()
-        # Powers of fractions by whole numbers are exact; others are computed as doubles.
+        # Integer powers of fractions are exact; others are computed as doubles.
         factor *= symbol.factor ** int(power) if whole else _exact(float(symbol.factor) ** power)
     if not 1e-100 < factor < 1e100:
         raise UnitError("whose factor to SI is out of reach")

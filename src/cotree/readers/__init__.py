@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_START = 4096  # bytes that must contain the outermost element of an XML file
+_START = 4096  # number of leading bytes that must contain the start of the outermost XML element
 _COMMENT, _OUTERMOST = re.compile(rb"(?s)<!--.*?-->"), re.compile(rb"<([A-Za-z_][\w:.-]*)")
 
 
@@ -24,7 +24,7 @@ def is_urdf(source: str | Path) -> bool:
 
 def is_sbml(source: str | Path) -> bool:
     """Return whether a file is an SBML model, by its ending or its outermost element."""
-    # The reader refuses other XML files.
+    # The reader rejects other XML files.
     return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
 
 
@@ -46,7 +46,7 @@ def _begins_with(source: str | Path, tag: str) -> bool:
             start = file.read(_START)
     except (OSError, ValueError):
         return False  # the reader reports the error
-    # Comments, declarations and processing instructions may precede it.
+    # Comments, declarations and processing instructions may precede the element.
     found = _OUTERMOST.search(_COMMENT.sub(b"", start))
     return found is not None and found[1] == tag.encode()
 

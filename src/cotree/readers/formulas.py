@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-#: Prefix of parentheses that only group; no tool has a function of this name.
+#: Prefix of parentheses that only group; no function of any tool has this name.
 GROUP = "ö"
 
-_LONGEST = 6000  # characters of a formula with its functions expanded
+_LONGEST = 6000  # maximum number of characters of a formula with its functions expanded
 
-#: Functions of other tools in terms of those of scenes.
+#: Functions of other tools, expressed by functions of scenes.
 FORMS = {
     "ln": "log(a)",
     "log10": "log(a)/2.302585092994046",

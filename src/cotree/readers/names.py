@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_]")
-_LONGEST = 48  # leaves room for endings such as _damping within the 64 that a scene allows
+_LONGEST = 48  # leaves space for suffixes such as _damping within the limit of 64 characters
 
 
 @dataclass
 class Namer:
     """Assignment of unique names to the elements of a file."""
 
-    #: Names in the scene that differ from those in the file, by kind and name in the file.
+    #: Names in the scene that differ from those in the file, by kind and by the name in the file.
     changed: dict[tuple[str, str], str] = field(default_factory=dict)
     _taken: set[str] = field(default_factory=lambda: {"ground", *RESERVED, *FUNCTIONS})
     _alike: dict[str, int] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Namer:
             safe = f"{safe}_"
         found = safe
         while found in self._taken:
-            # The count is kept, since a file may have a hundred thousand equal names.
+            # The count is stored, since a file may contain a hundred thousand equal names.
             self._alike[safe] = self._alike.get(safe, 1) + 1
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)

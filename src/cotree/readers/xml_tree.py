@@ -13,14 +13,14 @@ from cotree.readers.names import SourceLine
 
 _MOST_ELEMENTS = 200_000
 _DEEPEST = 60
-_LONGEST_VALUE = 10_000  # characters of an attribute
+_LONGEST_VALUE = 10_000  # maximum number of characters of an attribute
 
 
 @dataclass
 class Element:
     """An element of an XML file."""
 
-    tag: str  # its name, with its prefix as written
+    tag: str  # name with its prefix, as written
     attributes: dict[str, str]
     at: SourceLine  # its first line
     #: Its child elements; text between them is not kept.
@@ -37,7 +37,7 @@ class Element:
 
 class _Builder:
     def __init__(self, where: str, deepest: int, most: int) -> None:
-        # The text is decoded already; the encoding declared in its first line is ignored.
+        # The text is already decoded; the encoding declared in its first line is ignored.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
@@ -87,5 +87,5 @@ def parse_xml(
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise SourceLine(where, error.lineno).error(f"not valid XML: {reason}") from None
-    assert builder.root is not None  # expat refuses a text without an element
+    assert builder.root is not None  # expat rejects a text without an element
     return builder.root

@@ -77,7 +77,7 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
-        # Comparing equal numbers folds to the value on either side: >= is true, > is false.
+        # For equal numbers, the comparison folds to the value on one side: >= is true, > is false.
         same = ast.Constant(0.5)
         kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
         sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
@@ -87,7 +87,7 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
     try:
         above, below = (lowered(_with(whole, part, side)) for side in sides)
         return agree_at(above, below, lowered(looked_at))
-    except (ArithmeticError, ValueError):  # undefined somewhere: continuity is not proved
+    except (ArithmeticError, ValueError):  # undefined at some points: continuity cannot be proved
         return False
 
 
@@ -133,13 +133,13 @@ def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
     return map_tree(whole, lambda own: by if own is part else None)
 
 
-#: Callback that takes the tree of a jump and the description of its owner, and returns the name of
+#: Callback that receives the tree of a jump and a description of its owner, and returns the name of
 #: the mode that replaces it, or the unchanged tree.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
 
-#: Laws whose kinks are jumps of a capacity; these become events like others.
+#: Laws whose kinks are jumps of a capacity or inertance; these become events, too.
 _OF_RATES = ("storage", "content")
 
 
@@ -165,8 +165,8 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
     if edge.component.name in OWN or law is None or not branches(law):
         return
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
-    # No event locates a jump of a force element's law; a kink needs none, since the sensitivities
-    # of the states are continuous there.
+    # No event locates jumps in the law of a force element. Kinks need no event, since the
+    # sensitivities of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     parts = [] if tree is None else jumps_in(tree)
     # A floor jumps at all integers; substituting zero does not prove continuity.
@@ -258,7 +258,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
         for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
-            # Results, events and fields name a variable ``edge.symbol`` or ``edge.port.symbol``.
+            # Results, events and fields use the names ``edge.symbol`` or ``edge.port.symbol``.
             own = _dotted(edge.name, other.port, symbol)
             if other is port:
                 found[quantity] = own
@@ -304,7 +304,7 @@ def _branched(
         ]
         if not found:
             return Law.of(whole)
-        # From the inside out, in an order that does not depend on hashes.
+        # From the inside out, in a reproducible order.
         atom = min(found, key=lambda item: (sympy.count_ops(item), str(item)))
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
@@ -312,7 +312,7 @@ def _branched(
         # A comparison is returned as ``mode > 0.5``; the field is the mode alone.
         mode = mode.left if isinstance(mode, ast.Compare) else mode
         if not isinstance(mode, ast.Name):
-            kept.add(atom)  # of parameters, of known times, or of unnamed values
+            kept.add(atom)  # function of parameters, of known times, or of unnamed values
             continue
         # A jump that occurs in several laws of the edge is one mode and one field.
         name = next((n for n, value in fields.items() if value.text == mode.id), "")
@@ -325,7 +325,7 @@ def _branched(
         symbol = sympy.Symbol(name, real=True)
         if isinstance(atom, sympy.core.relational.Relational):
             holds = symbol > sympy.Rational(1, 2)
-            # Comparisons with the mode itself jump at events only.
+            # Comparisons with the mode jump only at events.
             kept |= {holds, holds.negated}
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:
@@ -424,7 +424,8 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     """Write branches as nested conditionals."""
-    # The last branch is what remains; those before it are nested around it, the first outermost.
+    # The last branch is unconditional. The earlier ones are nested around it, the first one
+    # outermost.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

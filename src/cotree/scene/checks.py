@@ -40,7 +40,7 @@ _NONE = read_unit("1").dimension
 _ANGLE = read_unit("rad").dimension
 _OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
 _KEEPING = {"abs", "floor", "min", "max", "mod"}
-#: Dimensionless numbers of formulas in physics, as in m*v**2/2.
+#: Dimensionless constants in formulas of physics, as in m*v**2/2.
 _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
 
 _XYZ = "xyz"
@@ -77,7 +77,7 @@ class VariableUnits:
 
     def __init__(self, scene: SceneDescription) -> None:
         self._scene = scene
-        self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
+        self._of_component: dict[int, dict[str, str]] = {}  # by identity of the component
 
     def __call__(self, name: str) -> str:
         """Return the unit of ``edge.variable`` or ``node.variable``; "" if it has none."""
@@ -216,7 +216,7 @@ def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
             yield f"initial {name} of edge '{edge.name}'", units.get(name, ""), entry
 
 
-#: Fields whose length does not matter.
+#: Fields whose length has no effect.
 _DIRECTIONS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -255,13 +255,14 @@ def _number(tree: ast.expr) -> float | None:
     return float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
 
 
-# Thin rods and plates are at the limit; their three values may be rounded to six digits.
+# Thin rods and plates are at the limit; their moments may be rounded to six digits.
 _WRITTEN = 2e-5
 
-# Rounding errors of forces affect bodies below this fraction of the heaviest body's mass.
+# Bodies below this fraction of the mass of the heaviest body are affected by rounding errors of
+# forces.
 _TINY = 1e-8
 
-#: Principal moments above minus this fraction of the sum of all are rounding.
+#: Negative principal moments above minus this fraction of their sum are rounding errors.
 ROUNDING = 1e-12
 
 
@@ -309,8 +310,8 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
             if row.shape is not Shape.INERTIA or row.name not in edge.fields:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
-            # Eigenvalues are in ascending order. A tensor with one nonzero entry means that moment
-            # only; the others are omitted on purpose.
+            # Eigenvalues are in ascending order. If only one entry of a tensor is nonzero, the
+            # others are omitted on purpose.
             least, middle, largest = np.linalg.eigvalsh(tensor)
             is_negative = least < -ROUNDING * np.trace(tensor)
             if is_negative:
@@ -334,12 +335,12 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
     """Evaluate a tensor, or three principal values, at the parameters' values."""
-    # In an arena whose parameters are constants, expressions fold to numbers.
+    # If parameters are constants, expressions fold to numbers.
     dag, values = Dag(), parameter_values(scene.parameters)
 
     def number(entry: Expression) -> float:
         node = entry.lower(dag, lambda name: dag.constant(values[name]))
-        assert node.value is not None  # it contains only numbers
+        assert node.value is not None  # the expression contains only numbers
         return node.value
 
     rows = [number(row) if isinstance(row, Expression) else [*map(number, row)] for row in field]  # type: ignore[union-attr]

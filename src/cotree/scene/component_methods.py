@@ -42,7 +42,8 @@ class ComponentMethods:
 
 
 for _type in sorted(OWN):
-    # Components must not hide methods. This checks the table of names when it is imported.
+    # Component methods must not hide other methods. This assertion checks the table of names at
+    # import.
     assert not hasattr(ComponentMethods, _type)
     setattr(ComponentMethods, _type, ComponentMethod(_type))
 
@@ -61,7 +62,7 @@ def _function(type: str) -> Callable[..., None]:
         initial: Mapping[str, Any] | None = None,
         **fields: Any,
     ) -> None:
-        # An argument of None is left out; defaults are those of the table.
+        # Arguments that are None are omitted; the table defines the defaults.
         given = {key: value for key, value in fields.items() if value is not None}
         scene.edge(name, type, *nodes, initial=initial, **given)
 

@@ -37,7 +37,7 @@ LARGEST_SCENE = 250_000
 
 _PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
 
-#: The rules by name, with what each finds. 'refused' cannot be allowed.
+#: Rules of the linter by name, with what each finds. 'refused' cannot be allowed.
 RULES: dict[str, str] = {
     "refused": "the scene cannot be formed, or has no consistent start",
     "unused-parameter": "no expression of the scene uses a parameter",
@@ -102,11 +102,11 @@ class SceneDescription(Reported):
     parts: dict[str, Part] = field(default_factory=dict)
     ports: tuple[str, ...] = ()  # nodes that an outer scene connects if this scene is a part
     defaults: Simulation = field(default_factory=Simulation)
-    origin: Origin | None = None  # data of the file of another tool that was read
+    origin: Origin | None = None  # data from the file of another tool
     allowed: tuple[str, ...] = ()  # findings of the linter that are allowed
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
-        # Not a dataclass: its constructor would take unchecked tables.
+        # Not a dataclass, whose constructor would accept unchecked tables.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.edges = Listing(*_PARAMETER), Listing(*_EDGE)
@@ -114,9 +114,9 @@ class SceneDescription(Reported):
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
         self.parts, self.ports = {}, ()
-        self.members: dict[str, Part] = {}  # the single parts by name, those of arrays included
-        self.connected: set[str] = set()  # nodes that parts are connected to
-        # The file and the table that were read; not part of the scene's content.
+        self.members: dict[str, Part] = {}  # all parts by name, including those of arrays
+        self.connected: set[str] = set()  # nodes to which parts are connected
+        # File and section that were read; not part of the scene's content.
         self.file = self.section = ""
 
     def __repr__(self) -> str:
@@ -125,7 +125,7 @@ class SceneDescription(Reported):
     @property
     def nodes(self) -> tuple[str, ...]:
         """Names of the nodes, the reference first, then in order of appearance."""
-        # A dict drops duplicates and keeps the order of appearance.
+        # A dict removes duplicates and keeps the order of appearance.
         seen = dict.fromkeys(["ground"])
         for edge in self.edges.values():
             seen.update(dict.fromkeys(edge.nodes))
@@ -134,8 +134,8 @@ class SceneDescription(Reported):
     @property
     def mechanics(self) -> SceneDescription:
         """The multibody part: the same scene without its scalar networks."""
-        # Tables other than the edges are those of the whole scene: names in expressions keep their
-        # meaning.
+        # Tables other than edges are shared with the whole scene, so that names in expressions keep
+        # their meaning.
         part = SceneDescription(self.name)
         part.gravity, part.defaults, part.tables = self.gravity, self.defaults, self.tables
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
@@ -393,7 +393,7 @@ class SceneDescription(Reported):
         SceneError, ExpressionError
             If the name is not allowed or taken, or the expression is not accepted.
         """
-        # Outputs may share names with parameters; expressions then mean the parameter.
+        # An output may have the name of a parameter; expressions then use the parameter.
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 
@@ -490,7 +490,7 @@ class SceneDescription(Reported):
             own: Mapping[str, object] = {}
             if kind in ("parameter", "input"):
                 own = self.parameters if kind == "parameter" else self.inputs
-            # A second declaration of a name of a loaded scene is meant to change its value.
+            # A second declaration of a name in a loaded scene is probably meant to set its value.
             cure = f'; scene.set("{name}", ...) changes its value' if name in own else ""
             raise SceneError(
                 f"the name of {kind} '{name}' is taken: every {kind} needs its own{cure}"
@@ -501,7 +501,7 @@ class SceneDescription(Reported):
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 
 _VECTORS = ("size", "xyz", "rpy")
-_LARGEST = 1e300  # numbers that scale drawings
+_LARGEST = 1e300  # limit of numbers that scale drawings
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -509,13 +509,13 @@ _ZERO = (0.0, 0.0, 0.0)
 class Visual:
     """A shape fixed to a node, for drawings only."""
 
-    node: str  # the node that carries it
+    node: str  # node to which the shape is attached
     shape: str  # ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
-    #: Lengths along x, y, z of a box; radius, radius, length of a cylinder or capsule; the radius
-    #: of a sphere three times, [m]; scale factors of a mesh.
+    #: Box: lengths along x, y, z; cylinder and capsule: radius, radius, length; sphere: the radius
+    #: three times, [m]; mesh: scale factors.
     size: tuple[float, float, float]
-    file: str = ""  # file name of a mesh as written; only animations open it
-    #: Its position in the node's axes, [m], and its roll, pitch and yaw, [rad].
+    file: str = ""  # file name of a mesh, as written; only animations open it
+    #: Position in the node's axes, [m], and roll, pitch and yaw, [rad].
     xyz: tuple[float, float, float] = _ZERO
     rpy: tuple[float, float, float] = _ZERO
 
@@ -558,7 +558,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
     """Check the table of an origin in a scene file."""
-    # The table may be written by hand, or come with a scene from an untrusted source.
+    # The table may be hand-written, or come from an untrusted source.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
     if not _is_list_of_texts(notes):

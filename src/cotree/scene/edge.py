@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cotree.scene.expressions import FieldValue
 
 
-_LONGEST = 40  # letters of a name that are compared: it comes from a file and may be long
+_LONGEST = 40  # number of letters of a name that are compared: a name from a file may be long
 
 #: Synonyms of components, in the order of the table.
 _ALSO_CALLED = {
@@ -72,7 +72,7 @@ class Entry:
     takes: str  # kind of its value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
     unit: str = ""
     required: bool = False  # whether every edge of the type needs it
-    default: float | None = None  # default; None: the entry is left out
+    default: float | None = None  # default; None: the entry may be omitted
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Usage:
     """The form in which edges of a component type are written."""
 
     component: Component  # the type
-    #: Names of its nodes in the order of the list; empty if its ports have nodes of their own.
+    #: Node names in the order of the list; empty if each port has separate nodes.
     nodes: tuple[str, ...]
-    n_needed: int  # the number of required nodes
-    #: Whether a list of nodes has one for each port, with the ground as the other node.
+    n_needed: int  # number of required nodes
+    #: Whether a list of nodes has one node for each port, with the ground as the other one.
     has_ports: bool
     entries: tuple[Entry, ...]  # its ports and fields
     initial: tuple[str, ...]  # variables whose initial values may be given
@@ -123,7 +123,7 @@ def proposed_types(name: object) -> str:
 def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
     """List the nodes of a type, how many of them are needed, and whether ports have their own."""
     if any(field.shape is Shape.NAMES for field in component.fields):
-        return (), 0, False  # fields name the nodes
+        return (), 0, False  # nodes are given by fields
     if component.terminals:
         nodes = (*component.terminals, *component.optional_terminals)
         return nodes, len(component.terminals), False
@@ -210,7 +210,7 @@ class Edge:
     """
 
     name: str
-    component: Component = field(compare=False)  # some are adapted to each edge
+    component: Component = field(compare=False)  # some components are adapted to the edge
     nodes: tuple[str, ...]
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
@@ -222,7 +222,7 @@ class Edge:
         return f"<Edge {name}: {kind} {nodes}{', ' + fields if fields else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Laws of components are functions, which cannot be pickled: the statement can.
+        # Laws of components are functions, which cannot be pickled; the statement can be.
         return _edge_again, (self.name, dict(self.statement))
 
     def in_mechanics(self) -> Edge | None:
@@ -274,8 +274,8 @@ def make_edge(
     given: Mapping[str, Any] = plain(fields)
     first: Any = {} if initial is None else plain(initial)
     statement = edge_statement(type, nodes, given, first)
-    # Adapting comes first, since it determines the ports. The thermal port is appended next, so
-    # that ``check_ports`` finds it last; entries other than nodes are the fields.
+    # Adapt the component first, since this determines the ports. Then append the thermal port, so
+    # that ``check_ports`` finds it last; all entries except nodes are fields.
     if component.adapt is not None:
         component, listed, given = component.adapt(name, nodes, given)
     component = check_heat(name, component, given)

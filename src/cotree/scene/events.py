@@ -45,17 +45,17 @@ class Mode:
 class ModePart(IntEnum):
     """Roles of events whose modes are chosen together, numbered as in ``cotree_jumps.h``."""
 
-    NONE = 0  # it chooses no mode
-    SLIP = 2  # slip rate with the sign of the mode
+    NONE = 0  # selects no mode
+    SLIP = 2  # slip rate times the mode
     FORWARD_LIMIT = 3  # distance of the friction force to its forward limit
-    BACKWARD_LIMIT = 4  # and to its backward limit
+    BACKWARD_LIMIT = 4  # distance of the friction force to its backward limit
     ENGAGED = 5  # positive while a clutch is engaged
-    TURN = 6  # how far the direction of sliding on a plane may still turn
-    FIRST_IMPULSE = 7  # components of the friction in an impact on a plane
+    TURN = 6  # angle by which the direction of sliding on a plane may still turn
+    FIRST_IMPULSE = 7  # components of the friction impulse on a plane
     SECOND_IMPULSE = 8
-    LOAD = 9  # load with the sign that the laws of its losses assume
+    LOAD = 9  # load times the sign that the laws of its losses assume
     UPPER_GAP = 10  # gap of a rigid stop at its upper limit
-    LOWER_GAP = 11  # and at its lower limit
+    LOWER_GAP = 11  # gap of a rigid stop at its lower limit
     FORCE = 12  # contact force of a closed stop, positive away from its limit
     REBOUND = 13  # rebound speed in excess of the rest threshold
 
@@ -96,7 +96,7 @@ class Event:
     @property
     def expressions(self) -> tuple[Expression, ...]:
         """Every expression of the event."""
-        # The condition comes first: ``event_expressions`` relies on it.
+        # The condition is first: ``event_expressions`` relies on this.
         own = (self.when, *self.set.values())
         return own if self.restitution is None else (*own, self.restitution)
 
@@ -107,7 +107,7 @@ def make_event(
     """Check an event; see :meth:`SceneDescription.event`."""
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
-    # True equals 1 in Python, but is not a direction.
+    # True equals 1 in Python, but is no direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
             f"direction of {whose} is {brief(direction)}: give -1 (downwards), 1 (upwards) or 0 "
@@ -117,7 +117,7 @@ def make_event(
         raise SceneError(f"stop of {whose} must be true or false")
     if not isinstance(values, Mapping):
         raise SceneError(f"set of {whose} must be a table of states and modes")
-    # Keys are strings in TOML; in Python they may be of any type.
+    # Keys are strings in TOML, but may be of any type in Python.
     for target in values:
         if not isinstance(target, str):
             raise SceneError(f"set of {whose} holds {brief(target)}: give names in quotes")
@@ -146,7 +146,7 @@ def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
     """List the expressions of events in one fixed order: every ``when``, then the others."""
     listed = tuple(events)
     return (
-        # Conditions come first, so that the crossing functions are one block of these results.
+        # Conditions are first, so that the event functions form one block of these results.
         *(event.when for event in listed),
         *(value for event in listed for value in event.expressions[1:]),
     )

@@ -43,7 +43,7 @@ def read_tree(text: str) -> ast.expr:
     marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
     try:
         # Python's parser would read leading spaces as indentation.
-        with without_warnings(category=SyntaxWarning):  # text that causes warnings is refused later
+        with without_warnings(category=SyntaxWarning):  # such text is rejected later
             tree = ast.parse(marked, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError("is not an expression") from None
@@ -137,7 +137,7 @@ def has_table(tree: ast.expr) -> bool:
     return any(isinstance(node, ast.Name) and table_of(node) for node in ast.walk(tree))
 
 
-_DEEPEST = 100  # nesting levels
+_DEEPEST = 100  # maximum nesting
 
 #: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, int] = {
@@ -146,7 +146,7 @@ FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
 }
 
-#: The conditional: its second argument if its first one holds, else the third.
+#: The conditional function: its second argument if the first one holds, otherwise the third.
 WHERE = "where"
 
 #: Comparisons: whether the left side is the larger one, and whether equality is accepted.
@@ -184,8 +184,8 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
     """Check a tree against the grammar and collect its names; raise for everything else."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only the node types listed here are accepted; the rest of Python's grammar is refused and
-    # never evaluated.
+    # Only the node types listed here are accepted; all other Python syntax is rejected and never
+    # evaluated.
     match tree:
         case ast.Constant(value=value):
             if finite(value) is None:
@@ -261,8 +261,7 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
-            # The name of the function is not a name of the scene; the values of a table may contain
-            # names.
+            # The function name is not a name of the scene; values of a table may contain names.
             waiting += node.args
             if table := table_of(node.func):
                 found |= table.names
@@ -347,7 +346,7 @@ def fill(form: str, *trees: ast.expr) -> ast.expr:
     return map_names(shared_tree(form), dict(zip("abc", trees, strict=False)).__getitem__)
 
 
-_LONGEST = 4000  # characters; bounds the recursion of the parser
+_LONGEST = 4000  # maximum number of characters; it bounds the recursion of the parser
 _UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 has an exponent and no unit
 _WITH_UNIT = re.compile(rf"\s*([-+]?\d[\d.eE+-]{{0,30}})\s*{_UNIT}\s*\Z")
 
@@ -365,14 +364,14 @@ class Expression:
     """A checked expression."""
 
     text: str  # as the user wrote it
-    where: str = field(repr=False)  # its owner, for messages: "stiffness of edge 'k'"
+    where: str = field(repr=False)  # description of its owner for messages: "stiffness of edge 'k'"
     #: The parsed text.
-    tree: ast.expr = field(compare=False, repr=False)  # the text is equivalent
-    #: The names in it: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
+    tree: ast.expr = field(compare=False, repr=False)  # determined by the text
+    #: Names that occur: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # The order of a set differs between processes, and equal scenes must give equal bytes.
+        # The order of a set differs between processes, but equal scenes must give equal bytes.
         return {**self.__dict__, "names": sorted(self.names)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -409,7 +408,7 @@ class Expression:
         """Return whether the value is zero for any values of its names, as that of ``0*L``."""
         if self.number is not None:
             return self.number == 0.0
-        # The cache is keyed by the text, which does not contain the values of a table.
+        # The cache uses the text as its key, which does not contain the values of a table.
         return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
@@ -426,7 +425,7 @@ class Expression:
             raise ExpressionError(f"{self.where}: '{self.text}' has no value: {error}") from None
 
 
-#: Value of a field: one expression, or a tuple of three, or three such rows.
+#: Value of a field: an expression, a tuple of three, or three such rows.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
 
@@ -456,7 +455,7 @@ def parse(value: object, where: str) -> Expression:
 
     Raises ExpressionError if it is neither, does not parse, or is outside the grammar above.
     """
-    # Python's booleans are numbers; in a scene they are a mistake.
+    # In Python booleans are numbers; in a scene they are a mistake.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
             f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
@@ -501,7 +500,7 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 def check_number(value: object, what: str) -> float:
     """Return a finite number, or raise."""
-    # Complex numbers of NumPy have a value as float, too.
+    # NumPy's complex numbers have a __float__ method, too.
     is_number = hasattr(type(value), "__float__") and not isinstance(value, bool)
     if not is_number or getattr(value, "ndim", False) or getattr(value, "imag", False):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
@@ -560,7 +559,7 @@ def _lower_condition(
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
-                # A selection accepts equality; if equality is to be refused, its branches are
+                # A selection accepts equality. If equality must be rejected, the branches are
                 # exchanged.
                 accepted = (
                     dag.select(excess, accepted, refused)
@@ -569,7 +568,7 @@ def _lower_condition(
                 )
             return accepted
         case ast.BoolOp(op=op, values=parts):
-            # ``and`` nests in the accepted branch, ``or`` in the refused one.
+            # ``and`` is nested in the accepted branch, ``or`` in the refused one.
             for part in reversed(parts):
                 if isinstance(op, ast.And):
                     accepted = _lower_condition(part, dag, resolve, accepted, refused)

@@ -49,7 +49,7 @@ def check_fields(
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
-    # Values are in the order of the component's rows, not in that of the file.
+    # Values are in the order of the component's rows, independently of the file.
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
         if row.name in given:
@@ -93,7 +93,7 @@ def initial_names(component: Component) -> list[str]:
 def initial_units(component: Component) -> dict[str, str]:
     """Return the units of the variables whose initial values a scene may give."""
     if component.geometry is not None:
-        return {}  # bodies are placed by their own initial values
+        return {}  # bodies are placed by their initial values
     if component.role is Role.NETWORK:
         return _network_units(component)
     spaces = [component.motion_space]
@@ -130,7 +130,7 @@ def _network_units(component: Component) -> dict[str, str]:
         names += [(integral.name, integral.unit)] if integral else []
         names += [content] if (content := content_of(port)) else []
         found += [(port.port, name, unit) for name, unit in names]
-    # A short name must be unambiguous; the long one is always accepted.
+    # A short name must be unambiguous; the long name is always accepted.
     count = Counter(name for _, name, _ in found)
     alone = {name: unit for _, name, unit in found if count[name] == 1}
     return alone | {f"{port}.{name}": unit for port, name, unit in found if port}
@@ -200,7 +200,8 @@ def _rotation(value: object, where: str) -> FieldValue:
     if rows is None:
         return check_vector(value, where)
     numbers = [[entry.number for entry in row] for row in rows]
-    # A matrix would not stay orthogonal when parameters change its entries.
+    # The entries of a matrix must be numbers: if parameters changed them, it would not remain
+    # orthogonal.
     if any(entry is None for row in numbers for entry in row):
         raise SceneError(
             f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "
@@ -269,7 +270,7 @@ class Input:
     value: Expression | Table
     unit: str = ""
     doc: str = ""
-    given: tuple[Any, str] | None = None  # the original value and unit if the unit is not of SI
+    given: tuple[Any, str] | None = None  # original value and unit, if the unit is not an SI unit
 
 
 def make_input(name: str, value: Any, unit: str, doc: str) -> Input:

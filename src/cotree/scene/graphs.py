@@ -32,7 +32,8 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
-# Components that can keep a line; revolute joints are absent, since turning bodies leave the line.
+# Components that can keep all motion on a line. Revolute joints are excluded, since rotating bodies
+# leave the line.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -44,8 +45,8 @@ _PLACES = {"x": 0, "y": 1, "z": 2}
 class MotionSpaces:
     """Motion spaces by edge, and the common plane of motion."""
 
-    plane: str  # the plane's normal, ``x``, ``y`` or ``z``; empty: no common plane
-    of: Mapping[str, tuple[MotionStep, ...]]  # the motion space of each edge as a branch
+    plane: str  # normal of the plane, ``x``, ``y`` or ``z``; empty if there is no common plane
+    of: Mapping[str, tuple[MotionStep, ...]]  # motion space of each edge, if it is a branch
 
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
@@ -87,10 +88,10 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
     edges = scene.edges.values()
     kinds = {edge.component.name for edge in edges}
     guides = [edge for edge in edges if edge.component.name == "prismatic"]
-    # Without a guide, motion along one line would depend on the initial values.
+    # Without a guide, motion along a line would depend on the initial values.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
-    # Initial values of other coordinates mean that the body moves in other directions, too.
+    # Initial values of other coordinates show that the body also moves in other directions.
     names = {axis, f"{axis}_dot"}
     for edge in edges:
         if edge.component.role is Role.BODY and not edge.initial.keys() <= names:
@@ -100,8 +101,8 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
-        # The force of an element along the line of its nodes leaves the axis if the nodes are on
-        # different lines.
+        # The force along the line of two nodes is not along the axis if the nodes are on different
+        # lines.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
@@ -161,7 +162,7 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
 
 
 def _is_within(components: Sequence[Expression], n: int) -> bool:
-    # Zero for all values of the parameters: the motion space must not depend on them.
+    # Zero for all parameter values: the motion space must not depend on parameters.
     return components[n].is_zero
 
 
@@ -177,7 +178,7 @@ _GRAPHS = ("translation", "rotation")
 class Trees:
     """The trees of the translation and of the rotation graph."""
 
-    #: Tree of each graph; the graphs have the same nodes.
+    #: The tree of each graph; both graphs have the same nodes.
     translation: Tree
     rotation: Tree
 
@@ -199,7 +200,7 @@ class Trees:
 
     def is_branch(self, name: str, rotates: bool) -> bool:
         """Return whether an edge is a branch of the rotation or the translation tree."""
-        # The pair is (translation, rotation), so that booleans index it.
+        # The pair is (translation, rotation), so that a boolean is its index.
         return name in self._branches[rotates]
 
     def listed(self) -> str:
@@ -218,7 +219,7 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
         edge = scene.edges[name]
         if not _is_coupled(edge):
             continue
-        # A part of the translation follows from the rotation of the same edge, and cannot be a
+        # A part of the translation is determined by the rotation of the same edge, and cannot be a
         # coordinate without it.
         held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
         if len(held) == 1:
@@ -236,17 +237,18 @@ def _is_coupled(edge: Edge) -> bool:
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)
 
 
-# The largest number of bodies for which absolute coordinates are counted, too.
+# Maximum numbers of bodies, in open and closed chains, for which absolute coordinates are
+# evaluated, too.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
-#: A user's choice of the tree: none, the branches of all graphs, or those of each graph.
+#: Choice of the tree by the user: None, the branches of all graphs, or those of each graph.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
     """Form the linear graphs of the multibody part of a scene, on the same nodes."""
-    # Each graph has all nodes of the scene, also those without an edge in it: a floating node is
-    # then found when the tree is chosen.
+    # Each graph contains all nodes of the scene, even those without an edge in it, so that floating
+    # nodes are found when the tree is chosen.
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:
@@ -304,11 +306,12 @@ def _weights(
         if component.tree_weight is not None:
             # Each direction of motion of a branch adds one equation.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
-            # Between an arm, which adds no coordinate, and a joint of one degree of freedom.
+            # Prefer it to a joint of one degree of freedom, but not to an arm, which adds no
+            # coordinate.
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
-                weights[name] += 0.5  # a joint of as many degrees of freedom comes first
+                weights[name] += 0.5  # a joint with as many degrees of freedom is preferred
     return weights
 
 
@@ -352,7 +355,7 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
     found = {}
     for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
         rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
-        # A chord that holds an angle would be a constraint on the angles of the bodies.
+        # A chord that fixes an angle would be a constraint on the angles of the bodies.
         held = (scene.edges[name].component for name in rotation.chords)
         if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
             continue
@@ -374,11 +377,11 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
     for name in graph.edge_names:
         component = scene.edges[name].component
         if component.role is Role.BODY:
-            # Of the bodies that turn together, the first one in the translation tree.
+            # Among bodies that rotate together, choose the first one in the translation tree.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
-            # Edges that hold the angle weigh least and become branches; revolute joints weigh most,
-            # so that bodies replace them.
+            # Edges that fix the angle have the smallest weight and become branches; revolute joints
+            # have the largest, so that bodies replace them.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 
@@ -395,7 +398,7 @@ def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) ->
             for name in weights
             if scene.edges[name].component.role is not Role.BODY
         ]
-        # Edges with exactly one reached end lead to the next level.
+        # Edges with exactly one end reached lead to the next level.
         while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
             level = max(depth.values()) + 1
             depth |= {

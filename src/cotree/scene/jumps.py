@@ -47,10 +47,10 @@ from cotree.scene.expressions import (
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
-# A longer text is not legible as a name.
+# Longer texts would be illegible as names.
 _LONGEST_NAME = 60
 
-#: Functions that jump; ``mod`` jumps with the floor in it.
+#: Functions that jump; ``mod`` jumps because of the floor in it.
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
@@ -74,7 +74,7 @@ def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
     """Return the values of the modes that represent jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
-    # A mode follows those of the jumps within it.
+    # Modes are in an order such that each follows the modes on which it depends.
     for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
@@ -109,7 +109,7 @@ class _Rewriting:
         self._old = scene
         self._modes: dict[str, Mode] = {}
         self._events: dict[str, Event] = {}
-        #: The mode of each text: equal texts share it.
+        #: Mode of each text, shared by equal texts.
         self._known: dict[str, str] = {}
         self.scene = copy.copy(scene)
         self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}
@@ -142,7 +142,7 @@ class _Rewriting:
         return found
 
     def _edge(self, edge: Edge) -> Edge:
-        # Constant fields depend on parameters only and do not jump during a run.
+        # Constant fields depend only on parameters, and do not jump during a run.
         constant = {field.name for field in edge.component.fields if field.constant}
         stored = {
             name for port in edge.component.ports if (law := port.content) for name in law.arguments
@@ -196,7 +196,7 @@ class _Rewriting:
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
-        # Of parameters alone: the value is fixed when the run begins.
+        # Function of parameters only: the value is constant during a run.
         if "t" not in names:
             return False
         return not all(is_cut(self._lowered(tree)) for tree in looked_at)
@@ -237,7 +237,7 @@ class _Rewriting:
             Of each event: its direction, its function, and the new mode. The mode
             itself is the name "".
         """
-        # Equal texts jump at the same times: one mode and its events serve all of them.
+        # Equal texts jump at the same times, so they share one mode and its events.
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
@@ -279,7 +279,7 @@ class _Tree:
         return self._call(node) if isinstance(node, ast.Call) else None
 
     def _call(self, given: ast.Call) -> ast.expr:
-        assert isinstance(given.func, ast.Name)  # it was checked when it was parsed
+        assert isinstance(given.func, ast.Name)  # checked when the text was parsed
         function, args = given.func.id, [self.rewritten(arg) for arg in given.args]
         node = ast.Call(given.func, args, [])
         if function == "mod":
@@ -307,8 +307,8 @@ class _Tree:
 
     def _floor(self, value: ast.expr) -> ast.expr:
         """Count up as a value reaches the next whole number, down as it falls below its own."""
-        # At an event the value is a whole number but for rounding, so that the count changes by one
-        # at least. It changes by more if the value jumps itself.
+        # At an event the value is an integer up to rounding, so the count changes by at least one.
+        # It changes by more if the value jumps.
         new = "{}(b {} 1.0, floor(a))"
         up = (1, fill("a - b - 1.0", value, _ITSELF), fill(new.format("max", "+"), value, _ITSELF))
         down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))
@@ -334,7 +334,7 @@ class _Tree:
         if not self._scene.is_located(excess):
             return node
         rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
-        # Its initial value is that of a conditional; its name is the comparison itself.
+        # The initial value is that of a conditional; the name is the comparison.
         conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
         # The mode is exactly one or zero; a half is the threshold farthest from both.

@@ -30,11 +30,12 @@ if TYPE_CHECKING:
 class Port:
     """An edge of a scalar graph: one port of a component."""
 
-    #: Name of the edge in the graph: the component's, with that of the port if it has several.
+    #: Name of the edge in the graph: that of the component, followed by that of the port if there
+    #: are several.
     name: str
     edge: Edge  # the component in the scene
     terminal: Terminal  # its terminal equation
-    ends: PortEnds  # its nodes, or the joint or line of a multibody system on which it acts
+    ends: PortEnds  # its nodes, or the joint or line of a multibody system on which the port acts
 
     @property
     def tail(self) -> str:
@@ -65,14 +66,14 @@ class Port:
     def initial(self) -> dict[str, FieldValue]:
         """Its initial values in the scene: ``name``, or ``port.name`` with several ports."""
         given = self.edge.initial
-        # With several ports a table of a port has been flattened to port.name.
+        # If there are several ports, a table of a port was flattened to port.name.
         own = f"{self.terminal.port}."
         named = {key.removeprefix(own): v for key, v in given.items() if key.startswith(own)}
         return {key: v for key, v in given.items() if "." not in key} | named
 
     def sibling(self, port: str) -> str:
         """Return another port of the same component, by its name or number."""
-        # Ports of reactions are numbered: one law serves all reactions of the same orders.
+        # Ports of reactions are numbered, so that one law serves all reactions of equal orders.
         if port.isdecimal():
             port = self.edge.component.ports[int(port)].port
         return port_name(self.edge, port)
@@ -116,8 +117,8 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
 #: The variable that a source prescribes, by its kind.
 GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
 
-#: Kinds whose through variable may follow from the law of a source that it controls. The through
-#: variable of a storage of through is a state, and that of a source of through is given.
+#: Kinds whose through variable may be determined by the law of a source that they control. The
+#: through variable of a through storage is a state, and that of a through source is given.
 _MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
 
 
@@ -126,11 +127,11 @@ class Swap:
     """A controlled source whose law may determine its controlling variable."""
 
     source: Port
-    #: The edge of the controlling variable. If that is a difference of nodes, or belongs to an edge
-    #: with a law of its own, an open edge is added, which is in no other graph.
+    #: Edge of the controlling variable. If the variable is a difference of node potentials, or
+    #: belongs to an edge with its own law, an open edge is added, which is in no other graph.
     control: Port
     #: The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose ports
-    #: have laws for either.
+    #: have laws for both.
     quantity: str
 
     @property
@@ -159,7 +160,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
                 if other is None or other.kind is not Kind.THROUGH_SOURCE or not _is_meter(other):
                     other = _open(ports[name], tail, head, measured)
                 found.append(Swap(ports[name], other, quantity))
-            # A controlled source cannot also determine a variable of its own.
+            # A controlled source cannot also determine a variable of the source itself.
             elif other is not None and other.kind in _MEASURED_THROUGH:
                 found += [] if measured in controlled else [Swap(ports[name], other, quantity)]
     active = {swap.source.terminal.domain for swap in found}
@@ -212,7 +213,7 @@ def _in_field(
             yield from _of_port(quantity, own[0], domain)
         elif not own and symbol == row.across_symbol and first in nodes:
             potentials.append(name)
-    # If only the difference of two potentials matters, that is the variable.
+    # If only the difference of two potentials occurs, it is the controlling variable.
     for name in potentials:
         first = name.rpartition(".")[0]
         others = [o for o in potentials if o != name and _is_of_difference(field, name, o)]
@@ -232,7 +233,7 @@ def _is_of_difference(field: Expression, first: str, second: str) -> bool:
         node = field.lower(dag, symbols.__getitem__)
         (rate,) = tangents([node], {symbols[first]: dag.one, symbols[second]: dag.one})
     except (Error, ArithmeticError):
-        return False  # errors are reported when the law is formed
+        return False  # the error is reported when the law is formed
     return rate.is_zero
 
 

@@ -43,14 +43,15 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
 
-#: States that a storage loses as a branch: across storages have theirs as branches, through
-#: storages and springs as chords. The number of states takes precedence over all other preferences.
+#: Change of the number of states if the edge becomes a branch: across storages have states as
+#: branches, through storages and springs as chords. The number of states has priority over all
+#: other preferences.
 EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 
-# Weights are multiples of a quarter, and less than sixteen.
+# Weights are multiples of a quarter and less than sixteen.
 _UNIT, _MOST = 4, 64
 
-# A hundred coupled gyrators take a few thousand choices; the search itself has no bound.
+# A hundred coupled gyrators require a few thousand choices; the search has no inherent bound.
 _MOST_TRIED = 20_000
 
 
@@ -81,7 +82,7 @@ class _Couple:
                 (*none, False, True),
             )
         # A port that acts on a multibody system takes its motion as given, and a short-circuited
-        # one is no edge of a graph: neither is a branch.
+        # port is not an edge of a graph: neither can be a branch.
         could = [port.name in edges for port in ports]
         return cls(
             (first.name, second.name, *own),
@@ -112,9 +113,9 @@ class CoupledTrees:
     """The joint choice of branches of several graphs."""
 
     graphs: Sequence[LinearGraph]
-    ports: Mapping[str, Port]  # their edges
-    ends: Mapping[str, tuple[str, str]]  # the nodes of each edge, distinct for each graph
-    costs: Mapping[str, int]  # of each edge that may be a branch
+    ports: Mapping[str, Port]  # ports by edge name
+    ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, distinct for each graph
+    costs: Mapping[str, int]  # cost of each edge that may be a branch
     couples: tuple[_Couple, ...]  # the ideal couplings
     swaps: Mapping[
         str, Swap
@@ -133,10 +134,10 @@ class CoupledTrees:
         ``weights`` order the edges as branches, infinite for edges that never are; ``swaps`` are
         the controlled sources that may determine what controls them.
         """
-        # The graphs share names of nodes; a prefix distinguishes them in the common forest.
+        # The graphs share node names; a prefix distinguishes the nodes in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
-        # A swap outweighs all other preferences together, and a storage with a state outweighs all
-        # swaps.
+        # A swap costs more than all other preferences together, and a storage without its state
+        # more than all swaps.
         swapped = _MOST * (len(ends) + 1)
         excess = swapped * (len(swaps) + 1)
         costs = {
@@ -154,7 +155,7 @@ class CoupledTrees:
 
     def select(self) -> frozenset[str]:
         """Select the branches with the fewest storages without a state."""
-        # Couplings with one option are decided.
+        # Couplings with only one option are decided.
         given = {
             name: row
             for couple in self.couples
@@ -169,11 +170,11 @@ class CoupledTrees:
                 "contradict a source: each needs feedback from its output to its input through "
                 "resistances or storages"
             )
-        # In ascending order of cost, the first choice that satisfies all couplings is the best.
+        # In ascending order of cost, the first choice that satisfies all couplings is optimal.
         order = count()
-        # Entries are the cost, the number of violated couplings, a number that orders equal
-        # entries, and the choice. Ignoring couplings only lowers the cost, so the first valid
-        # choice is the best.
+        # Entries are the cost, the number of violated couplings, a counter that orders equal
+        # entries, and the choice. Ignoring couplings can only lower the cost, so the first valid
+        # choice is optimal.
         waiting: list[tuple[int, int, int, _Found]] = []
         made = [best] if best is not None else []
         while made or waiting:
@@ -213,7 +214,7 @@ class CoupledTrees:
             made.append([found for found in tried if found is not None])
             if len(made[-1]) < 2:  # no choice, or none at all
                 return made[-1]
-        # The coupling whose options cost most narrows the search most.
+        # Branching on the coupling with the most expensive options narrows the search most.
         return max(made, key=lambda pair: sorted(found.cost for found in pair))
 
     @cached_property
@@ -255,7 +256,7 @@ class CoupledTrees:
             and couple.ports[0] not in fixed
             and self._split.isdisjoint(couple.ports)
         ]
-        # Edges are independent unless they may not be branches together.
+        # Edges are independent unless they must not be branches together.
         ends = {
             n: pair if n in self._split else (f"{n}+", f"{n}-") for n, pair in self.ends.items()
         }
@@ -294,12 +295,12 @@ class CoupledTrees:
         """Return the costs of possible branches; exactly one of each set in ``must`` is chosen."""
         # A bonus larger than all costs together: one of each set is always chosen.
         bonus = 1 + sum(map(abs, self.costs.values()))
-        # A swap may involve two across sources: the controlling one, and the controlled one.
+        # A swap may involve two across sources, the controlling one and the controlled one.
         counts = Counter(name for names in must for name in names)
         costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
-        # A port replaces only the heaviest edge of a circuit: edges outside the lightest forest are
-        # outside the best one.
+        # A port replaces at most the heaviest edge of a circuit: edges outside the lightest forest
+        # are never part of the optimum.
         alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
             name: self.costs[name] for name in rest if self._is_split(name) or name in alone
@@ -317,7 +318,8 @@ def _ends(port: Port) -> tuple[str, str]:
 #: Weight of edges that never become branches.
 _NEVER = float("inf")
 
-#: Largest difference between edges of one kind: less than that between kinds and by initial values.
+#: Largest preference between edges of one kind: smaller than those between kinds and by initial
+#: values.
 _AMONG_LIKE = 0.2
 
 
@@ -325,7 +327,7 @@ _AMONG_LIKE = 0.2
 class NormalTree:
     """The trees of f-circuits and of f-cutsets; they are equal without ideal amplifiers."""
 
-    #: Of across and of through variables.
+    #: Trees of across and of through variables.
     across: Tree
     through: Tree
     swaps: tuple[
@@ -354,12 +356,12 @@ def normal_trees(
                 _check_reached(graph, ports, weights, kind)
         trees = _trees(graphs, ports, weights)
     except TopologyError:
-        # A controlled source may determine its controlling variable if there is no tree otherwise.
+        # If there is no tree otherwise, a controlled source may determine its controlling variable.
         swapped = _swapped(graphs, ports, weights)
         if swapped is None:
             raise
         return swapped
-    # Or if a storage gets a state only by this.
+    # Also if only this gives a storage its state.
     if _are_tied(trees, ports):
         swapped = _swapped(graphs, ports, weights)
         if swapped is not None and _n_displaced(swapped, ports) < _n_displaced(trees, ports):
@@ -396,7 +398,7 @@ def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
 
 def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> bool:
     """Return whether a source is in the cutset or circuit of a storage without a state."""
-    # Without such a source no swap gives a state: other edges have been exchanged already.
+    # Without such a source, no swap can add a state: other edges have been exchanged already.
     for tree in trees.values():
         for name in _displaced(tree, ports):
             if ports[name].kind is Kind.ACROSS_STORAGE:
@@ -460,7 +462,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
     found = dict(weights)
     for edge in allowed:
         near = min(steps.get(node, graph.n_nodes) for node in (edge.tail, edge.head))
-        # Bounded, so that nearness decides among equal kinds only.
+        # Bounded, so that nearness decides only among equal kinds.
         found[edge.name] += _AMONG_LIKE * near / (near + 1.0)
     return found
 
@@ -476,7 +478,7 @@ def _trees_of(
         both |= {name for name in graph.edge_names if name in ports and ports[name].kind is kind}
         return Tree(graph, tuple(name for name in graph.edge_names if name in both))
 
-    # Open edges are in the graph of across variables only, since their through variable is zero.
+    # Open edges are only in the graph of across variables, since their through variable is zero.
     beside = tuple(
         GraphEdge(s.control.name, s.control.tail, s.control.head, "open")
         for s in own
@@ -495,14 +497,14 @@ def _weight(port: Port) -> float:
         return _NEVER
     if port.kind.may_hold or port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
-    # Ports of gyrators weigh as much as dissipators: a useless choice of them is then found at
-    # once. Kinds are numbered in the order of branches: across sources weigh least.
+    # Ports of gyrators weigh as much as dissipators, so that an invalid choice of them is found at
+    # once. Kinds are numbered in their order of preference as branches; across sources weigh least.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
     is_given = content is not None and content[0] in initial
-    # The across variable of a branch is a state, the through variable of a chord: a storage with an
-    # initial value is preferred in the place that makes this variable its state.
+    # The across variable of a branch, or the through variable of a chord, is a state. A storage
+    # with an initial value is preferably placed so that the given variable is its state.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
@@ -511,10 +513,10 @@ def _weight(port: Port) -> float:
         law = port.terminal.through
         if law is None or "across" in law.arguments:
             return _NEVER
-        # The stretch of a nonlinear one would be the unknown of an equation.
+        # The stretch of a nonlinear spring would be an unknown of an equation.
         is_linear = port.terminal.storage is not None
         return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
-    # The junctions' own voltages are the better unknowns of nonlinear equations.
+    # The voltages of junctions are the better unknowns of nonlinear equations.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
     return own - (0.25 if is_implicit else 0.0)
 

@@ -54,7 +54,7 @@ class Parameter:
     @property
     def number(self) -> float:
         """The value of a parameter that is not derived."""
-        assert not isinstance(self.value, Expression)  # callers ask for numbers only
+        assert not isinstance(self.value, Expression)  # only called for numbers
         return self.value
 
     def cells(self) -> tuple[str, float | str, str, str]:
@@ -156,7 +156,7 @@ def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
 
 
 def _value(node: Node) -> float:
-    assert node.value is not None  # expressions of constants fold
+    assert node.value is not None  # constant expressions fold
     return node.value
 
 

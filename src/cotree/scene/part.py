@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from cotree.scene.tables import LookupTable
 
 
-#: Entries of tables in fields that are words, not expressions.
+#: Keys of tables in fields that are words, not expressions.
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
-#: Totals of a whole scene, which parts do not have.
+#: Totals of a whole scene, which are undefined for parts.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
 
 
@@ -65,7 +65,7 @@ class Renaming:
                 f"uses '{name}', a total of the outer scene, not of the part: declare it there"
             )
         owner = name.rpartition(".")[0]
-        # A node may belong to a part within this part, and variables may contain dots.
+        # A node may belong to a part inside this part, and variables may contain dots.
         while owner:
             if owner == "ground":
                 return name
@@ -167,10 +167,10 @@ def _node_fields(edge: Edge) -> set[str]:
     ports = [port.port for port in component.ports if port.port]
     if HEAT in ports or len(ports) > 1:
         found |= set(ports)
-    # Components along the line of two nodes list them; a law may have a number of this name.
+    # Components along the line of two nodes list these nodes in the field line.
     if any(len(ends.acts_on) == 2 for ends in edge.ports):
         found.add("line")
-    # A reaction has its nodes in fields that its adapted component no longer has.
+    # A reaction has its nodes in fields that the adapted component does not have.
     return found | {"reactants", "products"} if component.name == "reaction" else found
 
 
@@ -186,7 +186,7 @@ def _joint_fields(edge: Edge) -> set[str]:
 class Rows:
     """Declarations that parts add to an outer scene, by table and name."""
 
-    #: As in a scene.
+    #: Tables, as in a scene.
     tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
@@ -226,7 +226,7 @@ class Rows:
         """Set a parameter of a part to a number or an expression."""
         row = self.parameters[name]
         value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
-        # A parameter that follows from others is fixed with them.
+        # A parameter that depends on others is fixed if they are.
         tunable = row.tunable or isinstance(value, str)
         made = make_parameter(name, value, unit, row.doc, tunable)
         _check_unit(made.unit, row.unit, f"parameter '{name}'")
@@ -319,7 +319,7 @@ def _number(text: str, index: Mapping[str, int], what: str) -> float:
         return dag.constant(float(index[name]))
 
     found = parse(text, what).lower(dag, resolve).value
-    assert found is not None  # constants fold
+    assert found is not None  # a constant folds
     return float(found)
 
 
@@ -358,7 +358,7 @@ class Part:
     source: str = ""
 
     def __eq__(self, other: object) -> bool:
-        # Its origin is not part of its content.
+        # The origin is not part of the content.
         return isinstance(other, Part) and all(
             getattr(self, name) == getattr(other, name)
             for name in self.__dataclass_fields__
@@ -418,7 +418,7 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
     if scene.origin is not None:
         yield scene.origin
     for part in scene.parts.values():
-        # Most parts have no such data; they are skipped without expanding arrays.
+        # Most parts have no such data, and are skipped without expanding arrays.
         inner = list(origins_of(part.scene))
         for member, index in part.members() if inner else ():
             nodes = {own: in_name(n, index, n) for own, n in part.nodes_of(member).items()}

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Kinds of bindings, in the order of their lookup.
 KINDS = ("nodes", "parameters", "inputs")
-#: Entries of a part besides its bindings.
+#: Keys of a part in addition to its bindings.
 RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
 _INDEX = ("i", "j", "k")
 
@@ -114,7 +114,7 @@ def _counts(given: object) -> tuple[int, ...]:
     if not 1 <= len(rows) <= len(_INDEX):
         raise SceneError(f"count has {len(rows)} numbers: give one, two or three")
     for row in rows:
-        # Python's booleans are numbers; as a count they are a mistake.
+        # In Python booleans are numbers; as a count they are a mistake.
         if isinstance(row, bool) or not isinstance(row, int) or row < 1:
             raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
     return tuple(rows)
@@ -216,7 +216,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
             # Other tables of the file do not belong to this scene.
             steps = steps[len(within) :] if steps[: len(within)] == within else []
             table = steps[0] if steps else ""
-            # Keys of [edges.k] are fields of k; those of [edges] are edges.
+            # Keys of [edges.k] are fields of k; keys of [edges] are edges.
             is_own = len(steps) > 1
             if is_own and table in _KINDS:
                 found.setdefault((_KINDS[table], steps[1]), number)
@@ -226,7 +226,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
 
 
 _NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
-_MOST = 3  # names whose statements one message locates
+_MOST = 3  # number of names whose statements one message locates
 _TABLES = (
     *(("edge", "edges"), ("parameter", "parameters"), ("input", "inputs")),
     *(("output", "outputs"), ("mode", "modes"), ("event", "events")),
@@ -266,7 +266,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
     if local.partition(".")[0] in part.scene.members:
         return _statement_of(local, part.scene.members, part.scene)
-    # For a variable the statement is that of its edge; both may contain dots, as those of ports do.
+    # For a variable, take the statement of its edge. Both may contain dots, as those of ports do.
     while local:
         for kind, table in _TABLES:
             if local in getattr(part.scene, table):
@@ -309,7 +309,7 @@ def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], in
         return statement_lines(stream.read(), section)
 
 
-#: Names that have another meaning before a dot.
+#: Names that are reserved in front of a dot.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})
 
 
@@ -334,7 +334,7 @@ def add_part(
         raise type(error)(f"part '{name}': {error}") from None
     members = dict.fromkeys((member for member, _ in part.members()), part)
     _check_members(scene, name, members)
-    # Bindings of the outer scene may call its tables.
+    # Bindings may call tables of the outer scene.
     with table_scope(scene.tables):
         rows = _rows_of(scene, part)
     scene.parts[name] = part
@@ -349,7 +349,7 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
 
     Declarations of parts come first, as when the scene is read from a file.
     """
-    # Only the scene's own ones are searched: there may be thousands of parts.
+    # Search only the scene's own entries: there may be thousands of parts.
     last = list(takewhile(lambda key: "." not in key, reversed(own)))
     kept = {key: own.pop(key) for key in reversed(last)}
     own.update(added)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Component, Terminal
 
-#: Entries that place a port on a multibody system.
+#: Keys that place a port on a multibody system.
 _PLACES = frozenset({"joint", "line"})
 
 #: Domains whose ports may act on a multibody system.
@@ -33,10 +33,10 @@ def acts_on_multibody(port: Terminal) -> bool:
 class PortEnds:
     """End nodes of a port's edge; its across variable is the head's minus the tail's."""
 
-    #: The nodes; empty where the port acts on a multibody system.
+    #: The nodes; empty if the port acts on a multibody system.
     tail: str
     head: str
-    #: The coordinate of a joint, or two nodes along whose line the port acts; else empty.
+    #: The coordinate of a joint, or the two nodes along whose line the port acts; otherwise empty.
     acts_on: tuple[str, ...] = ()
 
 
@@ -57,8 +57,8 @@ def check_ports(
             return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
-    # The thermal port was appended by ``check_heat``: its nodes come from the field. The nodes of
-    # other ports are read as if it were absent.
+    # ``check_heat`` has appended the thermal port, whose node is given by a field. The nodes of the
+    # other ports are read without it.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
@@ -83,7 +83,7 @@ def check_ports(
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
-    # One node per port abbreviates ports to the ground.
+    # A list with one node per port abbreviates ports to the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
@@ -99,7 +99,7 @@ def check_ports(
     placed = []
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
-        # A mechanical port without nodes of its own acts on the multibody system.
+        # A mechanical port for which no nodes are given acts on the multibody system.
         has_nodes = port.port in rest or not rest.keys() & _PLACES
         if acts_on_multibody(port) and not has_nodes:
             placed.append(_multibody(edge, rest))
@@ -181,7 +181,7 @@ def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
     """Read the joint or the line of two nodes on which a port acts."""
     if "joint" in rest:
-        # Whether the last word is a coordinate is decided when joints are known.
+        # When the joints are known, it is decided whether the last word is a coordinate.
         return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
     return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
@@ -205,7 +205,7 @@ def _by_terminal(
     for port in component.ports:
         # Names that a scene cannot give belong to inner nodes.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
-        if head == tail and "ground" in port.between:  # not for species and outputs of amplifiers
+        if head == tail and "ground" in port.between:  # except species and outputs of amplifiers
             first, second = port.between
             raise SceneError(
                 f"{first} and {second} of edge '{edge}' are both node '{head}': name two"
@@ -220,8 +220,8 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
-    # The across variable is that of the head less that of the tail: plus less minus if plus is
-    # listed first, second less first in mechanics.
+    # The across variable is that of the head minus that of the tail: plus minus minus if plus is
+    # listed first; second minus first in mechanics.
     ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")

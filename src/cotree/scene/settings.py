@@ -62,14 +62,13 @@ class SettingsDict(OtherSettings, total=False):
 class Row(NamedTuple):
     """Documentation, check and option of a setting."""
 
-    doc: str  # its documentation
+    doc: str  # documentation of the setting
     #: ``check(value, name)`` returns the stored value, or raises an error.
     check: Callable[[Any, str], Any]
-    #: Help of its option on the command line, in which ``{}`` is its default; it has none if
-    #: empty.
+    #: Help text of the command-line option; ``{}`` is replaced by the default. Empty: no option.
     option: str = ""
-    metavar: str | None = None  # the value in that help
-    flag: str = ""  # name of the option; that of the setting if empty
+    metavar: str | None = None  # placeholder for the value in the help text
+    flag: str = ""  # name of the option; empty: the name of the setting
     in_scenes: bool = True  # whether scene files may set it
 
 
@@ -89,7 +88,7 @@ def _values(value: Any, name: str) -> Any:
     return by_name(value)  # the model checks names and shape
 
 
-# A bound against mistyped numbers.
+# Limit against mistyped numbers.
 _MOST_POINTS = 10_000_000
 
 
@@ -348,7 +347,8 @@ def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
         raise SolveError(
             f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
         )
-    # Methods store the outputs along their steps, so the times must follow the run.
+    # Methods store outputs in the order of their steps, so times must be in the direction of the
+    # run.
     direction = math.copysign(1.0, end - start)
     if np.any(direction * np.diff(times) <= 0):
         order = "increase" if direction > 0 else "decrease"
@@ -382,7 +382,7 @@ def documented(kind: _F) -> _F:
             lines += [f"{margin}{item.name} : {item.type}", *(f"{margin}    {row}" for row in text)]
         return "\n".join([*lines, ""])
 
-    if kind.__doc__:  # none under -OO
+    if kind.__doc__:  # under -OO there are no docstrings
         kind.__doc__ = _ENTRY.sub(rows, kind.__doc__)
     return kind
 
@@ -404,7 +404,8 @@ def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
     return Settings(**{name: getattr(defaults, name) for name in ROWS} | own)
 
 
-#: Starts of a run: the initial values of its states, or the point at which nothing moves.
+#: Kinds of starts: from the initial values of the states, or from the operating point, at which all
+#: rates are zero.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 
@@ -412,10 +413,10 @@ INITIAL, OPERATING_POINT = "initial values", "operating point"
 class Simulation(Settings):
     """Defaults of a scene's runs, and the point at which they begin."""
 
-    #: The initial state. At its operating point an electrical network is at rest for the source
-    #: values at the start: no current flows into capacitors, no voltage is across inductors.
+    #: Kind of the start. At its operating point an electrical network is at rest for the source
+    #: values at the start: the currents of capacitors and the voltages of inductors are zero.
     start: str = INITIAL
-    #: Nodes whose voltages are held during the search for the operating point, then released.
+    #: Nodes whose voltages are fixed during the computation of the operating point, then released.
     held: tuple[tuple[str, Expression], ...] = ()
 
     @property
@@ -446,11 +447,11 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     if "held" in changed:
         changed["held"] = _held(changed["held"])
     try:
-        # The settings are frozen; a changed copy leaves shared ones unchanged.
+        # Settings are frozen: a modified copy leaves shared settings unchanged.
         made = replace(old, **changed)
     except (ParameterError, SolveError) as error:
         raise SceneError(f"of the simulation {str(error).rstrip('.')}") from None
-    # Nodes are held during the search for an operating point only.
+    # Voltages of nodes can be fixed only for an operating point.
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made

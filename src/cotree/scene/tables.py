@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Largest numbers of values in a table: of numbers, and of expressions, which are written out.
+#: Maximum numbers of values in a table: of numbers, and of expressions, which are written out.
 LARGEST_TABLE, _MOST_EXPRESSIONS = 100_000, 100
 
 _INTERPOLATIONS = ("linear", "monotone")
@@ -55,7 +55,7 @@ class LookupTable:
     interpolation: str = "linear"  # ``linear`` (bilinear), or ``monotone``, cubic without overshoot
     #: Extrapolation: ``hold`` keeps the last value, ``extend`` the last slope.
     beyond: str = "hold"
-    doc: str = field(default="")  # its meaning, for people
+    doc: str = field(default="")  # description
 
     @property
     def n_arguments(self) -> int:
@@ -77,7 +77,7 @@ class LookupTable:
             return self._written_out(dag, args[0], [v.lower(dag, resolve) for v in self.values])
         z = cast("tuple[float, ...]", tuple(numbers))
         if self.y:
-            # The outermost pieces extend beyond the ends unless the arguments are clamped.
+            # Unless arguments are clamped, the outermost intervals extend beyond the ends.
             if self.beyond == "hold":
                 args = [_held(at, axis) for at, axis in zip(args, (self.x, self.y), strict=True)]
             return look_up(dag, PlaneTable(self.x, self.y, z), args)
@@ -157,7 +157,7 @@ def make_lookup(
         if value not in known:
             hint = nearest(str(value), known)
             raise SceneError(f"{key} of {where} is {brief(repr(value))}{hint}")
-    # A table of one argument may name its values ``y`` or ``values``.
+    # The values of a table of one argument are called ``y`` or ``values``.
     is_plane = values is not None and y is not None
     rows = _listed(values if values is not None else y, "values", where)
     first = _axis(x, "x", where)
@@ -241,7 +241,7 @@ def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
 def make_table(value: object, where: str, argument: str) -> Table:
     """Check a pair of arguments and values."""
     try:
-        # Any value of a user is unpacked; values that are not a pair of rows fail with one message.
+        # Unpack any value of the user; if it is not a pair of rows, one message covers all cases.
         x, y = cast("Any", value)
         made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
     except (TypeError, ValueError, OverflowError):
@@ -253,7 +253,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
         raise SceneError(f"{where} needs as many values as {argument}, at least two")
     if not all(math.isfinite(number) for number in made.x + made.y):
         raise SceneError(f"{where} holds an argument or a value that is not finite")
-    # Equal arguments would make a jump whose value is undefined.
+    # Equal arguments would define a jump without a value.
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-# Messages of the parser, and advice for users; the first match counts.
+# Parser messages with advice for users; the first match is used.
 _ADVICE = (
     (
         "Cannot overwrite a value",
@@ -67,7 +67,7 @@ def advice(message: str, text: str) -> str:
     place = re.search(r"\(at line (\d+), column (\d+)\)", message)
     number = int(place[1]) if place else len(lines)
     # If something is not closed, the parser reports the next line; the error is at the end of the
-    # previous one.
+    # previous line.
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     line = brief(lines[number - 1], 80)
@@ -75,7 +75,7 @@ def advice(message: str, text: str) -> str:
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 
-# Entries of edges of all types.
+# Keys that edges of all types have.
 _OF_EDGES = ("type", "nodes", "initial")
 
 
@@ -126,7 +126,7 @@ def fill(
     ``parts`` returns the scene that a part names with its source, ``points`` the text of a table's
     file.
     """
-    # Each statement is made by the method that Python users call, so that files are checked alike.
+    # Each statement calls the method for Python users, so that files are checked in the same way.
     for name, value in data.items():
         is_lost = name not in _SECTIONS and (not isinstance(value, dict) or "value" in value)
         if is_lost and not (hint := nearest(name, _SECTIONS)).endswith("?"):
@@ -136,7 +136,7 @@ def fill(
             )
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
-    # Expressions call tables, which therefore come first.
+    # Tables first, because expressions call them.
     for name, table in _table(data, "tables").items():
         if not isinstance(table, dict):
             raise SceneError(f"table '{brief(name)}' must be a table with 'x' and its values")
@@ -155,7 +155,7 @@ def fill(
     for name, value in _table(data, "modes").items():
         given = _named_value("mode", name, value, ("doc",))
         scene.mode(name, given["value"], doc=given.get("doc", ""))
-    # Edges may connect to nodes of parts.
+    # Edges come after parts, to whose nodes they may connect.
     for name, part in _table(data, "parts").items():
         _add_part(scene, name, part, parts)
     for name, edge in _table(data, "edges").items():
@@ -167,7 +167,7 @@ def fill(
     scene.simulation(**_table(data, "simulation"))
     scene.allow(*check_allowed(data.get("allow", [])))
     scene.port(*_ports(data.get("ports", []), scene))
-    # Shapes name nodes, which are known after all edges.
+    # Shapes come after edges, whose nodes they name.
     if "origin" in data:
         scene.origin = read_origin(data["origin"], set(scene.nodes))
     return scene
@@ -307,16 +307,16 @@ _DEEPEST = 20  # levels of nested parts
 class _Reading:
     """The reading of one file, with the files and scenes that its parts may name."""
 
-    #: The file, and its name in messages.
+    #: Text of the file, and its name in messages.
     text: str
     where: str
-    file: str = ""  # its path; empty where the text is no file
-    #: The folder that must contain files of parts, and that of this file; empty if parts may name
-    #: no files.
+    file: str = ""  # path of the file; empty if the text is not from a file
+    #: Folder that must contain the files of parts, and folder of this file; empty if parts may not
+    #: name files.
     root: str = ""
     folder: str = ""
-    trail: tuple[str, ...] = ()  # the files being read, from the outermost one
-    #: Scenes read before, by path.
+    trail: tuple[str, ...] = ()  # files that are being read, the outermost first
+    #: Scenes already read, by path.
     made: dict[str, SceneDescription] = field(default_factory=dict)
 
     def scene(self, scene_type: type[_Scene]) -> _Scene:
@@ -344,12 +344,12 @@ class _Reading:
 
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
-        # Single parts of an array are named after it.
+        # Elements of an array of parts are named after the array.
         named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
         found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)
         place = f"{where}, line {line}" if line else where
-        # The type of the error is kept, so that callers can tell errors of expressions from others.
+        # Keep the type of the error, so that callers can distinguish errors in expressions.
         return type(error)(f"{place}: {error}")
 
     def part_file(self, name: str) -> tuple[SceneDescription, str]:
@@ -419,9 +419,9 @@ class _Scenes:
     """Scenes that the tables of a file define for its parts, after those of outer tables."""
 
     reading: _Reading  # the file
-    section: str  # the table that contains them; empty at the top
+    section: str  # table that contains the scenes; empty at the top level
     tables: Mapping[str, Any]  # the scenes, by name
-    around: _Scenes | None = None  # those of the enclosing table
+    around: _Scenes | None = None  # scenes of the enclosing table
 
     def find(self, name: str) -> tuple[SceneDescription, str]:
         """Return the scene that a part names: one of this file, a file, or a shipped one."""

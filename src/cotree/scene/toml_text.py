@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 _Row = TypeVar("_Row")
 
-_LARGEST_KEPT = 200_000  # bytes of a file whose comments are kept
-_WIDEST = 99  # columns
+_LARGEST_KEPT = 200_000  # maximum size in bytes of a file whose comments are kept
+_WIDEST = 99  # maximum number of columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
@@ -51,7 +51,7 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
 
     if not scene.file.endswith(".toml"):
         return ""
-    # Entries that equal a default stay, unless something has been removed.
+    # Entries that the new text lacks may equal a default: first keep them, then remove them.
     for has_removed in (False, True):
         try:
             old = tomlkit.parse(read_text(scene.file, _LARGEST_KEPT))
@@ -176,8 +176,8 @@ def _scenes_of_parts(
         made = part.scene
         if id(made) in names:
             continue
-        # Shipped parts are named, and everything else is written: the file does not depend on the
-        # files from which the scene was read.
+        # Shipped parts are written by name, all other parts in full: the file does not depend on
+        # the files from which the scene was read.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
             continue
@@ -211,7 +211,7 @@ def _named(row: Any, value: Expression | Table | float) -> object:
     if isinstance(value, Table):
         stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
-        stated, more["unit"] = given  # the file has the user's text
+        stated, more["unit"] = given  # the file contains the user's text
     more = {key: text for key, text in more.items() if text}
     if not getattr(row, "tunable", True):
         more["tunable"] = False
@@ -233,7 +233,7 @@ def _event(event: Event) -> dict[str, object]:
 
 def _settings(given: Simulation) -> dict[str, object]:
     """List the settings that differ from the defaults."""
-    # Settings that were not set follow the defaults of later versions.
+    # Settings that were not set use the defaults of later versions.
     usual = Simulation()
     table = {
         key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
@@ -285,7 +285,7 @@ def _value(value: object) -> str:
 def _list(items: list[str]) -> str:
     """Write a list, on several lines if it is long, with a row of a matrix on each."""
     line = f"[{', '.join(items)}]"
-    # Space for a short key.
+    # Leave space for a short key.
     if len(line) <= _WIDEST - 20 and "\n" not in line:
         return line
     lines = [""]

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-#: A mode: its field, its meaning, its name, and its initial value.
+#: A mode: field, description, name and initial value.
 _ModeRow = tuple[str, str, str, str]
-#: An event: name, condition, direction, role, and the modes chosen at it.
+#: An event: name, condition, direction, role, and the modes that are selected at it.
 _EventRow = tuple[str, str, int, ModePart, Mapping[str, str]]
 
 
@@ -46,7 +46,7 @@ def with_friction(scene: _Scene) -> _Scene:
         port
         for port in scalar_ports(scene).values()
         if port.terminal.friction is not None
-        and not port.terminal.friction.presser  # friction of contacts belongs to stops
+        and not port.terminal.friction.presser  # friction of contacts is treated with the stops
         and "mode" not in port.edge.fields
     ]
     return _with(scene, ports, _friction_modes, _friction_rows, "friction of edge", is_jump=True)
@@ -109,7 +109,7 @@ def _with(
         for _, _, mode, start in modes:
             made.modes[mode] = Mode(mode, parse(start, where), is_jump=is_jump)
         for name, when, way, part, values in rows_of(port):
-            # Modes are chosen together with those of all other edges.
+            # The modes are selected together with those of all other edges.
             new = {target: parse(text, where) for target, text in values.items()}
             made.events[name] = Event(name, parse(when, where), way, new, part=part)
     made.events.update(scene.events)
@@ -119,7 +119,7 @@ def _with(
 def _friction_modes(port: Port) -> list[_ModeRow]:
     friction, edge = port.terminal.friction, port.edge.name
     assert friction is not None
-    # By the speed at the start; the engine chooses the mode at rest.
+    # Determined by the speed at the start; at rest the engine selects the mode.
     start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     if friction.grip is not None:
         start = f"where({port.name}.grip > 0, {start}, 2)"
@@ -135,7 +135,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     row = DOMAINS[port.terminal.domain]
     speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
     mode, side = f"{edge}.mode", f"{edge}.side"
-    # Factors that select the values of a mode, and are zero in all other modes.
+    # Factors that are nonzero in one mode only, and zero in all others.
     direction, stuck = mode, f"(1 - {mode}**2)"
     if friction.grip is not None:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
@@ -151,7 +151,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     if friction.grip is not None:
         rows.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
     if friction.load is not None:
-        # While it sticks, no law of sliding applies.
+        # While it sticks, no sliding law applies.
         text = f"{mode}**2*{side}*{name}.load"
         rows.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
     return rows
@@ -172,8 +172,8 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    # Within an impact, the speed changes by the impulse. Friction without a normal force is
-    # disengaged; its impulse is zero between evaluations.
+    # In an impact, the speed changes by the impulse. Friction without a normal force is disengaged;
+    # its impulse is zero between evaluations.
     is_stop = port.kind is Kind.STOP
     doc = "of the last impact" if is_stop else "asked for in an impact"
     rows = [
@@ -196,7 +196,7 @@ def _stop_modes(port: Port) -> list[_ModeRow]:
             )
         )
         if friction.leader:
-            rows = rows[1:]  # the mode is that of the first direction
+            rows = rows[1:]  # the mode belongs to the first direction
     return rows
 
 
@@ -209,7 +209,7 @@ def _stop_rows(port: Port) -> list[_EventRow]:
     return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
 
 
-#: Name, condition, role, and targets.
+#: Name, condition, role and targets of an event.
 _Row = tuple[str, str, ModePart, "dict[str, str]"]
 
 
@@ -218,7 +218,7 @@ def _limit_rows(port: Port) -> list[_Row]:
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
     mode, force = f"{holder}.mode", f"{name}.{row.through_symbol}"
-    # Factors that select the values of a mode, and are exactly zero in all other modes.
+    # Factors that are one in one mode only, and exactly zero in all others.
     free = f"(1 - {mode}**2)*(4 - {mode}**2)/4"
     struck = f"{mode}**2*({mode}**2 - 1)/12"
     sided = stop.upper_gap is not None and stop.lower_gap is not None
@@ -233,8 +233,8 @@ def _limit_rows(port: Port) -> list[_Row]:
         rows.append((f"hits{' lower' if sided else ''}", text, ModePart.LOWER_GAP, rebound))
     at_rest = own | {f"{holder}.impulse": f"-{name}.{row.across_symbol}"}
     rows.append(("rests", f"{struck}*{name}.excess", ModePart.REBOUND, at_rest))
-    # The mode is one or two times the side of the limit, in contact and in an impact, hence its
-    # sign is the side.
+    # In contact the mode is the side of the limit, in an impact twice the side; its sign is the
+    # side.
     rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.FORCE, own))
     return rows
 
@@ -249,7 +249,7 @@ def _pressed_rows(port: Port) -> list[_Row]:
     direction = f"{mode}*(4 - {mode}**2)*(9 - {mode}**2)/24"
     stuck = f"(1 - {mode}**2)*(2 - {mode})*(3 - {mode})/6"
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
-    # The second target identifies the stop that presses.
+    # The second target identifies the stop that provides the normal force.
     own = {mode: mode, presser: presser}
     sticks = own | {f"{holder}.impulse": f"-{speed}"}
     return [
@@ -272,13 +272,13 @@ def _pressed_rows(port: Port) -> list[_Row]:
 #: The square of the tangent of the largest angle between the slip and the direction of sliding.
 _WIDEST = 3
 
-#: Speed below which the direction of sliding is that in which it began, [m/s].
+#: Speed below which the direction of sliding is the one in which sliding started, [m/s].
 _SLOWEST = "1e-7"
 
-#: Slip at which the direction of sliding is set before it ends, [m/s].
+#: Slip at which the direction of sliding is set for the last time before the slip ends, [m/s].
 _SLOW = "1e-3"
 
-#: Added to squares under a root, whose slope is infinite at zero, [N] and [m/s].
+#: Added to squares under roots, whose slope is infinite at zero, [N] and [m/s].
 _TINY = "1e-30"
 
 _WAY = "component of the direction of the slip"
@@ -288,7 +288,7 @@ _WAY = "component of the direction of the slip"
 class _Disc:
     """Expressions of friction on a plane in space."""
 
-    holders: tuple[str, str]  # the names of both directions of slip, among modes
+    holders: tuple[str, str]  # names of both slip directions in modes
     slip: tuple[str, str]
     force: tuple[str, str]
 
@@ -354,11 +354,11 @@ def _disc_rows(port: Port) -> list[_Row]:
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
     force, speed = (f"sqrt({a}**2 + {b}**2 + {_TINY}**2)" for a, b in (disc.force, disc.slip))
     limit = f"{port.name}.upper"
-    # One in an impact of the stop, which doubles its mode.
+    # One in an impact of the stop, in which its mode is doubled.
     hit = f"{presser}**2*({presser}**2 - 1)/12"
-    # The second target identifies the stop that presses.
+    # The second target identifies the stop that provides the normal force.
     own = {mode: mode, presser: presser}
-    # The direction of the slip; while it sticks it would begin to slide against its force.
+    # Direction of the slip or, while friction sticks, that in which it would start to slide.
     directions = {
         d: f"{is_sliding}*{v}/{speed} + {stuck}*{f}/{force}"
         for d, v, f in zip(disc.directions, disc.slip, disc.force, strict=True)
@@ -381,7 +381,7 @@ def _disc_rows(port: Port) -> list[_Row]:
             ModePart.TURN,
             own | directions,
         ),
-        # Where the slip ends the direction has hardly changed since then.
+        # Sets the direction before the slip ends; it hardly changes afterwards.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
         ("has an impulse along slide1", f"{hit}*{f1}", ModePart.FIRST_IMPULSE, own),
         ("has an impulse along slide2", f"{hit}*{f2}", ModePart.SECOND_IMPULSE, own),

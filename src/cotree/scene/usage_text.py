@@ -12,7 +12,7 @@ from typing import Any
 from cotree.components import OWN
 from cotree.scene.edge import Entry, Usage, examples, usage_of
 
-_WIDEST = 88  # columns
+_WIDEST = 88  # maximum number of columns
 
 
 def edge_call(name: str, statement: Mapping[str, Any]) -> str:
@@ -52,7 +52,7 @@ def _value(value: object) -> str:
     return repr(value)
 
 
-#: Kinds of values in words.
+#: Descriptions of the kinds of values.
 _TAKES = {
     "value": "float, str or table",
     "constant": "float or str",

@@ -69,7 +69,7 @@ def with_inputs(
         changed.parameter(name, number)
     for name, value in found.items():
         if owner_of(changed, name) is not None:
-            # The statement of the part is changed, too, and saved with the scene.
+            # The statement of the part is changed as well, and saved with the scene.
             if isinstance(value, Expression):
                 _check_names(value, changed)
             set_in_part(changed, name, inputs[name])
@@ -128,7 +128,7 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
     while waiting:
         at, path = waiting.pop()
         for other in sorted(scene.outputs[at].names & scene.outputs.keys()):
-            if other in scene.parameters:  # which hide outputs of their name
+            if other in scene.parameters:  # parameters hide outputs of the same name
                 continue
             if other == name:
                 way = " -> ".join(f"'{step}'" for step in (*path, name))
@@ -179,7 +179,7 @@ def scene_at_rest(
     for number, (node, voltage) in enumerate(scene.defaults.held):
         if node not in scene.nodes:
             raise SceneError(f"held of the simulation names the unknown node '{node}'")
-        # The method of a scene checks the statement and makes the edge; its name is changed
+        # The scene's method checks the statement and creates the edge, whose name is changed
         # afterwards.
         source, own = "voltage_source", at_rest.edges
         at_rest.edges = {}
@@ -206,7 +206,7 @@ def _edge_at_rest(edge: Edge) -> Edge:
             "part of an electrical network, or stores a quantity that does not come to rest; "
             "start from initial values instead"
         )
-    # A port with both ends at one node is not determined by any circuit equation; see below.
+    # No circuit equation determines a port with both ends at one node; see below.
     short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
     # Initial values of junctions are guesses, and are kept.
     guesses = {} if any(_is_storage(port) for port in component.ports) else dict(edge.initial)
@@ -219,7 +219,7 @@ def _at_rest(component: Component, short: frozenset[int]) -> Component:
     if not any(_is_storage(port) for port in component.ports):
         return component
     ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
-    # Conditions concern inductances and couplings, which have no effect at rest.
+    # The conditions concern inductances and couplings, which have no effect at rest.
     return replace(component, ports=tuple(ports), demands=())
 
 
@@ -229,23 +229,24 @@ def _is_storage(port: Terminal) -> bool:
 
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
-    # The current is constant, so that no voltage is induced: a source of zero voltage.
+    # At rest the current is constant and no voltage is induced: a source of zero voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
-        if is_short:  # the circulating current is undetermined; any resistance would end it
+        if is_short:  # the circulating current is undetermined: any resistance would end it
             return replace(
                 terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
             )
         return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal
-    # The voltage is constant: the static current remains, with the rates of all voltages zero.
+    # At rest the voltage is constant: only the static current remains, with zero rates of all
+    # voltages.
     static = None if terminal.through is None else terminal.through.expression
     if static is not None:
         rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
         static = static.subs(rates)
-    # A current that does not depend on the port's own voltage is given; otherwise the port is a
-    # dissipator.
+    # If the current does not depend on the voltage of the port, it is given; otherwise the port is
+    # a dissipator.
     if static is None or law_symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)

@@ -44,8 +44,8 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        # Three blocks, on whose order the start relies: conditions on chords, the values of
-        # redundant variables that follow from states, and the given ones.
+        # Three blocks, in an order on which the start relies: conditions on chords, the values of
+        # redundant variables that states determine, and the given values.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -87,13 +87,13 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may use other measured ones: they are substituted into themselves, then into
+    # Measured values may depend on other measured ones: substitute them into themselves, then into
     # the values of the networks.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)
     for row, value in zip(redundant, values, strict=True):
-        # A start knows states and parameters; accelerations follow from it later.
+        # A start depends on states and parameters; accelerations are computed later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
                 f"'{row.name}' follows from accelerations, so that its initial value cannot "

@@ -65,16 +65,16 @@ class Changes(Sums):
     def gather(self, cluster: int, wrench: Wrench) -> None:
         """Add the change of a wrench."""
         if is_varied(wrench.force, wrench.torque):
-            # The value is in the first graph's total already; only the tangent is added.
+            # The first graph's total already contains the value; only the tangent is added.
             super().gather(cluster, Wrench(tangent_of(wrench.force), tangent_of(wrench.torque)))
 
     def at(self, cluster: int) -> Wrench | None:
         """Return the sum on a cluster; None if neither it nor the cluster's motion changes."""
-        # Projection and arms are products, whose tangent needs the value of the sum, too.
+        # Projection and arms are products, whose tangent also requires the value of the sum.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # The sum on the cluster is constant, but its directions change: the total of the first
-            # graph is projected on rotating motion spaces.
+            # The sum on the cluster is constant, but it is resolved along directions that change:
+            # the total of the first graph is projected on rotating motion spaces.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
@@ -92,7 +92,7 @@ def residual_tangents(
     the actual accelerations, ``applied`` the changing through variables along measures.
     """
     motion = view.motion
-    # The traversal of the first graph, over duals: terminal equations (Eq. (4)), then f-cutsets
+    # The traversal of the first graph, with duals: terminal equations (Eq. (4)), then f-cutsets
     # (Eq. (1)), then the projection on the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
@@ -116,7 +116,7 @@ def _is_reached(motion: Motion, action: Action) -> bool:
     """Return whether a node or a field of the element depends on the seed."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
-    # A moved node changes the circuit between the two, even if no field does.
+    # If a node moves, the circuit between the two nodes changes, even if no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -139,13 +139,13 @@ def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
 class Reach:
     """Index of the values that depend on each symbol, so that a direction visits no others."""
 
-    #: Places of outputs and initial values, by symbol.
+    #: Indices of outputs and initial values, by symbol.
     outputs: Mapping[Node, list[int]]
     initial: Mapping[Node, list[int]]
-    #: Places of outputs that depend on unknowns, which every direction may change.
+    #: Indices of outputs that depend on unknowns, which change in every direction.
     moving: tuple[int, ...]
-    starts: tuple[Node, ...]  # the initial values
-    #: Places of constraints, and of through variables along measures, by symbol: each of them
+    starts: tuple[Node, ...]  # initial values
+    #: Indices of constraints, and of through variables along measures, by symbol. Each of them
     #: involves only two of many bodies.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
@@ -153,7 +153,7 @@ class Reach:
     @classmethod
     def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
         """Index all values of the equations by the symbols that may change."""
-        # Only symbols that some direction changes are indexed.
+        # Index only symbols that change in some direction.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
         # Reactions in fields of friction contain accelerations.
@@ -163,7 +163,7 @@ class Reach:
         rows = first.constraints
         held = [
             # All levels of a constraint: any of them may depend on a symbol that the others do not
-            # have.
+            # contain.
             [*gradient, rate, bias, *([] if value is None else [value])]
             for gradient, rate, bias, value in zip(
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
@@ -254,7 +254,7 @@ def differentiate(
 
     ``directions`` has, by name, the tangent of each symbol that changes; all share ``support``.
     """
-    # Sparse: a direction visits only values that depend on its symbols.
+    # Sparse: for each direction, only values that depend on its symbols are visited.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
@@ -301,7 +301,7 @@ def _along(
 ) -> Derivative:
     """Evaluate the multibody formulation over one sensitivity graph, and add the networks'."""
     dag = first.system.dag
-    # Fields use across variables by symbols: these change with the states.
+    # Across variables in fields are represented by symbols, which change with the states.
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
     with derivatives_labelled(dag):
@@ -326,21 +326,21 @@ def _along(
                 sticking[i - n_held] -= share * (value_of(acceleration) + row.multiplier)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
-        # Reactions in the friction of joints change with accelerations.
+        # Reactions in friction laws of joints change with the accelerations.
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
         # Forces of friction change with their multipliers.
         of_reactions |= {row.multiplier: of_unknowns[row.multiplier] for row in first.holdings}
-        # Rates of the networks come last, and from their own graphs.
+        # Rates of the networks are last; their own graphs determine them.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
-        # Friction that sticks on a joint depends on accelerations, which every direction changes.
+        # Friction that sticks on a joint depends on accelerations, which change in every direction.
         for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
             rates[i] = rates[i] + d if i in rates else d
-        # Positions and velocities in outputs are not differentiated again: the graph has their
-        # tangents.
+        # Positions and velocities in outputs are not differentiated again: their tangents are in
+        # the graph.
         of_networks = _with_reactions(first, of_networks, of_reactions)
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
@@ -355,8 +355,8 @@ def _along(
     return Derivative(
         name,
         dict(symbols),
-        # A w_p = b_p - A_p w: the residual of the balances is A w - b, and the rows below contain
-        # -G, so that the two parts have opposite signs.
+        # A w_p = b_p - A_p w. The residual of the balances is A w - b, and the rows below contain
+        # -G, so the two parts have opposite signs.
         (
             *(-row for row in residual),
             *(acceleration for _, _, acceleration in held),
@@ -447,7 +447,7 @@ def form_derivatives(
     support = support or Support()
     directions = {}
     for j, name in enumerate(wanted):
-        # States change too, each by its own sensitivity: a state of the extended system.
+        # States change as well, each by its sensitivity, which is a state of the extended system.
         directions[name] = {
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
@@ -471,7 +471,7 @@ def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
     """Return a direction that starts with one in its own state and zero elsewhere."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value only affects the start, at which its own state has the derivative one.
+    # An initial value affects only the start, at which the derivative of its state is one.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -519,7 +519,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
-        # Modes come between the speeds and the states of the networks.
+        # Modes are between the speeds and the states of the networks.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -574,12 +574,11 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(substitute(nodes, known))
 
-    # Loads of inertia that is coupled to joints are part of the matrix.
+    # The matrix contains the inertia of storages that are coupled to joints.
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations.with_derivatives(known),
-        # Terms of fields in the right-hand side may contain accelerations, which the matrix
-        # includes.
+        # Fields in the right-hand side may contain accelerations, whose terms are in the matrix.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),

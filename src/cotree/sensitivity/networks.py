@@ -28,8 +28,8 @@ _Key = TypeVar("_Key")
 class NetworkTangents:
     """Derivatives of the networks along several directions, numbered."""
 
-    rates: tuple[Tangent, ...]  # of the states' rates, and of the residuals of algebraic unknowns
-    #: Derivatives of the values that outputs, fields and initial values name.
+    rates: tuple[Tangent, ...]  # of the states' rates, and of residuals
+    #: Derivatives of the values that outputs, fields and initial values use.
     observed: Mapping[Node, Tangent]
 
     @cached_property
@@ -65,21 +65,22 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
-                    # Sorted by symbol, so that a field visits only directions that change it.
+                    # Sorted by symbol, so that for each field only directions that change it are
+                    # visited.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
         """Differentiate a node along all directions on which it depends."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
-        # Across variables of the mechanism come from its own sensitivity graphs.
+        # Across variables of the mechanism have tangents in its sensitivity graphs.
         if node in self.couplings:
             return self.couplings[node]
         if node.value is not None:
             return {}
-        # Directions in which some symbol of the field changes, with the tangents of these symbols.
+        # Directions in which a symbol of the field changes, with the tangents of its symbols.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        # The order of a set varies between runs, and the order of directions affects the text.
+        # The order of a set varies between runs, but the order of directions affects the text.
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
@@ -104,7 +105,7 @@ def network_tangents(
         {
             network.solved.values[variable]: d[variable]
             for variable in network.watched
-            # Constants have no derivative, and could represent several variables.
+            # Constants have no derivative, and one node could represent several variables.
             if network.solved.values[variable].value is None
         },
     )
@@ -122,10 +123,10 @@ def coupling_tangents(
         for coupling in first.couplings
         for form in ("value", "rate", "acceleration")
     }
-    # The seed itself differentiates values that are symbols or constants.
+    # The seed itself gives the tangents of values that are symbols or constants.
     found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
     for i, symbols in enumerate(directions):
-        # A graph for a direction is formed only if a measure of a port depends on it.
+        # A graph for a direction is formed only if a measure of a port depends on the direction.
         touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
         if touched:
             with derivatives_labelled(first.system.dag):

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 class Turning(Frames):
     """Axes of the clusters that rotate along a seed, with duals as values."""
 
-    seed: Seed  # the variable of differentiation
-    #: The clusters that the seed moves; the others move as in the first graph.
+    seed: Seed  # seed of the differentiation
+    #: Clusters whose motion depends on the seed; the others move as in the first graph.
     reached: frozenset[int]
     phi: tuple[Vector, ...]  # parametric rotation vector of each cluster, in its basis
-    phi_inwards: tuple[Vector, ...]  # the same, in the basis of the parent
-    #: Parametric rotation vector of each cluster's basis, which may be that of a parent.
+    phi_inwards: tuple[Vector, ...]  # the same vectors in the basis of the parent
+    #: Parametric rotation vector of each cluster's basis, which may be the basis of a parent.
     phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
@@ -79,7 +79,7 @@ class Turning(Frames):
         """Resolve a tensor field relative to the rotating cluster; see :meth:`within`."""
         axes = self.rotations[cluster].matrix
         value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
-        # A tensor that is constant in the cluster is not a dual: `within` adds its rotation.
+        # A tensor that is constant in the cluster is not a dual; `within` adds its rotation.
         if all(vector.is_zero(row) for row in d_local):
             return value
         return varied(value, vector.congruence(axes, d_local))
@@ -126,8 +126,8 @@ def derivatives_labelled(dag: Dag) -> Iterator[None]:
 def view_along(first: FirstGraph, seed: Seed) -> View:
     """Form the across variables of a sensitivity graph at constant accelerations of coordinates."""
     motion, across = first.motion, first.view.across
-    # The traversals of the first graph, over duals. Tangents of accelerations are unknowns on the
-    # left-hand side, so that the accelerations themselves are constant.
+    # The traversals of the first graph, with duals. Tangents of accelerations are unknowns on the
+    # left-hand side, so the accelerations themselves are constant here.
     moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
 
@@ -136,8 +136,8 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
     """Find the clusters that depend on a seed, and their rotation along it."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
-    # Parents come first, so that dependence spreads outwards: all clusters that a dependent one
-    # carries or rotates depend on the seed, too.
+    # Parents are first, so that dependence propagates outwards: all clusters that a dependent
+    # cluster carries or rotates also depend on the seed.
     reached: set[int] = set()
     phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
     for geometry in first.geometry:
@@ -146,7 +146,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
             continue
         reached.add(branch.child)
         with first.system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
-            # Prefix sums along the rotation tree, as those of angular velocities (Eq. (2)).
+            # Prefix sums along the rotation tree, as for angular velocities (Eq. (2)).
             turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
             inwards[branch.child] = turn
             phi[branch.child] = frames.down(branch.child, turn)
@@ -161,7 +161,7 @@ def _is_seeded(branch: Branch, seed: Seed) -> bool:
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
-    # Arms and axes may depend on parameters even if the coordinates do not.
+    # Arms and axes may depend on parameters even if coordinates do not.
     fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
     return not all(vector.is_zero(seed.vector(local)) for local in fields)
 
@@ -173,8 +173,8 @@ def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
         return vector.zeros(seed.dag)
     if branch.quaternion is None:
         d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
-        # A rotation about the axis by the tangent of the angle, as a speed rotates the child by
-        # omega.
+        # A rotation about the axis by the tangent of the angle, just as a speed rotates the child
+        # by omega.
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
@@ -207,7 +207,7 @@ def _tilt(first: Geometry, d_axis: Vector) -> Vector:
     angle = position if first.branch.sign > 0 else -position
     # The angle is positive from the parent outwards, hence the sign of the edge.
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
-    # The axis keeps its length one, so that its change is perpendicular to it.
+    # The axis remains a unit vector, so its change is perpendicular to it.
     across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
 
@@ -230,7 +230,7 @@ class Seed:
     """Tangents of symbols, and of the fields that depend on them."""
 
     dag: Dag  # the arena
-    symbols: Mapping[Node, Node]  # tangent of each symbol that changes; none of them zero
+    symbols: Mapping[Node, Node]  # tangent of each symbol that changes, all nonzero
     support: Support  # shared by all seeds of one system
 
     def of(self, node: Node) -> Node:

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
 
-#: Memory for the stored steps of a run with the values evaluated at them, and for its events,
-#: [byte]. A result of this size needs up to four times as much while it is created.
+#: Maximum memory for the stored steps of a run with the values evaluated at them, and for its
+#: events, [byte]. While a result of this size is created, up to four times as much is needed.
 MOST_STORED = 256 * 2**20
 
-# The least number of points of a curve, for rows of any width.
+# Minimum number of points of a curve, independently of the size of a row.
 _LEAST_ROWS = 64
 
 
@@ -65,7 +65,7 @@ class Thinning:
     def thin(self) -> slice:
         """Double the stride, and return the places of the stored steps that stay."""
         self.stride *= 2
-        # Stored steps are the first one and multiples of the stride after it.
+        # The stored steps are the first one and multiples of the stride after it.
         return slice(None, None, 2)
 
     @property

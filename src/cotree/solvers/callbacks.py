@@ -42,7 +42,7 @@ class Callbacks(CObjects):
         errors = self.errors
 
         def evaluate(t: float, u: Any, context: Any) -> int:
-            if errors:  # C may try a shorter step first
+            if errors:  # C may first try a shorter step
                 return -1
             for place, function in functions.items():
                 u[place] = function(t)
@@ -88,7 +88,7 @@ class Rescue:
         from cotree.model.algebraic import Algebraic
 
         problem = self.problem
-        assert problem.state_rhs is not None  # of a compiled model
+        assert problem.state_rhs is not None  # a compiled model has both
         assert problem.jacobian is not None
         unknowns = Algebraic(
             problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
@@ -105,7 +105,7 @@ class Rescue:
         return True
 
 
-# Multiplications of a banded factorisation beyond which a sparse one is better.
+# Number of multiplications of a banded factorisation above which a sparse one is better.
 _MOST_MULTIPLICATIONS = 3e7
 
 
@@ -128,7 +128,7 @@ class SundialsAid:
             # The reduced Jacobian is dense.
             c.lower = c.upper = n - problem.n_algebraic - 1
         else:
-            # There are no arrays if no rate depends on a state.
+            # If no rate depends on a state, there are no arrays.
             n_nonzeros = model.n_nonzeros
             starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
             rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
@@ -137,5 +137,5 @@ class SundialsAid:
             c.lower, c.upper, order = narrow_band(n, starts, rows)
             if order is not None:
                 self._order = c.places = ffi.new("int[]", order.tolist())
-        # A banded factorisation multiplies about n l (l + u) times.
+        # A banded factorisation takes about n l (l + u) multiplications.
         self.is_wide = bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)

@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Environment variable with the file of a library of SUNDIALS.
+#: Environment variable that contains the path of a SUNDIALS library.
 VARIABLE = "COTREE_SUNDIALS"
 
-# The least version of Python that sundials4py supports.
+# Oldest version of Python that sundials4py supports.
 _LEAST_PYTHON = (3, 12)
 
 
 def check_installed(method: str) -> None:
     """Raise SolveError if the package with "cvode" or "ida" is not installed."""
     try:
-        # Imported, since a part of the package may be missing.
+        # Imported, not only searched for, since a part of the package may be missing.
         importlib.import_module(f"sksundae.{method}")
     except ImportError as error:
         raise SolveError(
@@ -71,7 +71,7 @@ class LibraryPath(NamedTuple):
 def library_path(library: str) -> LibraryPath:
     """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
     named = os.environ.get(VARIABLE, "")
-    # A library that the user names is never replaced by another one.
+    # A library named by the user is never replaced by another one.
     if named:
         if os.path.isfile(named):
             return LibraryPath(os.path.abspath(named))
@@ -96,7 +96,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     from cotree.codegen.c_files import sundials_functions
 
     try:
-        # Lazily, since functions of Python in the module are not needed.
+        # Lazy binding, since the module's Python functions are not needed.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
         # Functions of another version may have other arguments.
         version = version_of(ffi, opened, path)
@@ -158,10 +158,10 @@ _ahead: list[threading.Thread] = []
 class Engine:
     """The engine of a stepper."""
 
-    stepper: str  # a name in ``STEPPERS``
+    stepper: str  # name of the stepper in ``STEPPERS``
     has_events: bool  # whether its jobs may have events
-    library: LoadedLibrary  # runs jobs
-    #: A ``cotree_sundials`` with the functions that the stepper calls.
+    library: LoadedLibrary  # library that runs jobs
+    #: A ``cotree_sundials`` structure with the functions that the stepper calls.
     functions: Any = None
     sundials: Any = None  # keeps SUNDIALS loaded
 
@@ -173,7 +173,7 @@ def build_ahead(
 
     Methods without an engine and unknown ones are ignored; ``then`` is called afterwards.
     """
-    # The choice of a method begins with steps of dop853.
+    # The choice of a method starts with steps of dop853.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
@@ -198,7 +198,7 @@ def _prepare(
     # A run that needs the engine raises the same error. RuntimeError: the program has ended, and
     # pools of threads accept no more work.
     with contextlib.suppress(Error, RuntimeError):
-        # In sequence, since later engines take shared object files from the cache.
+        # One after the other, since later engines use shared object files from the cache.
         for stepper in steppers:
             load_engine(stepper, has_events=has_events)
         for load in then or (load_sweep,):
@@ -294,7 +294,7 @@ def _in_c(
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Evaluate all points at once; None if a kernel fails somewhere."""
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
-    # C evaluates inputs of the scene; those of the run are passed.
+    # C evaluates inputs of the scene; inputs of the run are passed.
     inputs = np.zeros((n_t, len(model.inputs)))
     has_inputs = False
     if model.inputs and u(float(t[0])) is not None:

@@ -37,7 +37,7 @@ _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
     """Return a writeable view, (m, n_states, n_states), of a matrix's diagonal blocks."""
     m = matrix.shape[0] // n_states
-    # The repeated index selects equal rows and columns of blocks.
+    # The repeated index selects the blocks on the diagonal.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
     return blocks
 
@@ -62,7 +62,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
     size = first.shape[0]
     jacobian = first[:n_states]
     n_blocks = size // n_states - 1
-    # CSC form: n_states full columns, then columns that contain a column of J in their own block.
+    # CSC form: n_states full columns, then columns that each contain a column of J in their block.
     block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
     rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
     data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
@@ -85,12 +85,12 @@ def difference_columns(
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
     for j in range(problem.n_states):
-        # As in SUNDIALS: with an increment of the size of the corrections, the rounding error of
-        # the Jacobian is smaller than theirs.
+        # As in SUNDIALS: if the increment is as large as the corrections, the rounding error of the
+        # Jacobian is smaller than that of the corrections.
         y = abs(z[j])
         shifted = z.copy()
         shifted[j] += max(_ROOT_EPS * y, rtol * y + atol[j])
-        # The rounded increment.
+        # Divide by the rounded increment.
         columns[:, j] = (rhs(shifted) - middle) / (shifted[j] - z[j])
     return columns
 
@@ -127,7 +127,7 @@ class Evaluator:
         self.njev = 0
         self.not_finite = ""
         self._last_jacobian: Any = None
-        # The whole span, until the first segment begins.
+        # The whole span, until the first segment starts.
         self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
         if problem.settings.time_limit is not None:
@@ -139,8 +139,8 @@ class Evaluator:
 
     def open_segment(self, start: float, end: float) -> None:
         """Restrict evaluations to times within one segment between breakpoints."""
-        # Stages at the ends of a segment must not read the other side of a jump there: the error
-        # test would reject the step at any length. The times of jumps are rounded, hence the
+        # Stages at the ends of a segment must not evaluate the other side of a jump there: the
+        # error test would reject steps of any length. The times of jumps are rounded, hence the
         # margin.
         low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
@@ -205,8 +205,8 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
-        # The other rows are derivatives of J s_p + f_p by the states, from differences. They only
-        # speed up the iteration, so that those that are not finite may be zero.
+        # The other rows are derivatives of J s_p + f_p by the states, computed by differences. They
+        # only accelerate the iteration, so entries that are not finite may be zero.
         columns[~np.isfinite(columns)] = 0.0
         return columns
 
@@ -236,7 +236,7 @@ class Evaluator:
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
-        except SingularSystemError as error:  # only this configuration is singular
+        except SingularSystemError as error:  # the system is singular only at this configuration
             raise IntegrationStopError(FAILED, str(error)) from None
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
@@ -292,6 +292,6 @@ def _first_not_finite(matrix: Any) -> tuple[int, int]:
         row, column = np.argwhere(~np.isfinite(matrix))[0]
     else:
         place = np.flatnonzero(~np.isfinite(matrix.data))[0]
-        # In CSC form the column of an entry is the last one that does not start beyond it.
+        # In CSC form the column of an entry is the last one whose start is not after it.
         row, column = matrix.indices[place], np.searchsorted(matrix.indptr, place, "right") - 1
     return int(row), int(column)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Initial number of rows, and number of rows that are copied at a time when others are dropped.
+# Initial number of rows, and number of rows copied at a time when stored steps are thinned out.
 _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
@@ -62,7 +62,7 @@ class Rows:
         ``is_cut``: the job stopped early, and its last point is stored in any case.
         """
         kept = int(self._job.n_kept)
-        # A step that was dropped may be the last one.
+        # A step that was not stored may be the last one.
         if is_cut or self.thinning.stride > 1:
             if kept == self._room:
                 self._make_room(kept + 1)
@@ -77,7 +77,7 @@ class Rows:
             return most_steps
         while True:
             kept = int(self._job.n_kept)
-            # A row for each step, the start and the end, and for events if steps were dropped.
+            # Rows for each step, the start and the end; and for events if steps were thinned out.
             each = 1 if self.thinning.stride == 1 else 2
             needed = kept + each * most_steps + 2
             if needed <= self._room:
@@ -125,11 +125,11 @@ class Rows:
 
 T = TypeVar("T")
 
-# Most idle jobs of one kind, as many as threads of a small machine, and most bytes of one: larger
-# jobs take longer to run than to build.
+# Maximum number of idle jobs of one kind, as many as threads of a small machine, and maximum size
+# of a job in bytes: larger jobs take longer to run than to create.
 _MOST_JOBS, _MOST_BYTES = 8, 2**18
 
-# Most stored results for sets of values.
+# Maximum number of cached results by sets of values.
 _MOST_FINDINGS = 64
 
 
@@ -161,7 +161,7 @@ class Shared:
         """Return the result of ``make`` for some numbers, cached."""
         if not self._is_repeatable:
             return make()
-        # Bits and lengths are different for different sets of numbers.
+        # The key contains bits and lengths, so different sets of numbers have different keys.
         key = blake2b(b"".join(array.tobytes() for array in of), digest_size=16).digest()
         found: T = self._findings.of((key, *map(len, of)), make)  # type: ignore[assignment]
         return found
@@ -172,10 +172,10 @@ def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
     return row.name, is_extended, problem.settings.t_eval is None
 
 
-# Most singular positions of a run whose edges are named.
+# Maximum number of singular positions of a run for which edges are named.
 _MOST_CROSSINGS = 5
 
-# Members of the structure that depend on times and the longest step only.
+# Fields of the structure that depend only on times and the maximum step size.
 _OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
 
 
@@ -218,18 +218,18 @@ class Job:
         *,
         is_extended: bool = False,
     ) -> None:
-        assert problem.native is not None  # else the method refuses it
+        assert problem.native is not None  # otherwise the method has been rejected
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
         self.engine = engine
         self._arrays: dict[str, FloatArray] = {}
-        self._pointers: dict[str, Any] = {}  # each keeps its array alive
-        self._n_bytes = 0  # of all arrays
+        self._pointers: dict[str, Any] = {}  # arrays by name; keeps them alive
+        self._n_bytes = 0  # total size of the arrays
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue, newton, problem.native.library)
         self.kind = job_kind(row, problem, is_extended=is_extended)
         self.has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
-        # Zero would name the first entry.
+        # Zero would denote the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.held is not None)
@@ -250,7 +250,7 @@ class Job:
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self.places), problem.settings.atol
         if engine.has_events:
-            # Correctors do not return to a point within a step.
+            # Correctors cannot return to a point within a step.
             c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
@@ -259,20 +259,21 @@ class Job:
         elif engine.functions is not None:
             self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
-        # SUNDIALS' memory and functions of Python belong to one run.
+        # Memory of SUNDIALS and Python functions belong to one run.
         asks_python = bool(problem.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
-        # A record holds time, event, sensitivities of the time, and states before and after.
+        # A record consists of the time, the event, the sensitivities of the time, and the states
+        # before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
-        # The most records of one step, for which C needs memory before each step.
+        # Maximum number of records in one step, for which C needs space before each step.
         self._at_once = 0
         if problem.events is not None:
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
-        # The structure at the beginning of each run, with pointers only.
+        # The structure at the start of each run, which contains only pointers.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)
-        # The values of the last run, from which tolerances and times were computed.
+        # Values of the last run, from which tolerances and times were computed.
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
@@ -283,13 +284,13 @@ class Job:
 
     def begin(self, problem: Problem) -> None:
         """Begin a run of the problem, or of one with other values, times and functions."""
-        assert problem.native is not None  # of the same kind
+        assert problem.native is not None  # the problem is of the same kind
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
         self.rescue.problem, self.rescue.reason = problem, ""
         if not self.has_newton and problem.singular is not None:
-            # Rates exist only on dependent constraints: C projects points first.
+            # Rates are unique only on dependent constraints, so C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._set_array("p", native.p)
         self._set_array("k", native.k)
@@ -310,7 +311,7 @@ class Job:
         if self._at_once:
             bound = most_rows(self._width)
             c.most_events = min(problem.settings.max_events or bound, bound)
-        # Last, since the size depends on the other members.
+        # Last, since the size depends on the other fields.
         if is_timed:
             self._arrays["memory"].fill(0.0)
         else:
@@ -376,11 +377,11 @@ class Job:
         most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
-        # Steps before `_tested_from` are not tested for stiffness.
+        # Steps before `_tested_from` are exempt from the stiffness test.
         if self._tested_from is not None:
             unwatched = self._tested_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
-            # Otherwise C would pass the first step that is tested.
+            # Otherwise C would miss the first step that is tested.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._callbacks.errors:
@@ -415,11 +416,11 @@ class Job:
         """Set the derivatives of the times of corners by parameters, if any is not zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
-        # Corners that no parameter moves have slopes of zero.
+        # Breakpoints that do not depend on parameters have zero slopes.
         are_moved, slopes, spreads = problem.shifts.rows_at(corners)
         if not are_moved[:-1].any():
             return
-        # These pointers belong to this run only.
+        # These pointers are valid for this run only.
         self.job.slopes = self._placed("slopes", slopes)
         self.job.spreads = self._placed("spreads", spreads)
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 # Sentences by status.
 _SENTENCES = dict(enumerate(SENTENCES.values()))
 
-# Undefined rates explain short steps if they are ahead within this share of the elapsed time, or at
-# the start within the square of this share of the span.
+# Undefined rates explain short steps if they are ahead within this fraction of the elapsed time or,
+# at the start, within the square of this fraction of the span.
 _SOON = 1e-3
 
 
@@ -117,11 +117,11 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
-    # Entries of algebraic unknowns are residuals, not rates; the unknowns are not changed.
+    # Entries of algebraic unknowns are residuals, not rates: the unknowns are held constant.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
-    # Distances grow fourfold from a few units in the last place, so that the nearest fault is
-    # found.
+    # Distances increase by a factor of four from a few units in the last place, so that the nearest
+    # cause is found.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)
@@ -142,7 +142,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
     """Return sentences on the singular positions that a job crossed, or at which it failed."""
-    assert problem.singular is not None  # or there are none
+    assert problem.singular is not None  # or there are no constraints
     sentences = []
     lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
     if lost:
@@ -262,16 +262,16 @@ EVENT_MESSAGES = {
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
 
-#: Impacts that a message lists.
+#: Maximum number of impacts that a message lists.
 _MOST_RESTS = 3
 
-#: Statuses whose sentences name edges.
+#: Statuses whose descriptions name edges.
 _OF_EDGES = (
     *("EVENTS_NO_MODES", "EVENTS_LOCKED_DIRECTION", "EVENTS_NO_IMPULSES", "EVENTS_NEGATIVE_GAP"),
     *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
 )
 
-#: Endings of the names of events of friction and stops, after those of their edges.
+#: Suffixes of the names of events of friction and stops, after the names of their edges.
 _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
@@ -313,15 +313,15 @@ def event_message(name: str, events: Sequence[str], t: float = 0.0, detail: floa
     return EVENT_MESSAGES[name].format(event=listed, t=t, detail=detail)
 
 
-# Shares of the elapsed time up to the end of its beginning, and from the start of its end.
+# Fractions of the elapsed time: end of the early part, start of the late part.
 _EARLY, _LATE = 0.1, 0.9
 
-# The least factor of growth: within ten times the time a steady motion covers ten times the
-# distance, and an accelerated one a hundred times.
+# Minimum growth factor: in ten times the time a uniform motion covers ten times the distance, and
+# an accelerated motion a hundred times.
 _LEAST = 1e3
 
-# Smallest power of time that counts as unbounded growth; counts and angles grow more slowly. An
-# exponential that has grown a thousandfold grows as the power of 7.7 at its end.
+# Minimum power of time that indicates unbounded growth; counts and angles grow more slowly. An
+# exponential that has grown a thousandfold grows like the power 7.7 at its end.
 _LEAST_POWER = 7.0
 
 # Statuses of failures that rounding errors of forces may also cause.
@@ -336,16 +336,17 @@ _OF_ROUNDING = tuple(
     )
 )
 
-# The least factor by which a slope that becomes infinite exceeds its size shortly before.
+# Minimum factor by which a slope that becomes infinite exceeds its value shortly before.
 _STEEPER = 100.0
 
-# A slope by an unknown below this share of the largest one in its equation hardly determines it.
+# If the slope by an unknown is below this fraction of the largest one in its equation, the equation
+# hardly determines the unknown.
 _HARDLY = 1e-8
 
-# Most unknowns whose determinant is computed, and that a message names.
+# Maximum number of unknowns whose determinant is computed, and of unknowns that a message names.
 _MOST_UNKNOWNS, _MOST_NAMED = 50, 4
 
-# Distances of points beside a fold as shares of an unknown: folds of large gains are narrow.
+# Distances of points next to a fold, relative to an unknown: folds of large gains are narrow.
 _BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
@@ -381,7 +382,7 @@ def fold_at(problem: Problem, t: float, z: FloatArray) -> str:
         return ""
     y = z[:n].copy()
     signs = set()
-    # A kink may be near the last point.
+    # The last point may be near a kink.
     for i in range(n - m, n):
         for aside in _BESIDE_FOLD:
             there = y.copy()
@@ -442,7 +443,7 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
     with np.errstate(all="ignore"):
         here = np.abs(np.array(problem.jacobian(t, z[:n])))
         before = np.abs(np.array(problem.jacobian(t - back, z[:n] - back * rates)))
-        # A value that is not finite is at the point itself.
+        # If a value is not finite, the point itself is the cause.
         is_steep = ~(here <= _STEEPER * (before + 1.0 / max(abs(back), 1e-300) * _SOON))
     if not is_steep.any():
         return ""
@@ -471,12 +472,12 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
     with np.errstate(all="ignore"):
         floor = problem.state_atol / problem.settings.rtol
-        # Initial algebraic unknowns may have been guesses.
+        # Initial algebraic unknowns may be guesses.
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        # The power of time by which each grows at the end, or has grown in the last tenth: a
-        # swinging state may be at rest at the end.
+        # Power of time at which each quantity grows at the end, or has grown in the last tenth: an
+        # oscillating state may be momentarily constant at the end.
         rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
         power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
         before = np.flatnonzero(~late)

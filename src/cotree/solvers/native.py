@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cotree.solvers.select import MethodSwitch
 
 
-# Failures that are caused by the equations, and not by an event or the tolerances.
+# Statuses of failures due to the equations, not to events or tolerances.
 _UNSOLVED = {
     NUMBERS[name] for name in ("STEP_TOO_SMALL", "RATE_FAILED", "RATE_NOT_FINITE", "NOT_SOLVED")
 }
@@ -107,7 +107,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
         point = np.ascontiguousarray(z[:, j])
         left = [] if problem.held is None else [problem.held.residual(at, point)]
         if cut < n:
-            assert problem.state_rhs is not None  # a native problem is a model's
+            assert problem.state_rhs is not None  # a native problem is that of a model
             left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))
         columns.append(np.concatenate(left))
     names = (*problem.constraints, *problem.names[cut:])
@@ -115,11 +115,11 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     return Drift(names, residual, float(job.job.correction))
 
 
-# Results of cotree_job_run.
+# Return values of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Time that C runs before it returns to Python, [s], and the first number of steps: small, since
-# steps of a large model may take milliseconds each.
+# Maximum time of one call of C, [s], and number of steps in the first call: small, since steps of a
+# large model may take milliseconds.
 _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
@@ -152,7 +152,7 @@ def can_extend(row: Method, problem: Problem) -> bool:
     return (
         problem.native is not None
         and problem.native.can_extend
-        and not (problem.replaced or problem.functions)  # whose rates are not known
+        and not (problem.replaced or problem.functions)  # whose rates are unknown
         # Explicit methods would solve for the unknowns in each stage.
         and not row.implicit
         and problem.held is None
@@ -167,8 +167,8 @@ class Attempt:
     problem: Problem
     row: Method  # the method
     job: Job  # the job, which may have taken some steps
-    is_extended: bool  # whether it integrates algebraic unknowns, too
-    compiling: float  # seconds that the C of the method took
+    is_extended: bool  # whether the job integrates algebraic unknowns
+    compiling: float  # time to compile the method's C, [s]
     status: int = 0  # as of a trajectory
     reason: str = ""  # why it failed
     seconds: float = 0.0  # time in C, [s]
@@ -188,15 +188,15 @@ class Attempt:
         """Integrate to the end; ``successor`` may take over if the problem is stiff."""
         other = self._run(successor)
         if self.status == FAILED and self.is_extended and not self._is_at_fold():
-            # Solving for the unknowns at each evaluation may succeed if their integration fails.
-            # At a fold it would continue with another solution.
+            # If the integration of algebraic unknowns fails, solving for them at each evaluation
+            # may succeed. At a fold it would continue with another solution.
             taken = self.problem.steps_taken + int(self.job.job.n_steps)
             self.problem = problem = changed(self.problem, steps_taken=taken)
             idle = _idle(self.row, problem, is_extended=False)
             self.job = idle or Job(self.job.engine, self.row, problem)
             self.status, self.reason, self.is_waiting = 0, "", True
             other = self._run(successor)
-        # The trajectory of the successor is complete, including its message.
+        # The successor's trajectory is complete, including its message.
         if other is not None:
             return with_compile_time(other, other.statistics.compile_seconds + self.compiling)
         note = successor.note if successor is not None else stiffness_note(self.job.job)
@@ -216,7 +216,8 @@ class Attempt:
                 trajectory = successor.take_over(self.problem, self._trajectory(), job)
                 if trajectory is not None:
                     return trajectory
-                # The next test, which computes eigenvalues, follows after as many steps as so far.
+                # The next stiffness test, which computes eigenvalues, follows when the number of
+                # steps has doubled.
                 job.pause_if_stiff(2 * int(job.job.n_steps))
                 self._advance()
             return None
@@ -283,7 +284,7 @@ class Attempt:
         job, problem = self.job, self.problem
         settings, others = problem.settings, problem.steps_taken
         limit, time_limit = settings.max_steps, settings.time_limit
-        steps = 1 if problem.functions else _FIRST_STEPS  # Python's functions may take long
+        steps = 1 if problem.functions else _FIRST_STEPS  # Python functions may be slow
         while True:
             before, taken = time.perf_counter(), job.job.n_steps
             allowed = steps if limit is None else min(steps, limit - others - taken)
@@ -300,7 +301,7 @@ class Attempt:
             if result == _STIFF:
                 return 0, "", True
             if result == _STOPPED:
-                assert problem.events is not None  # one of which it was
+                assert problem.events is not None  # the status is that of an event
                 return 0, f"event '{problem.events.rows[job.job.event].name}' ends the run", False
             if result != _MORE:
                 return 0, "", False
@@ -313,8 +314,8 @@ class Attempt:
                 return BUDGET_SPENT, steps_spent(limit), False
             if time_limit is not None and now - begin > time_limit:
                 return BUDGET_SPENT, time_spent(time_limit), False
-            # Steps for a tenth of a second: Ctrl-C and the time limit then take effect soon, and
-            # calls of C cost little.
+            # Enough steps for a tenth of a second, so that Ctrl-C and the time limit take effect
+            # quickly, and the overhead of calls is small.
             rest = _GLANCE if time_limit is None else time_limit - (now - begin)
             rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
             steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
@@ -359,7 +360,7 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
     """
     if row.family != "cotree" or not row.implicit:
         return None
-    assert problem.native is not None  # it was not refused
+    assert problem.native is not None  # the method was not rejected
     return problem.native.newton() or "no compiler can build what it needs of the model"
 
 

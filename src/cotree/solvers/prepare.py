@@ -157,7 +157,7 @@ def reaching(
     return reach
 
 
-# Share of nonzero entries beyond which sparse matrices cost more than dense ones.
+# Maximum fraction of nonzero entries for which sparse matrices cost less than dense ones.
 _LARGEST_SHARE = 0.1
 
 
@@ -177,10 +177,10 @@ def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[
     return make() if key is None else kept.of(key, make)
 
 
-# Settings of more numbers are not cached: preparing takes little of the time of such runs.
+# Settings with more numbers are not cached: preparation then takes a small part of the run time.
 _MOST_NUMBERS = 10_000
 
-# Arrays of up to so many numbers are compared by value.
+# Arrays up to this size are compared by value.
 _FEW_NUMBERS = 4
 
 # Types of immutable values.
@@ -210,7 +210,7 @@ def _tokens(values: Collection[Any]) -> Hashable:
     """Return a key that is equal for equal values of the same types."""
     if len(values) > _MOST_NUMBERS:
         raise _IncomparableError
-    # 0.0 and -0.0 are equal but not the same.
+    # 0.0 and -0.0 are equal but must be distinguished.
     own = [(x or str(x)) if type(x) in _PLAIN else _token(x) for x in values]
     return tuple(map(type, own)), tuple(own)
 
@@ -232,7 +232,7 @@ def _token(value: Any) -> Hashable:
     if callable(value):
         return value if isinstance(value, _FUNCTIONS) else _Same(value)
     plain = in_python(value)
-    if isinstance(plain, Number):  # also fractions and decimals
+    if isinstance(plain, Number):  # includes fractions and decimals
         return plain or str(plain)
     if plain is value:
         raise _IncomparableError
@@ -269,13 +269,13 @@ class Preparation:
         self.model, self.settings, self.units = model, settings, layout.units
         self._signals = read_signals(settings.inputs, model.inputs)
         _check_replaced(model, settings.inputs)
-        # Constraints include norms of quaternions.
+        # Constraints include quaternion norms.
         self._is_held = settings.project and bool(layout.constraints)
         sizes = parameter_sizes(model, settings.scales)
         self._size_of = sizes if any(isinstance(of, int) for of in sizes) else []
         self._has_time_events = model.traits.has_time_events or bool(settings.inputs)
         self._is_step_free = settings.max_step is None and model.traits.has_longest_step
-        # Functions of Python among the inputs may have a state.
+        # Python functions among the inputs may have an internal state.
         self.asks_python = bool(self._signals.sampled) or any(
             place not in self._signals.tables for place in self._signals.by_position
         )
@@ -301,7 +301,7 @@ class Preparation:
             **_replaced_inputs(self._signals),
         )
         self._has_sparse = _has_sparse_jacobian(model)
-        # The start of runs without initial values, if no parameter changes it.
+        # Start of runs without given initial values, if it does not depend on parameters.
         self._start: Start | None = None
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
@@ -321,8 +321,8 @@ class Preparation:
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
-            # The first samples read a start with the scene's inputs, and determine the actual
-            # start.
+            # The first samples are taken at a start with the scene's inputs, and determine the
+            # actual start.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
@@ -381,7 +381,7 @@ class Preparation:
         return {
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
-            # Sensitivities are continuous at time events that depend on no parameter.
+            # At time events that depend on no parameter, sensitivities are continuous.
             "shifts": corners.moved,
         }
 
@@ -389,7 +389,7 @@ class Preparation:
         """Return the functions of a problem."""
         model, of = self.model, Functions(self.model, p, u)
         return {
-            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, together.
+            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
             "rhs": of.augmented_rates if model.sensitivities else of.rates,
             "jacobian": of.jacobian,
             "held": held,
@@ -471,7 +471,7 @@ def _with_samples(
             )
         samples[place] = Samples(row, name, span, float(before[place]))
     times = [t for item in samples.values() for t in item.times]
-    # A table of one point is constant; its value is that of the last sample.
+    # A table with one point is constant; its value is the last sample.
     held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
     return replace(
         signals,
@@ -495,15 +495,15 @@ def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs
 def _has_sparse_jacobian(model: CompiledModel) -> bool:
     """Return whether the Jacobian is large and has few entries."""
     n = len(model.states)
-    # Eliminating algebraic unknowns fills the Jacobian.
+    # Elimination of algebraic unknowns fills the Jacobian.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return False
-    # Dense factorisations are faster than sparse ones of matrices that fill in.
+    # For matrices that fill in, dense factorisations are faster than sparse ones.
     return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
 
 
 def _replaced_inputs(signals: ReplacedInputs) -> dict[str, Any]:
     """Return the fields of a problem that describe replaced inputs."""
-    # C evaluates tables, and calls only functions of Python.
+    # C evaluates tables, and calls only Python functions.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"replaced": signals.tables, "functions": others}

@@ -336,7 +336,7 @@ def check_values(problem: Problem) -> None:
     times = problem.breakpoints
     if len(times) and not np.isfinite(np.asarray(times, dtype=float)).all():
         raise SolveError("A breakpoint is not finite; give times in seconds.")
-    if not problem.max_step > 0:  # of the settings or the model; nan is refused, too
+    if not problem.max_step > 0:  # from the settings or the model; nan is rejected, too
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     # A dot product finds nan and infinity in one pass; squares may overflow, too.
     if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
@@ -374,7 +374,7 @@ def restart_times(problem: Problem) -> FloatArray:
         return np.array([start, end])
     low, high = min(start, end), max(start, end)
     inside = np.unique(np.asarray(problem.breakpoints, dtype=float))
-    # A breakpoint at an end does not cut the span.
+    # A breakpoint at an end does not divide the span.
     inside = inside[(low < inside) & (inside < high)]
     return np.concatenate([[start], inside[:: int(problem.direction)], [end]])
 
@@ -389,7 +389,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
     Sizes may have rows; see :class:`Tolerances`.
     """
-    # The tolerance of the state divided by the size of the parameter, as the error test has it.
+    # Tolerance of the state divided by the size of the parameter, as in the error test.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
     found: FloatArray = least / np.array(
         [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales
@@ -412,11 +412,11 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     )
 
 
-# Rates on both sides of a jump are equal if they differ by a smaller share.
+# Rates on both sides of a jump are equal if their relative difference is below this.
 _SAME_RATE = 1e-12
 
 
-# A contact jams if friction increases its force by more than this factor.
+# A contact jams if friction increases its normal force by more than this factor.
 _JAMMED = 100.0
 
 
@@ -458,7 +458,7 @@ class ModelEvents:
         along = self._at(t).call("event_sensitivity", *self._parts(z)).reshape(len(wanted), -1)
         for i, row in enumerate(self.rows):
             moving = np.flatnonzero(along[:, i])
-            # Both sides matter only if a parameter moves the start off a jump.
+            # The rates on both sides matter only if a parameter moves the start off a jump.
             if not row.is_jump or values[i] != 0.0 or not moving.size:
                 continue
             if self._has_jump(row.targets[0], t, z):
@@ -479,7 +479,7 @@ class ModelEvents:
         y, s = self._parts(z)
         at, found = self._at(t), []
         for row in self.rows:
-            # Its targets are its mode, then that of the stop.
+            # Its targets are its mode, then the mode of the stop.
             if not row.is_pressed or round(abs(y[row.targets[0]])) != 1:
                 continue
             force = next(
@@ -510,7 +510,7 @@ class ModelEvents:
         at, (y, s), rates = self._at(t), self._parts(z), []
         new = at.call("jumps", y, s)
         for row in self.rows:
-            # The events that set this mode are the sides of the jump.
+            # The events that set this mode are the two directions of the jump.
             if row.targets == (mode,):
                 other = y.copy()
                 other[mode] = new[row.results.start]
@@ -520,7 +520,7 @@ class ModelEvents:
         return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))
 
 
-# Edges with more than this share of a dependent combination of constraints are named.
+# Edges that contribute more than this fraction to a dependent combination of constraints are named.
 _INVOLVED = 0.1
 
 
@@ -548,7 +548,7 @@ class HeldConstraints:
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
         """Return gradients, and the singular value below which they are nearly dependent."""
         starts, n = self._model.start_in_c, len(self._model.states)
-        assert starts is not None  # there is a compiler
+        assert starts is not None  # only used with a compiler
         return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])
 
     @property
@@ -578,7 +578,7 @@ class HeldConstraints:
         return np.array(self._residual(t, z[:n], z[n:], self._u(t)))
 
 
-# Largest number of states with algebraic unknowns, whose elimination fills the Jacobian.
+# Maximum number of states for which algebraic unknowns are eliminated, which fills the Jacobian.
 _MOST_REDUCED = 2000
 
 
@@ -589,7 +589,7 @@ def refusal(method: str, problem: Problem) -> str:
         return problem.not_native
     if row.family == "correctors" and problem.events is not None:
         return "there are events"
-    # SUNDIALS needs at least one rate.
+    # SUNDIALS requires at least one rate.
     if row.family == "cotree":
         return _dependent(problem) if row.implicit else ""
     if problem.n_states == problem.n_algebraic:

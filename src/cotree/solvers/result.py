@@ -184,7 +184,7 @@ class RunRecord(Reported, Deferring):
             asked for.
         """
         column = self._column(parameter)
-        # Inputs are left out: their sensitivities are not stored.
+        # Inputs are omitted: their sensitivities are not stored.
         for names, values in self._groups(("s", "output_sensitivities")):
             if name in names:
                 row: FloatArray = values[names.index(name), column]
@@ -319,7 +319,7 @@ class RunRecord(Reported, Deferring):
         self, fields: Sequence[str] = ("y", "output_values", "input_values")
     ) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
         """Pair names with values, or sensitivities, of states, positions, outputs and inputs."""
-        # A generator, so that outputs are evaluated only if needed.
+        # A generator, so that outputs are evaluated only when needed.
         of_states = getattr(self, fields[0])
         yield self.states, of_states
         if self.positions:
@@ -405,24 +405,24 @@ FAILED, BUDGET_SPENT = -1, -2
 class Trajectory:
     """The outcome of an integration, complete or not."""
 
-    #: Times, [s]. After a failure the last time is that of the last valid point, even if it is not
-    #: an output time.
+    #: Times, [s]. After a failure, the last time is that of the last valid point, even if it is no
+    #: output time.
     t: FloatArray
     z: FloatArray  # states and sensitivities at these times
-    status: int  # 0 for success, -1 for a failed integration, -2 for a spent budget
+    status: int  # 0: success, -1: the integration failed, -2: a budget was exhausted
     message: str  # one or two sentences
     statistics: Statistics  # work done
-    #: Residuals of the constraints along the run; None without constraints.
+    #: Residuals of the constraints during the run; None without constraints.
     drift: Drift | None = None
-    #: The events in order, a row each: time, [s], number of the event, derivatives
-    #: of the time by the parameters, states before, and states after.
+    #: Events in order, one row each: time, [s], event index, derivatives of the time by the
+    #: parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    #: Whether it failed because equations could not be solved for any step size.
+    #: Whether it failed because equations could not be solved with any step size.
     is_unsolved: bool = False
 
 
 def _row(title: str, unit: str, values: FloatArray) -> tuple[object, ...]:
-    # Sensitivities of reactions that are not unique are nan throughout.
+    # Sensitivities of reactions that are not unique are nan at all times.
     is_known = bool(np.any(np.isfinite(values)))
     low, high = (np.nanmin(values), np.nanmax(values)) if is_known else (np.nan, np.nan)
     return (title, float(values[-1]), unit, *map(float, (values[0], low, high)))

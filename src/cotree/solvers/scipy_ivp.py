@@ -56,9 +56,9 @@ def first_step(
     weights = 1.0 / (atol + rtol * np.abs(z))
     rates = rates_at(t, z)
     # d0, d1 and h0 of the reference: norms of values and rates in tolerances, and a step that
-    # changes the values by a hundredth of themselves.
+    # changes the values by one percent.
     size, slope = _norm(z * weights), _norm(rates * weights)
-    # A shorter step is below the rounding of t.
+    # A shorter step is below the rounding error of t.
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
@@ -69,7 +69,7 @@ def first_step(
     steepest = max(slope, bend) if np.isfinite(bend) else slope
     if steepest <= 1e-15:
         return min(max(1e-6, 1e-3 * trial), longest)
-    # h1 of the reference, for order 1: the error of a step grows with its square.
+    # h1 of the reference, for order 1: the error of a step is proportional to its square.
     return min(100.0 * trial, max(float(np.sqrt(_SHARE / steepest)), least), longest)
 
 
@@ -79,10 +79,12 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# A method shortens its step if rates are nan; it is stopped after so many evaluations of this kind.
+# Methods shorten their step if rates are nan; after this number of such evaluations a method is
+# stopped.
 _MOST_IGNORED = 1000
 
-# A step is stored if its time is known to this share of the distance to the last one stored.
+# A step is stored only if its time is known to this fraction of the distance from the last stored
+# one.
 _FINE = 1e-2
 
 #: Message if Radau damps a growing mode, which its error estimate cannot detect.
@@ -147,7 +149,7 @@ class _Run:
                     self.stop = stop
                 if self.stop is not None:
                     break
-        # A step that was dropped may be the last one.
+        # A step that was not stored may be the last one.
         is_cut = self.stop is not None or self.thinning.stride > 1
         if is_cut and self.times[-1:] != [self.t]:
             self._store(self.t, self.z)
@@ -180,14 +182,14 @@ class _Run:
             self.problem.reach(start, self.z)
         self.evaluator.open_segment(start, end)
         limit = self._spent()
-        # SciPy's choice of a first step does not end if rates are not finite.
+        # SciPy's computation of the first step does not terminate if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
             limit = IntegrationStopError(FAILED, "it cannot start")
         if limit is not None:
             raise limit
         segment = _Segment(self, start, end)
         wanted = self._wanted(start, end)
-        # SciPy needs distinct times in order. Without times, this class stores the steps.
+        # SciPy requires distinct times in order. Without output times, this class stores the steps.
         way = self.problem.direction
         times, places = np.unique(way * (wanted - start), return_inverse=True)
         try:
@@ -272,23 +274,23 @@ class _Segment:
         self._last = 0.0
         self._n_short = self._n_ignored = 0
         self._matrix: Any = None
-        self._w: FloatArray = np.zeros(0)  # the end of the step before
+        self._w: FloatArray = np.zeros(0)  # end of the previous step
 
     def __call__(self, s: float, w: FloatArray) -> float:
         """Record a step; return a value that changes sign at the end of the run."""
         run = self._run
-        if run.stop is not None:  # SciPy locates the zero
+        if run.stop is not None:  # SciPy locates the zero of this function
             return self._last - s
         if s == 0.0:
             self._w = w.copy()
             return 1.0
         if not np.isfinite(w).all():
             run.stop = IntegrationStopError(FAILED, "the solution is no longer finite")
-            return -1.0  # the zero is at the step before, which was the last good one
+            return -1.0  # a zero at the previous step, the last valid one
         before, self._last = self._last, s
         is_end = s == self._end - self._start
         t, z = self._end if is_end else self._start + s, self.whole(w)
-        # Times are rounded; the value at the rounded one follows from the rates.
+        # Output times are rounded: extrapolate the value with the rates.
         rounding = 0.0 if is_end else (t - self._start) - s
         if rounding and run.problem.settings.t_eval is None:
             z += rounding * self.whole(self.rates(s, w))
@@ -317,12 +319,12 @@ class _Segment:
         opposite sign and the same size, so that the residual seems to vanish.
         """
         step = self._last - before
-        # The step of the trapezoidal rule less the actual one.
+        # The step of the trapezoidal rule minus the actual step.
         rates = self.rates(before, self._w) + self.rates(self._last, w)
         left = 0.5 * step * rates - (w - self._w)
         rtol, atol = augmented_tolerances(self._run.problem)
         weights = 1.0 / (atol + rtol * np.maximum(np.abs(w), np.abs(self._w)))
-        # Directions of residuals below the tolerance are arbitrary.
+        # If residuals are below the tolerance, their directions are arbitrary.
         seen = np.abs(left * weights) > 1.0
         if not np.any(seen) or self._matrix is None:
             return False
@@ -360,7 +362,7 @@ class _Segment:
         found: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
         if METHODS[run.method].implicit:
             found["jac"] = self._jacobian
-        # The default first step, a share of the span, fails if all rates are zero.
+        # The default first step, a fraction of the span, fails if all rates are zero.
         if run.method == "LSODA":
             begin = 0.0, run.z[run.problem.integrated], self._end - self._start
             found["first_step"] = first_step(self.rates, *begin, longest, (rtol, atol))

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 # tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
 
-# An explicit method is tried if modes decay at most so many times as fast as the fastest one grows:
-# steps that resolve the growth are then hardly longer than stability allows.
+# An explicit method is tried if modes decay at most this many times as fast as the fastest mode
+# grows: steps that resolve the growth are then hardly longer than stability permits.
 _MILD = 10.0
 
 # The method in C for problems without states.
@@ -68,7 +68,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
-    # The choice takes steps with this engine, whose compilation is counted separately.
+    # The choice takes steps with this engine; its compilation time is reported separately.
     if not refusal("dop853", problem):
         engine_of("dop853", problem)
     compiling = time.perf_counter() - before
@@ -92,7 +92,7 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
-    # The samples of a function belong to one integration.
+    # Samples of a function belong to one integration.
     if refusal("ida", problem) or problem.reach is not None:
         return first
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
@@ -155,7 +155,7 @@ class MethodSwitch:
 def _solve_watched(problem: Problem, method: str, begun: Attempt | None) -> Trajectory:
     """Integrate; a method for stiff problems takes over if the problem becomes stiff."""
     row = method_row(method)
-    # Only the explicit steppers of the engine test the stability of their steps.
+    # Only the explicit steppers of the engine detect stiffness.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, method)
     successor = MethodSwitch(_solve, probe_steps(problem.settings.rtol))
@@ -174,7 +174,7 @@ def _solve(
     """
     row = method_row(method)
     if problem.n_states == problem.n_algebraic and row.family != "cotree":
-        # Any method in C solves for the unknowns at each requested time.
+        # Every method in C solves for the unknowns at each output time.
         attempt = begun or begin_in_c(problem, _STATIC)
         if not isinstance(attempt, str):
             return attempt.finish()
@@ -198,7 +198,7 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
-    # Stages of Rosenbrock methods violate dependent constraints; other methods in C do not.
+    # Stages of Rosenbrock methods violate dependent constraints; other methods in C satisfy them.
     if what and problem.native is not None and other == "Radau":
         other = "cvode" if has_sundials() else "dopri5"
     elif what:
@@ -263,7 +263,7 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
     method = stiff_method(problem)
     growth = rates.growth
-    # A mode that begins at the tolerance and grows e-fold this often stays below one, so that an
+    # If a mode that starts at the tolerance and grows e-fold this often stays below one, an
     # implicit method may damp it within the tolerance.
     smallest = min(problem.settings.rtol, problem.settings.atol)
     if span * growth <= -math.log(max(smallest, float(np.finfo(np.float64).eps))):
@@ -323,7 +323,7 @@ class Probe:
     def rates(self) -> Rates:
         """Compute the rates of modes."""
         problem, explicit = self._problem, self._explicit
-        # Algebraic unknowns and the samples of a function belong to one integration.
+        # Algebraic unknowns, and samples of a function, belong to one integration.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
         start, first = (float(problem.settings.t_span[0]), problem.z0), None
@@ -362,7 +362,7 @@ class Probe:
     def _begin(self) -> list[tuple[float, FloatArray]]:
         """Take the first steps of the run, and return their end point."""
         attempt = begin_in_c(self._problem, self._explicit)
-        if isinstance(attempt, str):  # no compiler can build its engine
+        if isinstance(attempt, str):  # there is no compiler for its engine
             return []
         self.begun = attempt
         attempt.take_steps(probe_steps(self._problem.settings.rtol))
@@ -394,7 +394,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
 def probe_steps(rtol: float) -> int:
     """Return the number of steps of "dop853" that cover a few steps at a loose tolerance."""
-    # Steps of a method of order 8 grow with the eighth root of the tolerance.
+    # Steps of a method of order 8 are proportional to the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
 
@@ -403,7 +403,7 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     """Return the start and a point a few loose steps later."""
     span = problem.settings.t_span
     if problem.reach is not None:
-        # Only the run itself takes samples.
+        # Samples are taken only in the run itself.
         start, end = restart_times(problem)[:2].tolist()
         span = start, end
     rtol = max(problem.settings.rtol, _PROBE_RTOL)

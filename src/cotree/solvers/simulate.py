@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")
 
-# Values of a trajectory of more bytes are computed at once and not on first use.
+# Trajectories with more bytes than this are evaluated at once, others on first use.
 _MOST_COPIED = 2**18
 
 
@@ -63,7 +63,7 @@ def observed(
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
-    # Functions of Python may have a state: they are called in the order of the run.
+    # Python functions may have an internal state, so they are called in the order of the run.
     if preparation.asks_python or z.nbytes > _MOST_COPIED:
         return {**swept(), **deferred(**later)}
     t, z = t.copy(), z.copy()
@@ -81,7 +81,7 @@ def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTi
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
         own = records[records[:, 1] == i]
-        # The shape is explicit, since methods without events have no columns for them.
+        # The shape is explicit, since arrays of methods without events have no columns for them.
         parts = own[:, 2:].reshape(len(own), m + 2 * n)
         slopes, before, after = np.split(parts, [m, m + n], axis=1)
         found[row.name] = EventTimes(own[:, 0].copy(), before.T, after.T, slopes.T)
@@ -116,9 +116,9 @@ def run_values(
     problem = preparation.run(parameters, initial)
     check_values(problem)
     warn_of_tolerances(problem)
-    # The rounding of t, or drift of the constraints, may still make a run fail.
+    # A run may still fail because of the rounding of t or drift of the constraints.
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
-    # Redundancy may change along a motion, so a few points are examined.
+    # The rank of constraints may change along a motion, so a few points are examined.
     redundant = redundancy(model, problem.held, trajectory)
     if trajectory.drift is not None:
         trajectory = check_constraint_drift(problem, trajectory, redundant)
@@ -171,7 +171,7 @@ def redundancy(
 
 def _left_out(model: CompiledModel) -> list[int]:
     """List the outputs whose sensitivities are not unique with redundant constraints, and warn."""
-    # The least multipliers are chosen, and that choice is not differentiated.
+    # Multipliers of minimum norm are chosen, and this choice is not differentiated.
     found = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
     if found:
         names = ", ".join(f"'{model.outputs[i]}'" for i in found[:6])
@@ -184,15 +184,15 @@ def _left_out(model: CompiledModel) -> list[int]:
     return found
 
 
-# Points of a smooth curve, parts of each interval between points, and the most steps of a run that
-# is repeated.
+# Minimum number of points of a smooth curve, divisions of each interval between points, and maximum
+# number of steps of a run that is repeated for it.
 _SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
 
-# Distances of points next to a jump as shares of the span, below a tenth of a pixel. An event is
-# located to a tolerance, so that the nearer point may be on the other side.
+# Distances of points next to a jump, as fractions of the span, less than a tenth of a pixel. An
+# event is located to a tolerance, so the nearer point may be on the other side.
 _ASIDE = np.array([[1e-5], [1e-4]])
 
-# The largest difference of a repetition, as a share of a state's range: the width of a line.
+# Maximum difference of a repeated run, as a fraction of a state's range: the width of a line.
 _LINE_WIDTH = 2e-3
 
 
@@ -238,7 +238,7 @@ def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
     """Divide each interval evenly, and add both sides of jumps."""
     shares = np.arange(1, _PARTS) / _PARTS
     inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
-    # A fixed distance would be lost in the rounding of late times.
+    # At late times a fixed distance would be below the rounding error.
     aside = np.maximum(_ASIDE * abs(t[-1] - t[0]), 8 * np.spacing(np.abs(jumps)))
     sides = np.concatenate([(jumps - aside).ravel(), (jumps + aside).ravel()])
     even = np.linspace(t[0], t[-1], _SMOOTH)
@@ -252,7 +252,7 @@ def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
     """Return whether a repetition passes through the points of the run, to the width of a line."""
     if found.status != 0:
         return False
-    # At a jump either side is possible.
+    # At a jump, the value on either side may be stored.
     is_smooth = ~np.isin(record.t, jumps)
     here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
     y = record.y[:, is_smooth]

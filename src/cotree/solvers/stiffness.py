@@ -27,12 +27,13 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# Number of eigenvalues sought of a sparse Jacobian, and their tolerance: only their size counts.
+# Number of eigenvalues computed of a sparse Jacobian, and their tolerance: only the magnitude
+# matters.
 _FEW = 6
 _ROUGH = 1e-2
 
-# Most restarts of the iteration. Well separated eigenvalues need a few; the clustered slow modes of
-# a long ladder would need ten thousand.
+# Maximum number of restarts of the iteration. Well separated eigenvalues need a few; the clustered
+# slow modes of a long ladder network would need ten thousand.
 _MOST_RESTARTS = 200
 
 
@@ -42,13 +43,13 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
     ``points`` are times, [s], and states with sensitivities there.
     """
     modes = _modes(problem, points, problem.direction)
-    # Modes with |Im| > -Re oscillate faster than they decay.
+    # If |Im| > -Re, a mode oscillates faster than it decays.
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
 
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     """Return the largest rate at which a mode grows at a point, [1/s]; 0 if none does."""
-    # Growing modes decay in an integration backwards in time.
+    # In an integration backwards in time, growing modes decay.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
 
@@ -74,7 +75,7 @@ def _modes_at(
             matrix = evaluator.state_jacobian(t, z)
     except (IntegrationStopError, UnsolvedError, SingularSystemError):
         return np.zeros(0, dtype=np.complex128)
-    # Modes that grow forwards in time decay when they are integrated backwards.
+    # Modes that grow forwards in time decay if integrated backwards.
     eigenvalues = way * _eigenvalues(matrix, way, way == problem.direction)
     return eigenvalues[eigenvalues.real < 0.0]
 
@@ -84,11 +85,11 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
     from cotree.model.algebraic import Algebraic
 
     problem = evaluator.problem
-    assert problem.state_rhs is not None  # of a compiled model
+    assert problem.state_rhs is not None  # a compiled model has rates
     assert problem.jacobian is not None
     unknowns = Algebraic(problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic)
     y, inside = np.array(z[: problem.n_states]), evaluator.inside(t)
-    # By the implicit function theorem, which holds at solutions only.
+    # By the implicit function theorem, which applies only at solutions.
     unknowns.follow(inside, y)
     return unknowns.reduced(inside, y)
 
@@ -103,7 +104,7 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
     import scipy.sparse.linalg
 
-    start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same at every run
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same vector in every run
     # SR and LR select the smallest and the largest real parts in ARPACK: forwards in time the modes
     # with the smallest ones decay fastest, backwards those with the largest.
     which = "SR" if direction > 0 else "LR"
@@ -127,20 +128,20 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     return np.asarray(found, dtype=np.complex128)
 
 
-# Steps that cvode takes for each step of rodas5 at the same error. Medians over these networks at
-# errors from 1e-3 to 1e-9 are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
+# Number of cvode steps per rodas5 step at equal error. Medians over these networks, at errors from
+# 1e-3 to 1e-9, are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Stages of rodas5, and the number of sensitivities that it solves for at a time if elimination is
-# expensive.
+# Number of stages of rodas5, and number of sensitivities that it solves for at a time if
+# elimination is expensive.
 _STAGES, _AT_A_TIME = 8, 8
 
-# Per step of cvode: evaluations of the rates, evaluations of all rates with those of
-# sensitivities, and linear solves for each block.
+# Per cvode step: evaluations of the rates, evaluations of all rates including sensitivities, and
+# linear solutions for each block.
 _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 
-# With sensitivities, cvode factorises in each step if that takes at most this many multiplications
-# (FEW_MULTIPLICATIONS in C); otherwise in one step out of ten.
+# With sensitivities, cvode factorises in each step if this takes at most this many multiplications
+# (FEW_MULTIPLICATIONS in C); otherwise in one of ten steps.
 _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
@@ -176,24 +177,23 @@ def _of_cvode(work: StepWork, n: int, m: int) -> float:
     solution = 0.34 * _SOLUTIONS * work.n_banded * (1 + m)
     is_fresh = m > 0 and work.n_banded_products <= _FEW_MULTIPLICATIONS
     factorisation = 0.32 * work.n_banded_products * (1.0 if is_fresh else _SELDOM)
-    # SUNDIALS' vectors: prediction, error test and history.
+    # Vector operations of SUNDIALS: prediction, error test and history.
     vectors = 27.0 * n * (1 + m)
     return 600.0 + evaluation + solution + factorisation + vectors
 
 
-# With more operations, factors that are kept for many steps are cheaper than eight inexpensive
-# stages.
+# With more states, factors that are kept for many steps are cheaper than eight inexpensive stages.
 _MOST_STATES = 150
 
-# A kink costs a multistep method some thirty short steps, of hundreds in a run.
+# Each kink costs a multistep method some thirty short steps, of hundreds in a run.
 _MOST_CORNERS = 3
 
-# The integrator tests stiffness by differences that rounding may disturb. It is confirmed if the
-# Jacobian has a mode of at least this share of the stability bound.
+# The integrator detects stiffness by differences, which rounding may disturb. It is confirmed if
+# the Jacobian has a mode of at least this fraction of the stability limit.
 _CONFIRMED = 0.5
 
-# If an event function is within so many absolute tolerances of zero, a method that starts there may
-# locate an event a second time, or an event of a value that rests at zero.
+# If an event function is within this many absolute tolerances of zero, a method that starts there
+# may locate the event a second time, or an event of a value that rests at zero.
 _AT_ZERO = 10.0
 
 
@@ -223,7 +223,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     # The number of kinks and events in a run is unknown.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
-    is_wide = problem.n_states > _MOST_STATES  # planning its elimination takes long
+    is_wide = problem.n_states > _MOST_STATES  # planning the elimination would take long
     if has_restarts or is_wide or problem.n_algebraic or problem.held is not None:
         return 0.0
     if not has_sundials() or refusal("cvode", problem):
@@ -235,7 +235,7 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
     """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
     from cotree.codegen.tableaus import TABLEAUS
 
-    # The method is stable up to |lambda| h = bound, for decaying modes.
+    # For decaying modes, the method is stable up to |lambda| h = bound.
     bound = float(TABLEAUS[method].stable)
     sizes = np.abs(_modes(problem, [(t, z)], problem.direction))
     return step * float(np.max(sizes, initial=0.0)) >= _CONFIRMED * bound
@@ -262,11 +262,11 @@ def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Proble
     wanted = own.t_eval
     if wanted is not None:
         wanted = wanted[len(first.t) :]
-        # The end of the span is requested if no other point is left.
+        # If no output time is left, request the end of the span.
         wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
-    # Only to be checked: `steps_taken` counts these steps in the budget of the rest.
+    # Only checked here: `steps_taken` subtracts these steps from the remaining budget.
     if own.max_steps is not None:
         steps = own.max_steps - taken
     if own.max_events is not None:
@@ -285,10 +285,10 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
     """Join two trajectories; the second begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:
-        # If every step is stored, the second run repeats the last point of the first.
+        # If all steps are stored, the second run repeats the last point of the first.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
-        skipped = len(second.t)  # the end of the run, which was not requested
+        skipped = len(second.t)  # the end of the run, which is no output time
     t, z = second.t[skipped:], second.z[:, skipped:]
     return replace(
         second,
@@ -296,7 +296,7 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
         z=np.hstack([first.z, z]),
         statistics=summed(first.statistics, second.statistics),
         drift=_joined_drift(first.drift, second.drift, skipped),
-        # An array without events may have no columns, and cannot be stacked.
+        # An array without events may lack columns, and could not be stacked.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 

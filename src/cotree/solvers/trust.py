@@ -28,19 +28,20 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-# Corrections are compared with the tolerance of the run, or with this one if it is larger.
+# Corrections are compared with the tolerance of the run, but at least with this one.
 _CORRECTED_RTOL = 1e-3
 
-# The projection onto redundant constraints is not unique. Above the first tolerance, the error of
-# Bricard's mechanism is 10 to 300 tolerances; above the second, it is its own size, and that of
-# multistep methods, whose history a projection does not move, above the first.
+# The projection onto redundant constraints is not unique. At tolerances above the first number, the
+# error of Bricard's mechanism is 10 to 300 tolerances; above the second, it is as large as the
+# solution. With multistep methods, whose history is not projected, this is so above the first.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# The error test covers the contents of storages. The largest error of a variable that follows from
-# a content, in its own tolerances, without a warning; and the number of points that are examined.
+# The error test covers the contents of storages, not the variables that they determine. Largest
+# error of such a variable, in tolerances of the variable, without a warning; number of points
+# examined.
 _LEFT_FREE, _N_EXAMINED = 10.0, 50
 
-# States at rest reach these roundings of one, of forces that balance.
+# At rest, where forces balance, states are within this many roundings of one.
 _ROUNDINGS = 16.0
 
 
@@ -134,7 +135,7 @@ def _left_free(
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
-    # The largest magnitude in the whole run is used: near zero the relative accuracy is irrelevant.
+    # Use the largest magnitude in the whole run: near zero, relative accuracy is irrelevant.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
@@ -161,7 +162,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Return a warning of an absolute tolerance that is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
-    # The states at the start are checked first, since they are often large enough.
+    # The states at the start are checked first, since they often suffice.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
         return ""
@@ -169,7 +170,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
         y = y / problem.sizes[:n, None]
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
-    # States at rest contain only rounding errors, which tolerances need not control.
+    # States at rest consist of rounding errors, which tolerances need not control.
     if largest <= _ROUNDINGS * sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (
@@ -180,7 +181,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 def _is_seen(largest: float, atol: float) -> bool:
     """Return whether a tolerance tests states that are as large as this."""
-    return not largest < atol / LOOSE_RTOL  # written so that nan counts as seen
+    return not largest < atol / LOOSE_RTOL  # nan counts as visible
 
 
 def _warn(message: str) -> None:
@@ -188,14 +189,14 @@ def _warn(message: str) -> None:
         warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
 
 
-# A spacing of t below this share of rtol times a step has no effect.
+# A spacing of t below this fraction of rtol times a step has no effect.
 _FINE = 0.1
 
-# Roundings of successive steps are independent, so their sum grows with the square root of the
-# number of steps, up to as many as this.
+# Rounding errors of successive steps are independent, so that their sum is proportional to the
+# square root of the number of steps, up to this number.
 _REMEMBERED = 100
 
-# Number of points that are examined, and the distance of differences as a share of a step.
+# Number of points examined, and distance of finite differences as a fraction of a step.
 _POINTS, _REACH = 5, 1.0 / 16.0
 
 
@@ -208,7 +209,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
         return trajectory
     step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
-    # The tolerance of a value that passes zero is that of its largest size.
+    # The tolerance of a value that passes through zero is that of its largest magnitude.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
     allowed = problem.state_atol + problem.settings.rtol * largest
     with np.errstate(all="ignore"):
@@ -236,7 +237,7 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     ``n_steps`` are the steps of a run, or of several.
     """
     start, end = problem.settings.t_span
-    # Only runs with steps are counted.
+    # Only runs with steps are considered.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
     return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
@@ -263,7 +264,7 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
 
 
 def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
-    assert problem.state_rhs is not None  # it is a model's
+    assert problem.state_rhs is not None  # the problem is that of a model
     return np.array(problem.state_rhs(t, y), dtype=np.float64)
 
 
@@ -275,8 +276,8 @@ def _over_step(
         return change
     from cotree.model.linear import solve_with
 
-    # (M / h - J) x = change is an implicit Euler step of length h under a disturbance of the rates;
-    # M has zeros for algebraic unknowns. Without stiffness x is h times the change.
+    # (M / h - J) x = change is an implicit Euler step of length h with a disturbance of the rates;
+    # M has zeros for algebraic unknowns. Without stiffness, x is h times the change.
     shift = np.zeros(problem.n_states)
     shift[: problem.n_states - problem.n_algebraic] = 1.0 / step
     if problem.sparse_jacobian is not None:
@@ -289,5 +290,5 @@ def _over_step(
     try:
         return solve_with(matrix, change)
     except np.linalg.LinAlgError:
-        # An undamped step.
+        # Step without damping.
         return step * change

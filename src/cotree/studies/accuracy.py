@@ -31,17 +31,18 @@ ERROR = "largest |y - ref| / max(1, max |ref|)"
 #: Definition of an error relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# Relative errors are measured if the two solutions of a reference differ by at most this share.
+# Relative errors are measurable if the two solutions of a reference differ by at most this
+# fraction.
 _MEASURABLE = 1e-2
 
-# If two methods agree to this, no further method is run: it is below the errors for which methods
-# are recommended.
+# If two methods agree to this tolerance, no further method is run: it is below the errors for which
+# methods are recommended.
 _ENOUGH = 1e-10
 # Largest difference of the two solutions of a reference.
 _TOO_FAR = 1e-6
 
-# Methods of a reference, best first: methods of high order, of different families. Only cvode,
-# dop853 and rodas5 support events, constraints and algebraic unknowns.
+# Methods for the reference in order of preference: methods of high order from different families.
+# Only cvode, dop853 and rodas5 support events, constraints and algebraic unknowns.
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
@@ -55,9 +56,9 @@ class Solution:
     """States and sensitivities computed by one method."""
 
     method: str
-    rtol: float  # its relative tolerance
+    rtol: float  # relative tolerance of the run
     y: Array  # states
-    s: Array  # their sensitivities
+    s: Array  # sensitivities of the states
 
     def distance(self, other: Solution | Result) -> tuple[float, float]:
         """Return the error of another solution, of its states and of its sensitivities.
@@ -207,13 +208,14 @@ def _error(found: Array, reference: Array) -> float:
     # Quantities below one are compared absolutely.
     scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
     largest = float(np.max(np.abs(found - reference) / scale))
-    # The error of a value that is not finite is infinite.
+    # The error of values that are not finite is infinite.
     return largest if math.isfinite(largest) else math.inf
 
 
-# Times that differ by less are equal: compilers and memory layout have effects of this size.
+# Times with a smaller relative difference count as equal: compilers and memory layout have effects
+# of this size.
 _LEAST_GAIN = 0.1
-# Minimum times with a ratio above two are different despite noise.
+# Minimum times with a larger ratio differ in spite of noise.
 _MOST = 1.0
 
 
@@ -269,7 +271,7 @@ class BenchRow:
     @property
     def noise(self) -> float:
         """Lower quartile of the times relative to the least, minus one."""
-        # Disturbances only make runs longer, so that short ones show the accuracy of the minimum.
+        # Disturbances only make runs longer, so that short runs show the accuracy of the minimum.
         times, n = sorted(self.times), len(self.times)
         return times[max(1, n // 4) if n > 1 else 0] / times[0] - 1.0 if times else math.nan
 

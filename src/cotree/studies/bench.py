@@ -82,7 +82,7 @@ def machine(backend: str) -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        # The only version that engines load.
+        # The only version that engines can load.
         "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
         "system": f"{platform.system()} {platform.machine()}",
         "processor": processor_name(),
@@ -105,7 +105,7 @@ TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 N_POINTS = 101
 # Default time limit of a run, [s].
 _TIME_LIMIT = 5.0
-# The same as for the default tolerances of runs.
+# The same ratio as that of the default tolerances of runs.
 _RTOL_PER_ATOL = 100.0
 # Time limit of the reference, which has tight tolerances, relative to that of a run.
 _PATIENCE = 12.0
@@ -115,13 +115,13 @@ _LOOSE = (1e-3, 1e-5)
 BUDGET = 20.0
 #: Budget, tolerances and numbers of runs of a quick bench.
 QUICK_BUDGET, QUICK_TOLERANCES, QUICK_REPEATS = 4.0, (1e-3, 1e-6, 1e-9), 9
-# Share of the budget for the first run of each row.
+# Fraction of the budget for the first run of each row.
 _TRIES = 0.6
 # Runs shorter than this, [s], are repeated this many times in the first round.
 _SHORT, _TRIES_OF_SHORT = 0.02, 3
-# Shares of the progress: engines and the reference, and first runs.
+# Fractions of the progress bar: engines and the reference, and first runs.
 _TO_BUILD, _TO_TRY = 0.2, 0.5
-# Rows that are slower by this factor than a row of equal accuracy are timed last.
+# Rows slower by this factor than a row of equal accuracy are timed last.
 _FAR = 3.0
 # Status of a run that exceeded its time limit.
 _SPENT = -2
@@ -207,7 +207,7 @@ def bench(
     >>> report.recommended(1e-3).method
     'DOP853'
     """
-    if not budget > 0.0:  # nan, too
+    if not budget > 0.0:  # rejects nan, too
         raise ParameterError(f"budget is {budget}: give a positive number of seconds")
     chosen = filter(is_available, METHODS) if methods is None else methods
     names = [method_row(name).name for name in chosen]
@@ -222,7 +222,7 @@ def bench(
     tell = progress or (lambda text, share: None)
     load_before = machine_load()
     model = _model(source, sensitivities, tree)
-    with without_warnings(category=RuntimeWarning):  # rows have the messages of their runs
+    with without_warnings(category=RuntimeWarning):  # the rows contain the messages of their runs
         own = {**settings, "parameters": dict(values or {})}
         runner = _Runs(model, t_end, own, limit)
         expected = _warm_up(runner, names, tell)
@@ -353,7 +353,7 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
         own = reference.own_distance(result)
         trial.own_error_states, trial.own_error_sensitivities = own
-    # A single time of a short run is not accurate enough to find the contenders.
+    # One time of a short run is not accurate enough to find the fastest rows.
     for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
@@ -381,7 +381,7 @@ def _time_all(
     def run(trial: BenchRow) -> bool:
         result = _attempt(runner, trial)
         if result is not None and not result.success and not trial.times:
-            # The first run was just within the time limit.
+            # The first run was barely within the time limit.
             trial.status, trial.message = result.status, result.message
         return result is not None and result.success
 

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Errors that methods are recommended for.
+#: Errors for which methods are recommended.
 TARGETS = (1e-3, 1e-6, 1e-9)
 
-# Parts of a row in JSON, besides its statistics.
+# Entries of a row in JSON, in addition to its statistics.
 _OF_ROW = (
     *("method", "rtol", "atol", "seconds", "least", "noise", "n_runs", "error_states"),
     *("error_sensitivities", "own_error_states", "own_error_sensitivities", "status", "message"),
@@ -92,7 +92,7 @@ class BenchReport(Reported):
         if self.reference.agreement > target:
             return ()
         judges_own = self.judges_own(target)
-        # An error of nan fails this test, too.
+        # False for an error of nan, too.
         return fastest(
             row
             for row in self.rows
@@ -112,7 +112,7 @@ class BenchReport(Reported):
         to = f", sensitivities to {', '.join(self.sensitivities)}" if self.sensitivities else ""
         m = self.machine
         versions = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
-        # Without sensitivities their columns are left out.
+        # Without sensitivities, their columns are omitted.
         errors = ["states", "own", "sensitivities", "own"][: 4 if self.sensitivities else 2]
         head = ["method", "rtol", "atol", "seconds", "spread", *errors, "steps", "evaluations", ""]
         caption = "recommended, the fastest whose error is at most (least times)"
@@ -279,7 +279,7 @@ def _draw_methods(
             if row.method == method and math.isfinite(error(row)) and math.isfinite(row.seconds)
         ]
         style: dict[str, Any] = {"color": color, "marker": _MARKERS[k % len(_MARKERS)], "ms": 5}
-        # A method without points has an entry in the legend, too.
+        # A method without points also has an entry in the legend.
         label = method if found else f"{method}: no run"
         ax.plot([x for x, _, _ in found], [y for _, y, _ in found], lw=1.4, label=label, **style)
         hidden = [(x, y) for x, y, is_below in found if is_below]
@@ -290,7 +290,7 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-        # The span would widen the limits, so these are read before.
+        # The span would extend the limits, so these are read first.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from cotree.watch.shapes import Array, Mesh
 
 
-_GRAINS = 50_000  # steps of rounded positions within the extent
+_GRAINS = 50_000  # resolution of rounded positions, in steps within the extent
 _TURN = 2e-5  # step to which entries of quaternions are rounded
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 
@@ -56,12 +56,12 @@ class PageContext:
     #: Untrusted text.
     title: str
     note: str
-    #: Content security policy, and the program that wrote the file.
+    #: Content security policy of the page, and the program that wrote the file.
     policy: str
     generator: str
-    last: int  # number of the last frame
-    speeds: tuple[tuple[str, str], ...]  # labels and factors
-    #: Escaped already.
+    last: int  # index of the last frame
+    speeds: tuple[tuple[str, str], ...]  # labels and factors of speeds
+    #: Text that is already escaped.
     style: Markup
     script: Markup
     data: Markup
@@ -80,7 +80,7 @@ def page(drawing: Drawing) -> str:
         generator=f"cotree {VERSION}",
         last=len(drawing.frames.times) - 1,
         speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
-        # These are files of the package.
+        # These texts are files of the package.
         style=Markup(style),
         script=Markup(script),
         data=Markup(embedded(page_data(drawing))),
@@ -112,7 +112,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     number = {track: i for i, track in enumerate(used)}
     extent = float(np.abs(poses.positions[used]).max())
     extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
-    # Few digits of the unit suffice, since positions are multiples of it.
+    # The unit is rounded to few digits: positions are multiples of it.
     unit = float(f"{extent / _GRAINS:.3g}") or 1.0
     times = frames.times
     return {

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show an arm as a bar, which is thin if it only leads to a centre of mass."""
     one, two = draft.places[edge.first], draft.places[edge.second]
-    if one.cluster != two.cluster:  # held by multipliers
+    if one.cluster != two.cluster:  # a chord, held by multipliers
         strut(draft, edge, shapes.rod, 0.7, RAIL)
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
-    # Bodies with meshes have no bars; an arm without length is a rotation.
+    # Bodies with meshes have no bars, and an arm without length is a rotation.
     if one.cluster in draft.with_visuals or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
@@ -313,7 +313,7 @@ def blade(draft: DrawingBuilder, edge: BoundEdge) -> None:
     draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)
 
 
-#: The function that shows an edge, by its component. Gears, free joints and loads are not shown.
+#: Functions that draw an edge, by component. Gears, free joints and loads are not drawn.
 SHOWN: dict[str, Callable[[DrawingBuilder, BoundEdge], None]] = {
     "arm": arm,
     "rigid_body": body,

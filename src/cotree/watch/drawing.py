@@ -45,10 +45,10 @@ _DIRECTIONS = _spread(200)
 class Solid:
     """A shape that moves with a track."""
 
-    name: str  # the edge or node that it shows
-    track: int  # number of the rigid cluster that it moves with
-    mesh: Mesh  # its shape, in the track's axes
-    color: Color  # its colour
+    name: str  # name of the edge or node
+    track: int  # index of the rigid cluster with which it moves
+    mesh: Mesh  # shape, in the track's axes
+    color: Color  # colour of the shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class Strut:
     """A shape that reaches from one point to another, stretched along its z from zero to one."""
 
     name: str
-    tracks: tuple[int, int]  # numbers of the clusters that its ends move with
-    ends: tuple[Array, Array]  # points of these clusters, in their axes
-    side: Array  # its y direction is the one closest to this, in the first track's axes
+    tracks: tuple[int, int]  # indices of the clusters with which its ends move
+    ends: tuple[Array, Array]  # end points, in the axes of these clusters
+    side: Array  # vector in the first track's axes to which its y direction is as close as possible
     mesh: Mesh
     color: Color
 
@@ -76,19 +76,19 @@ class Label:
 class Drawing:
     """The shapes and names of an animation, and their motion."""
 
-    #: Name of the scene, and a remark on the run; untrusted text.
+    #: Name of the scene, and a note about the run; untrusted text.
     title: str
     note: str
     frames: Moments  # times of the frames
-    poses: Poses  # of the tracks, which are the clusters, in each frame
-    #: The shapes and names.
+    poses: Poses  # poses of the tracks, which are the clusters, in each frame
+    #: Shapes, struts and names.
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]
-    up: Array  # the axis that points up in the picture
+    up: Array  # axis that points up in the picture
     towards: Array  # direction from the mechanism to the viewer: the normal of a plane, or chosen
     is_flat: bool  # whether everything moves in a plane
-    thickness: float  # of bars, [m]
+    thickness: float  # thickness of bars, [m]
 
     def floor(self) -> Array:
         """Return a reference grid at rest, shape (n_lines, 2, 3), [m].
@@ -98,7 +98,7 @@ class Drawing:
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
-        # ``own`` is the largest size at one time, ``path`` that of the centre.
+        # ``own`` is the largest extent at one time, ``path`` that of the path of the centre.
         own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
         low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
@@ -106,7 +106,7 @@ class Drawing:
             return np.zeros((0, 2, 3))
         if is_far and not self.is_flat:
             return _dashes(path, 0.4 * own)
-        # The two directions of the grid, horizontal in space, and the normal.
+        # Two horizontal directions of the grid, and its normal.
         one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
         size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
         step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
@@ -291,7 +291,7 @@ class DrawingBuilder:
         """Draw a cylinder about an axis, in the axes of a node's cluster, through the node."""
         place = self.places[end]
         at = place.local
-        if self.stage.is_flat:  # through all layers
+        if self.stage.is_flat:  # extends through all layers
             height = 0.5 * max(self.layer) * self.pitch
             at, length = at + height * self.towards(place.cluster), 2.0 * height + 1.3 * self.w
         mesh = shapes.cylinder(radius, length).placed(at, shapes.axes_along(axis))

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
 
 #: Largest number of frames of an animation, and of frames times bodies.
 MOST_FRAMES, MOST_POSES = 2000, 300_000
-_FEWEST = 100  # least limit of frames, also with many bodies
+_FEWEST = 100  # minimum limit of frames, even with many bodies
 
-# A run of a length between these is shown in real time; others take about the third, [s].
+# Runs with a duration between the first two, [s], are shown in real time; others take about as long
+# as the third.
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
 _PATIENCE = 86_400.0  # longest animation, [s]
@@ -59,7 +60,7 @@ class WatchedModel(Protocol):
 class Moments:
     """Evenly spaced times of a run."""
 
-    times: Array  # of the run, [s]
+    times: Array  # times of the run, [s]
     pause: float  # time between frames of the animation, [s]
 
     @property
@@ -108,7 +109,7 @@ def coordinates_at(
     if len(t) == 1:
         return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
     way = 1.0 if t[-1] >= t[0] else -1.0
-    # Of several points at one time the last is the one after all events.
+    # Among several points at one time, the last one is that after all events.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
     # Only the ends of intervals that contain a frame need accelerations.
@@ -117,7 +118,7 @@ def coordinates_at(
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
-    # Both sides of an event have one time; of this empty interval the end is taken.
+    # Both sides of an event have the same time; in this empty interval, take the end.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
@@ -159,7 +160,7 @@ def _motion_at(
     values, speeds = y[:n], y[n : n + m]
     accelerations = np.zeros((m, len(t)))
     for k, when in enumerate(t):
-        # At a singular point there is no acceleration, and zero is used.
+        # At a singular point the acceleration is undefined, and zero is used.
         with suppress(Error):
             accelerations[:, k] = model.rhs(when, y[:, k], p, u[:, k])[n : n + m]
     motion = np.zeros((3, n, len(t)))

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from cotree.watch.stage import Place
 
 
-#: Bytes of a mesh's file.
+#: Maximum file size of a mesh, [byte].
 LARGEST_FILE = 80_000_000
 
-_LARGEST_LENGTH = 1e6  # metres
+_LARGEST_LENGTH = 1e6  # maximum coordinate, [m]
 _MOST_FACES = 2_000_000
 # A triangle of binary STL: normal, three corners, an unused word; 50 bytes, packed.
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -206,7 +206,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
 #: Largest number of triangles of all meshes of a robot; larger meshes are coarsened.
 MOST_FACES = 60_000
 
-_FEWEST = 200  # of one mesh
+_FEWEST = 200  # minimum number of triangles of one mesh
 
 
 def visual_meshes(

@@ -29,8 +29,8 @@ class Camera:
 
     axes: Array  # directions to the right, upwards and towards the viewer, as columns
     centres: Array  # point in the middle of each frame, [m]
-    half: tuple[float, float]  # half the width and half the height of the visible region there, [m]
-    #: From the viewer to that point, [m]; infinite in a plane: a parallel projection.
+    half: tuple[float, float]  # half the width and height of the visible region there, [m]
+    #: Distance from the viewer to that point, [m]; infinite for a parallel projection, in a plane.
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
@@ -40,10 +40,10 @@ class Camera:
         to top, and their nearness, (n,), larger in front and linear over the picture of a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
-        # Parallel projection: nearness is the coordinate towards the viewer itself.
+        # Parallel projection: nearness is the coordinate towards the viewer.
         if np.isinf(self.distance):
             return own[:, :2] / self.half, own[:, 2]
-        # A point at or behind the viewer has no image; the bound keeps the division defined.
+        # A point at or behind the viewer has no image; the lower bound avoids a division by zero.
         away = np.maximum(self.distance - own[:, 2], 0.01 * self.distance)
         return own[:, :2] / self.half * (self.distance / away)[:, None], 1.0 / away
 
@@ -79,9 +79,9 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
 
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
-_FINER = 2  # painted pixels per pixel, along each side
-_LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, upwards and towards the viewer
-_COLORS = 96  # of a GIF; more increase its size, without a visible difference
+_FINER = 2  # painted pixels per pixel, in each direction
+_LIGHT = np.array([-0.35, 0.55, 0.76])  # light direction: right, up, towards the viewer
+_COLORS = 96  # colours of a GIF; more increase its size without visible difference
 
 
 class Painter:
@@ -142,7 +142,7 @@ class Painter:
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         own = normals @ self.camera.axes
-        # Of faces with normals that point away the back is visible.
+        # If the normal of a face points away from the viewer, its back is visible.
         own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
         lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
         return np.asarray((0.62 + 0.38 * lit)[:, None])

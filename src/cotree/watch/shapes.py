@@ -27,7 +27,7 @@ class Mesh:
     """Triangles, counter-clockwise from outside."""
 
     points: Array  # corners
-    faces: Indices  # numbers of corners
+    faces: Indices  # indices of corners, three per face
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:
         """Rotate by a matrix, then translate."""
@@ -190,7 +190,7 @@ def about_z(angle: float) -> Array:
 def axes_along(z: Array, y: Array | None = None) -> Array:
     """Return right-handed axes with z along a vector, and y as close as possible to another."""
     z = z / np.linalg.norm(z)
-    # The coordinate axis that is furthest from z.
+    # The coordinate axis that is most perpendicular to z.
     near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y
     x = np.cross(near, z)
     # If both directions are parallel, y is arbitrary.
@@ -203,7 +203,7 @@ def axes_along(z: Array, y: Array | None = None) -> Array:
 #: Red, green and blue, 0 to 255.
 Color = tuple[int, int, int]
 
-#: Colours of the bodies, one after another; neighbours differ in lightness too.
+#: Colours of the bodies, in order; adjacent colours also differ in lightness.
 BODIES: tuple[Color, ...] = (
     (66, 122, 181),
     (233, 146, 62),

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 VIEW = (-55.0, 22.0)
 
 _SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc", "rolling_ellipsoid")
-# Width of bars relative to the mechanism and to the length of bars, and least relative width.
+# Width of bars relative to the mechanism and to the length of bars, and minimum relative width.
 _OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
 # Arms to a centre of mass are thin if they are shorter than this share of the longest arm.
 _SPUR = 0.75
@@ -41,18 +41,18 @@ _SPUR = 0.75
 class Stage:
     """Poses, directions and sizes for drawing."""
 
-    poses: Poses  # of the clusters
-    places: Mapping[str, Place]  # the nodes
-    #: The axis that points up, and the direction to the viewer.
+    poses: Poses  # poses of the clusters
+    places: Mapping[str, Place]  # places of the nodes
+    #: Axis that points up, and direction to the viewer.
     up: Array
     towards: Array
     is_flat: bool  # whether everything moves in a plane
     #: Size of the mechanism, and half the width of its bars, [m].
     size: float
     thickness: float
-    body: tuple[int, ...]  # number of each cluster among those with nodes
-    shown: frozenset[int]  # clusters for which a joint or a constraint has a block or a disc
-    reach: Mapping[int, float]  # the longest arm of each cluster that has arms, [m]
+    body: tuple[int, ...]  # index of each cluster among those with nodes
+    shown: frozenset[int]  # clusters that have a block or a disc for a joint or a constraint
+    reach: Mapping[int, float]  # longest arm of each cluster that has arms, [m]
     spurs: frozenset[str]  # arms that only lead to a centre of mass
 
 
@@ -150,7 +150,7 @@ def _size(poses: Poses, places: Mapping[str, Place]) -> float:
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
     if moving.any():
         alone = float(np.linalg.norm(np.ptp(paths[moving], axis=0), axis=1).max())
-        # The ground does not count if the mechanism is far from it.
+        # The ground is ignored if the mechanism is far from it.
         own = alone if own > 8.0 * alone > 0.0 else own
     return own or 1.0
 
@@ -183,8 +183,8 @@ def _spurs(
 class Poses:
     """Origins and axes of the clusters over time; number 0 is the ground."""
 
-    positions: Array  # of the origins, [m]
-    axes: Array  # from each cluster's axes to the ground's
+    positions: Array  # positions of the origins, [m]
+    axes: Array  # rotations from each cluster's axes to the ground's
 
     def of(self, cluster: int, local: Array) -> Array:
         """Return the position of a point of a cluster over time, shape (n_times, 3)."""
@@ -197,7 +197,7 @@ class Place:
 
     cluster: int
     local: Array  # position in the cluster, [m]
-    turn: Array  # from the node's axes to the cluster's
+    turn: Array  # rotation from the node's axes to the cluster's
 
 
 class MotionValues:
@@ -237,7 +237,7 @@ class MotionValues:
         return np.stack([self._over_time(value) for value in values], axis=-1)
 
     def _over_time(self, value: float | Array) -> Array:
-        # Values of parameters only are one number for all times.
+        # Values that depend only on parameters are one number for all times.
         return np.broadcast_to(np.asarray(value, dtype=float), (self.n,))
 
     def poses(self) -> Poses:
@@ -246,11 +246,11 @@ class MotionValues:
         nodes: list[Node] = []
         for geometry in motion.geometry:
             child = geometry.branch.child
-            # All nodes are evaluated at once, so that values they share are computed once.
+            # Evaluate all nodes together, so that shared values are computed once.
             nodes += geometry.offset
             for matrix in (motion.frames.rotations[child].matrix, motion.frames.steps[child]):
                 nodes += [entry for row in matrix or () for entry in row]
-        with np.errstate(all="ignore"):  # values need not be finite
+        with np.errstate(all="ignore"):  # values may be infinite or nan
             values = evaluate(nodes, self._moving, "array")
         # In the order of the list above.
         rows = iter(values)

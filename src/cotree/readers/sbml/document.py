@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Formula:
     """A formula of a model."""
 
-    node: Any = field(repr=False)  # its tree
+    node: Any = field(repr=False)  # tree of the formula
     at: SourceLine  # its file and line
     what: str  # its description in messages: ``kinetic law of reaction 'R1'``
 
@@ -32,7 +32,7 @@ class Formula:
 class Quantity:
     """A compartment, a species, a parameter or a stoichiometry."""
 
-    #: Its kind, identifier and descriptive name.
+    #: Kind, identifier and descriptive name of the quantity.
     kind: str
     id: str
     title: str
@@ -40,11 +40,12 @@ class Quantity:
     value: float | None = None  # its initial value, if the file gives a number
     is_constant: bool = False  # whether it is declared constant
     compartment: str = ""  # compartment of a species
-    #: Whether the identifier of a species denotes an amount instead of a concentration.
+    #: Whether the identifier of a species denotes an amount, not a concentration.
     is_amount: bool = False
     gives_amount: bool = False  # whether ``value`` of a species is an amount
     is_boundary: bool = False  # whether reactions do not change a species
-    #: Conversion factor of a species: the parameter that converts extents of reactions to amounts.
+    #: Conversion factor of a species: the parameter that converts extents of reactions into
+    #: amounts.
     conversion: str = ""
 
     @property
@@ -57,7 +58,7 @@ class Quantity:
 class Part:
     """A reactant or product of a reaction."""
 
-    species: str  # its identifier
+    species: str  # identifier of the species
     sign: int  # -1 for a reactant, 1 for a product
     #: Its stoichiometry: a number, the identifier of a quantity, or a formula.
     stoichiometry: float | str | Formula
@@ -78,14 +79,14 @@ class Reaction:
 class SbmlEvent:
     """An event: its trigger and its assignments."""
 
-    id: str  # its identifier, or a name made from its number
-    trigger: Formula  # the condition; the event occurs when it becomes true
-    sets: dict[str, Formula]  # the assigned values by identifier
+    id: str  # identifier, or a name made from the event's number
+    trigger: Formula  # condition; the event occurs when it becomes true
+    sets: dict[str, Formula]  # assigned formulas by identifier
     is_initially_true: bool  # whether the trigger counts as true before the start
-    priority: float = 0.0  # of simultaneous events, those with higher priority act first
-    #: Whether it occurs even if a simultaneous event makes its trigger false again.
+    priority: float = 0.0  # simultaneous events occur in order of decreasing priority
+    #: Whether the event occurs even if a simultaneous event makes its trigger false again.
     is_persistent: bool = True
-    #: Whether assigned values are evaluated before simultaneous events act, or after them.
+    #: Whether assigned values are evaluated before simultaneous events, not after them.
     uses_trigger_values: bool = True
 
 
@@ -105,7 +106,7 @@ class SbmlContent:
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # elements that are ignored
-    _document: Any = None  # kept alive, since it owns libsbml's trees
+    _document: Any = None  # keeps libsbml's trees alive
 
 
 _DEEPEST, _MOST_ELEMENTS = 1000, 3_000_000
@@ -115,7 +116,7 @@ _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" 
 
 def read_document(text: str, where: str) -> SbmlContent:
     """Read the model of an SBML text."""
-    # This check comes first, since it refuses document types, whose entities libsbml would follow.
+    # This check comes first: it rejects document types, whose entities libsbml would resolve.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":
         raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")
@@ -131,7 +132,7 @@ def read_document(text: str, where: str) -> SbmlContent:
         import libsbml
     except ImportError:
         raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
-    # The text is decoded already; the encoding declared in its first line is ignored.
+    # The text is already decoded; the encoding declared in its first line is ignored.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
 
@@ -202,7 +203,7 @@ class _Reader:
                 f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is not "
                 "a compartment"
             )
-        # There are no concentrations in a compartment without dimensions.
+        # A compartment without dimensions has no concentrations.
         is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
         is_amount = s.getHasOnlySubstanceUnits() or is_point
         conversion = s.getConversionFactor() or self.model.getConversionFactor()
@@ -334,7 +335,7 @@ class _Reader:
 
     def _priority(self, e: Any, whose: str) -> float:
         priority = e.getPriority()
-        # The priority of a single event has no effect.
+        # The priority of an event has no effect if it is the only one.
         if priority is None or not priority.isSetMath() or self.model.getNumEvents() == 1:
             return 0.0
         value = _number_of(priority)

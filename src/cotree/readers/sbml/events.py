@@ -193,8 +193,8 @@ def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> f
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
     """Refuse an event whose occurrence at the start would be wrong in a run."""
     value, is_known = _at_start(scene, event, begin)
-    # An event occurs at the start of a run if its value is zero and about to rise. Comparisons with
-    # the time rise; for other values it is not known here.
+    # At the start of a run, an event occurs if its value is zero and about to rise. Comparisons
+    # with the time rise; for other values this is not known here.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:
@@ -209,7 +209,7 @@ def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tup
     """Evaluate a trigger's expression at the start; also return whether it has no parameters."""
     rows = dict(scene.parameters)
     with located(event.trigger.at):
-        # The description contains spaces, so that it differs from all names of the scene.
+        # The description contains spaces, so it differs from all names in the scene.
         row = make_parameter(event.trigger.what, begin.text, "", "", True)
         rows[row.name] = row
         value = parameter_values(rows)[row.name]
@@ -229,7 +229,7 @@ def assigned_values(
     events act in their order; their assignments are expressions of the values before all of them.
     """
     found: dict[str, str] = {}
-    sizes: dict[str, str] = {}  # values that earlier events have set, including compartments
+    sizes: dict[str, str] = {}  # values, including compartment sizes, that previous events have set
     for texts in events:
         for id, text in texts.items():
             state = names[id] if roles.of[id] is Role.MODE else f"{names[id]}.c"
@@ -238,7 +238,7 @@ def assigned_values(
                 text = f"({text})*({sizes.get(place, names[place])})"
             found[state] = text
         for id, quantity in content.quantities.items():
-            # The state of a rate rule is the concentration itself.
+            # The state of a rate rule is the concentration.
             is_kept = roles.of[id] is Role.RATE and not quantity.is_amount
             if is_kept and (place := quantity.compartment) in texts:
                 state, old = f"{names[id]}.c", sizes.get(place, names[place])

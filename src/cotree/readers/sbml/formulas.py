@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-#: Nodes and levels of a tree above which a part is cut off. The text of a scene's expression has
-#: at most 4000 characters and 100 levels; a node takes a name of up to 60 letters.
+#: Limits of nodes and levels above which a part of a tree becomes a separate expression. An
+#: expression of a scene has at most 4000 characters and 100 levels; a node is a name of up to 60
+#: letters.
 _LARGEST, _HIGHEST = 50, 30
 
 
@@ -34,7 +35,7 @@ class Term:
     """A partly built expression."""
 
     tree: ast.expr  # the expression
-    #: Its numbers of nodes and levels.
+    #: Number of nodes and levels.
     size: int = 1
     height: int = 1
 
@@ -62,7 +63,7 @@ def name(identifier: str) -> Term:
 class TermMaker:
     """Combines terms, and cuts off parts that have become too large."""
 
-    #: Declares a quantity: takes an expression and the beginning of a name, and returns the name.
+    #: Declares a quantity from an expression and the start of a name, and returns its name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
@@ -82,13 +83,13 @@ class TermMaker:
 
         made = map_tree(tree, filled)
         size, height = 1 + sum(p.size for p in parts), 1 + max(p.height for p in parts)
-        # Only values are moved to expressions of their own: expressions cannot be conditions.
+        # Only values become separate expressions: a condition cannot be one.
         is_large = not is_condition(made) and (size > _LARGEST or height > _HIGHEST)
         return name(self.cut(ast.unparse(made), "part")) if is_large else Term(made, size, height)
 
     def balanced(self, form: str, terms: Sequence[Term]) -> Term:
         """Join many terms by a form of two, in a tree of the least height."""
-        # A sum of a thousand terms that is nested to the left would be a thousand levels deep.
+        # A sum of a thousand terms, nested to the left, would have a thousand levels.
         if len(terms) == 1:
             return terms[0]
         half = (len(terms) + 1) // 2
@@ -101,7 +102,7 @@ def _kinds() -> dict[int, str]:
     import libsbml
 
     names = (n for n in dir(libsbml) if n.startswith("AST_"))
-    # Of types with two names, the alphabetically first is assigned last and remains.
+    # If a type has two names, the alphabetically first one is assigned last and remains.
     return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
 
 
@@ -116,21 +117,22 @@ def children(node: Any) -> list[Any]:
 
 
 _DEEPEST = 200  # levels, with the functions of the model expanded
-# Nodes of one formula, and of all formulas: expanding nested calls can grow exponentially.
+# Limits of the nodes of one formula, and of all formulas: nested calls can grow exponentially when
+# expanded.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # 1/mol, the value that SBML Level 3 prescribes
 
-#: Comparisons, by the name of libsbml's node.
+#: Comparisons, by the name of the node in libsbml.
 RELATIONS = {"LT": "a < b", "LEQ": "a <= b", "GT": "a > b", "GEQ": "a >= b"}
 _RELATIONS = RELATIONS | {"EQ": "a <= b and a >= b", "NEQ": "a < b or a > b"}
-#: Logical operations of one and two conditions.
+#: Logical operations, by name and number of conditions.
 _LOGICAL = {
     ("NOT", 1): "not a",
     ("IMPLIES", 2): "not a or b",
     ("XOR", 2): "a and not b or not a and b",
 }
 
-#: Other operations, by the name of libsbml's node and the number of their arguments.
+#: Other operations, by the name of the node in libsbml and the number of arguments.
 _SAME = ("ABS", "COS", "COSH", "EXP", "FLOOR", "SIN", "SINH", "TAN", "TANH")
 _FORMS = {
     **{(name, 1): f"{name.lower()}(a)" for name in _SAME},
@@ -162,9 +164,9 @@ class FormulaReader:
     """Reads formulas of a model."""
 
     functions: Mapping[str, Any]  # the model's functions by id: the trees of their lambdas
-    symbol: Callable[[str], Term]  # returns the term of an identifier
-    time: Term  # the time: ``t``, or zero at the start
-    make: TermMaker  # makes terms
+    symbol: Callable[[str], Term]  # returns the term for an identifier
+    time: Term  # time: ``t``, or zero at the start
+    make: TermMaker  # creates terms
     #: Returns the term of the rate of change of a quantity, read by the given reader.
     rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)

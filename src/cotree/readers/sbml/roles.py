@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 
-#: The symbol of time, in lists of names.
+#: Symbol for the time in lists of names.
 TIME = "time of the run"
 
 
@@ -41,7 +41,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
             found.update(rate_name(child.getName() or "") for child in children(own))
         elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
             seen.add(own.getName())
-            # A function refers only to its arguments, which the call lists, and to the time.
+            # A function depends only on its arguments, which the call lists, and on the time.
             body = children(functions[own.getName()])[-1]
             found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
         waiting += children(own)
@@ -90,8 +90,8 @@ class Role(Enum):
 class Roles:
     """Roles of all quantities."""
 
-    of: dict[str, Role]  # by identifier
-    #: Quantities of assignment rules that become outputs, in order of their dependencies.
+    of: dict[str, Role]  # roles by identifier
+    #: Quantities of assignment rules that become outputs, in the order of their dependencies.
     order: tuple[str, ...]
     reactions: dict[str, Reaction]  # the reactions by identifier
 
@@ -126,7 +126,7 @@ def roles_of(content: SbmlContent) -> Roles:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses | rate_dependencies(content), content)
     # A rule that depends only on constants defines a constant; species in such a compartment need
-    # not become amounts.
+    # not be amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
             found[id] = Role.FIXED
@@ -232,7 +232,7 @@ class Rates:
                 term = self._formed(id, reader)
             finally:
                 self._open.pop()
-            # A name replaces the expression, which several formulas may need.
+            # A name represents the expression, which several formulas may use.
             is_short = term.size == 1
             self._found[id] = term if is_short else name(self._declare(term.text, f"rate_of_{id}"))
         return self._found[id]

@@ -51,16 +51,16 @@ class SbmlSymbol:
     """A quantity of an SBML model in a scene."""
 
     kind: str  # ``compartment``, ``species``, ``parameter``, ``stoichiometry`` or ``reaction``
-    #: The parameter, mode or output of the scene that has its value, in the unit that formulas of
-    #: the model use: the value of a species is its amount or its concentration.
+    #: Parameter, mode or output of the scene that represents it, in the unit that formulas of the
+    #: model use: the value of a species is an amount or a concentration.
     name: str
-    state: str = ""  # its state: ``A.c``, or the mode; empty without a state
-    #: The factor from its value to the state: an expression of outputs and parameters, or empty for
-    #: one. States of species in a compartment whose size changes are amounts.
+    state: str = ""  # state ``A.c``, or mode, of the quantity; empty if it has none
+    #: Factor that converts the value to the state: an expression of outputs and parameters, empty
+    #: if one. States of species in a compartment of variable size are amounts.
     factor: str = ""
-    #: The parameter with its initial value, in the unit of ``name``: a number, or derived from
-    #: others. For a constant it is the parameter itself. Empty for reactions and for quantities
-    #: with an assignment rule.
+    #: Parameter that contains the initial value in the unit of ``name``: a number, or derived from
+    #: other parameters. For a constant it is the parameter itself. Empty for reactions and for
+    #: quantities with an assignment rule.
     initial: str = ""
 
 
@@ -93,7 +93,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
         self.namer = Namer()
         self.roles = roles_of(content)
-        # Identifiers of the model keep their names; names that the reader adds must differ.
+        # Identifiers of the model keep their names; names added by the reader must differ.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:
@@ -124,7 +124,7 @@ class SceneWriter(Generic[_Scene]):
         for id in self.content.rates:
             self._rate(id)
         checks = self._events()
-        # Initial values are declared on demand, and may require others.
+        # Initial values are declared when they are needed, and may need others.
         while self.waiting:
             self._start_of(self.waiting.pop())
         for check in checks:
@@ -189,7 +189,7 @@ class SceneWriter(Generic[_Scene]):
                 self.initial[id] = own
                 self._start_of(id)
             case Role.DILUTED:
-                # A constant amount in a compartment whose size changes.
+                # A constant amount in a compartment of variable size.
                 place = quantity.compartment
                 begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
                 self.scene.output(own, f"{begin}/{self.names[place]}")

@@ -51,7 +51,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
         raise line.at.error(
             f"POLY needs the number of its arguments in parentheses, 1 to {_MOST_ARGUMENTS}"
         )
-    # A voltage has two nodes, a current the name of its source.
+    # A controlling voltage is given by two nodes, a controlling current by the name of its source.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
@@ -72,7 +72,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
     coefficients: list[Value] = []
     for i, word in enumerate(words):
         value = place.scope.value(word, line.at)
-        # Zeros omit terms of the law, so they do not become parameters.
+        # A zero removes its term from the law, so it does not become a parameter.
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
             value = place.sheet.own_parameter(label, value, line.at)
@@ -120,7 +120,7 @@ def current_of(place: Instance, line: Line, name: str) -> str:
     return f"{source}.i"
 
 
-#: Name, two nodes, and a law after an equals sign, which some simulators omit.
+#: Name, two nodes, and a law after an equals sign, which some simulators allow to omit.
 _LAW = re.compile(
     r"\S+[\s(,]+[^\s(),=]+[\s,]+[^\s(),=]+[\s),]+([A-Za-z]+)\s*(?:=\s*|(?=[{']))(.*)\Z", re.ASCII
 )
@@ -129,7 +129,7 @@ _SIGNALS = re.compile(r"(?<![\w.])[vi]\s*\(|(?<![\w.])time(?![\w.])", re.IGNOREC
 #: Distance of the thresholds of a comparison from the centre, in multiples of the hysteresis.
 _BEYOND = 1.000001
 
-#: Kind of the source by the name before its law, for each letter of elements.
+#: Kind of the source, by the name in front of its law, for each letter of elements.
 _GIVES = {
     "b": {"v": "voltage", "i": "current"},
     "e": {"value": "voltage", "vol": "voltage", "v": "voltage"},
@@ -203,11 +203,12 @@ def add_switch(place: Instance, line: Line) -> None:
     if not is_zero(values[width]):
         scene, name = place.sheet.scene, place.sheet.names.own(place.label(f"{line.words[0]}_on"))
         scene.mode(name, 1 if is_on else 0, doc="whether the switch is on")
-        # The mode shifts the threshold beyond the levels of its events, which then occur first.
+        # The mode shifts the threshold beyond the levels of its events, so that the events occur
+        # first.
         threshold = f"({at} + {_BEYOND!r}*{half}*(1 - 2*{name}))"
         scene.event(f"{name}_up", f"{given} - {upper}", direction=1, set={name: "1"})
         scene.event(f"{name}_down", f"{given} - {lower}", direction=-1, set={name: "0"})
-        # The mode at the start follows from the signal.
+        # The initial mode is determined by the signal.
         first = f"where({given} > {upper}, 1, where({given} < {lower}, 0, {name}))"
         scene.event(f"{name}_begin", "t", direction=1, set={name: first})
     law = f"where({given} > {threshold}, {text_of(values['ron'])}, {text_of(values['roff'])})"
@@ -271,7 +272,8 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
-    # The first winding defines the direction of the flux; zero means that a coupling is incomplete.
+    # The first winding defines the direction of the flux; zero means that the coupling is
+    # incomplete.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
     # For a single flux, the coupling of two windings is the product of their signs.
@@ -338,10 +340,10 @@ def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     return rest[:after] + rest[after + 1 :]
 
 
-#: Coefficients of temperature, which have no effect at 27 degrees.
+#: Temperature coefficients, which have no effect at 27 degrees.
 _OF_TEMPERATURE = ("tc", "tc1", "tc2")
 
-#: Component, field, unit and further settings of elements with one value.
+#: Component, field, unit and further settings of elements that have one value.
 _ONE_PORTS = {
     "r": ("resistor", "resistance", "ohm", {"m", *_OF_TEMPERATURE}),
     "c": ("capacitor", "capacitance", "F", {"m", "ic", *_OF_TEMPERATURE}),
@@ -355,7 +357,7 @@ def _valued(
     """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
-    # Exactly one of both forms is required.
+    # Exactly one of the two forms is required.
     if (len(words) == 3) == (key in given):
         raise line.at.error(f"{line.name} needs one value")
     word = words[2] if len(words) == 3 else given[key]
@@ -374,7 +376,7 @@ def _one_port(place: Instance, line: Line) -> None:
     words, given, value = _valued(place, line, known)
     nodes = [place.node(word) for word in words[:2]]
     if place.sheet.amount(value) == 0.0:
-        # A resistance or an inductance of zero is a short, and a capacitance of zero is omitted.
+        # A zero resistance or inductance is a short, and a zero capacitance is omitted.
         if key != "c":
             place.add_short(line.words[0], nodes)
         return
@@ -426,7 +428,7 @@ def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
 def _coupling(place: Instance, line: Line) -> None:
     """Add coupled inductors as one edge with the name of their first coupling."""
     coupled = place.coupled[line.words[1].lower()]
-    # The first statement of a group adds the edge.
+    # The first statement of a group creates the edge.
     if line.key != coupled.first:
         return
     windings: dict[str, tuple[list[str], Value]] = {}
@@ -560,7 +562,8 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
-    # With a series resistance, the state is the voltage of an inner port, not that of ``.ic``.
+    # With a series resistance, the state is the voltage of an inner port, not the one set by
+    # ``.ic``.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
@@ -580,7 +583,7 @@ def _bipolar(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:3]]
     substrate = place.node(words[3] if at == 4 else "0")
-    # Otherwise no current flows into the substrate.
+    # Without these no current flows into the substrate.
     if {"leakage", "substrate_capacitance"} & fields.keys():
         nodes.append(substrate)
     place.add(line.words[0], model.component, nodes, fields)
@@ -593,9 +596,9 @@ _TRANSITS = {
     "reverse_transit_time": "bc_capacitance",
 }
 
-#: Default capacitance of junctions with a transit time, [F] per second of the run: a milliampere
-#: changes its voltage by a volt in a ten-millionth of the run. Without a capacitance, the voltage
-#: would jump when the stored charge vanishes.
+#: Default capacitance of junctions with a transit time, in farad per second of the run: a
+#: milliampere changes the voltage by a volt in a ten-millionth of the run. Without a capacitance,
+#: the voltage would jump when the stored charge becomes zero.
 _LEAST_CAPACITANCE = 5e-11
 
 
@@ -605,7 +608,7 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop
     wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
-    # With base-width modulation, the charge depends on the voltage of the collector junction, too.
+    # With base-width modulation, the charge also depends on the voltage of the collector junction.
     is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
     if is_modulated and "bc_capacitance" not in wanted:
         wanted.append("bc_capacitance")
@@ -682,7 +685,7 @@ def _inner(
     return inner
 
 
-#: Functions that add the elements, by letter.
+#: Functions that add elements to a scene, by letter.
 DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     **dict.fromkeys("rcl", _one_port),
     "k": _coupling,

@@ -72,7 +72,8 @@ _BIPOLAR = {
     "tf": ModelParameter(0.0, "forward_transit_time", "", "s"),
     "tr": ModelParameter(0.0, "reverse_transit_time", "", "s"),
 }
-#: Field-effect transistors of level 1; functions below derive fields and elements from the values.
+#: Field-effect transistors of level 1; functions below compute fields and elements from these
+#: values.
 _FIELD_EFFECT = {
     "vto": ModelParameter(0.0, "", "", "V"),
     "kp": ModelParameter(2e-5, "", "", "A/V^2"),
@@ -120,7 +121,7 @@ _ALIASES = {
     "m": {"vt0": "vto"},
     "j": {"vt0": "vto", "m": "mj"},
 }
-#: Switches controlled by a voltage, and by a current.
+#: Switches controlled by a voltage or by a current.
 _RESISTANCES = {
     "ron": ModelParameter(1.0, "", "", "ohm"),
     "roff": ModelParameter(1e12, "", "", "ohm"),
@@ -153,7 +154,7 @@ TYPES = {
 class DeviceModel:
     """A model with its values."""
 
-    letter: str  # of its elements
+    letter: str  # letter of its elements
     component: str  # type of its edges
     values: Mapping[str, Value]  # all parameters by name
 
@@ -192,8 +193,8 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # A zero omits a resistance or a charge, and means infinity for voltages and currents,
-        # except for parameters with a nonzero default.
+        # A zero means that a resistance or charge is absent, and that a voltage or current is
+        # infinite, except for parameters with a nonzero default.
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)

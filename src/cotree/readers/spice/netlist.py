@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 
-_LONGEST_LINE = 100_000  # characters of a statement with its continuation lines
-# A dollar sign may be part of a name, so it begins a comment only between spaces.
+_LONGEST_LINE = 100_000  # maximum number of characters of a statement with its continuation lines
+# A dollar sign may be part of a name, so it starts a comment only between spaces.
 _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
 #: An expression in braces or quotes, an equals sign, or a word.
@@ -66,7 +66,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
             yield Line(at, _words(whole, at), whole)
         at, whole = here, ""
         first = line.split(None, 1)[0].lower()
-        if first in (".control", ".endc"):  # commands of a simulator
+        if first in (".control", ".endc"):  # simulator commands
             is_skipped = first == ".control"
         elif first == ".end" and not is_skipped:
             return
@@ -137,7 +137,7 @@ def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, 
 
 
 _LARGEST = 100_000  # statements
-_DEEPEST = 20  # subcircuits within each other
+_DEEPEST = 20  # maximum nesting of subcircuits
 
 #: Analyses and output statements, which are ignored.
 _PASSED_OVER = (
@@ -175,18 +175,18 @@ class UserFunction:
 class Circuit:
     """The main circuit, or a subcircuit."""
 
-    name: str  # as written
-    at: SourceLine  # its first line
-    pins: tuple[str, ...] = ()  # its external nodes
-    #: Default values of its parameters, as written.
+    name: str  # name as written
+    at: SourceLine  # first line
+    pins: tuple[str, ...] = ()  # external nodes
+    #: Default values of the parameters, as written.
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
-    #: By name in lower case.
+    #: Models and subcircuits by name in lower case.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
     #: Names and values as written, and lines.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
-    #: By name in lower case.
+    #: Functions by name in lower case.
     functions: dict[str, UserFunction] = field(default_factory=dict)
 
 
@@ -195,10 +195,10 @@ class Netlist:
     """A netlist."""
 
     circuit: Circuit  # the main circuit
-    transient: Line | None = None  # its ``.tran``
-    held: list[Line] = field(default_factory=list)  # its ``.ic``
-    options: list[Line] = field(default_factory=list)  # its ``.options`` and ``.temp``
-    shared: list[str] = field(default_factory=list)  # nodes of ``.global``, in lower case
+    transient: Line | None = None  # statement ``.tran``
+    held: list[Line] = field(default_factory=list)  # statements ``.ic``
+    options: list[Line] = field(default_factory=list)  # statements ``.options`` and ``.temp``
+    shared: list[str] = field(default_factory=list)  # nodes in ``.global``, in lower case
     passed_over: list[str] = field(default_factory=list)  # ignored statements
 
 
@@ -211,7 +211,7 @@ class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
         self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
-        # The open circuits, the innermost last.
+        # Circuits whose statements are being read, the innermost last.
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,

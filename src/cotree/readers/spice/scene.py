@@ -74,7 +74,7 @@ class Writer(Sheet[_Scene]):
         for line in self.netlist.held:
             self._held(line, top)
         self._circuit(whole, Instance(self, whole, top), 0)
-        # Elements in the first line, the title, are a frequent mistake.
+        # Elements in the title line are a frequent mistake.
         if not self.scene.edges:
             raise whole.at.error("no elements: is the first line the title?")
         ends = {
@@ -105,8 +105,8 @@ class Writer(Sheet[_Scene]):
         for key in ordered(rows, given):
             name, word, at = rows[key]
             value, at = given[key] if key in given else (scope.value(word, at), at)
-            # A dot in an expression leads to a variable of an edge, so that paths are joined
-            # otherwise.
+            # In an expression, a dot precedes a variable of an edge, so names of a path are joined
+            # by underscores.
             label = f"{path}{name}".replace(".", "_")
             scope.values[key] = self.own_parameter(label, value, at)
 
@@ -166,8 +166,8 @@ class Writer(Sheet[_Scene]):
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is not a node")
-        # With ``uic`` the run begins at the initial values, otherwise at the operating point, in
-        # whose search the voltages of ``.ic`` are held.
+        # With ``uic`` the run starts from the initial values; otherwise from the operating point,
+        # in whose computation the voltages of ``.ic`` are fixed.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
@@ -195,7 +195,7 @@ class Writer(Sheet[_Scene]):
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
-        # The limit also refuses a subcircuit that contains itself.
+        # The limit also rejects a subcircuit that contains itself.
         if depth >= _DEEPEST:
             raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_GMIN = 1e-12  # S, the default of ngspice
+_GMIN = 1e-12  # default of ngspice, [S]
 
 
 class Sheet(Generic[_Scene]):
@@ -36,10 +36,10 @@ class Sheet(Generic[_Scene]):
         # An element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
-        self.voltages: dict[str, Value] = {}  # those of ``.ic``, by node
+        self.voltages: dict[str, Value] = {}  # voltages of ``.ic``, by node
         #: Nodes whose voltages are used: names in the scene and as written, and lines.
         self.named: list[tuple[str, str, SourceLine]] = []
-        self.shared: frozenset[str] = frozenset()  # nodes of ``.global``
+        self.shared: frozenset[str] = frozenset()  # nodes in ``.global``
         self._shorts: dict[str, str] = {}
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
@@ -101,9 +101,9 @@ class Sheet(Generic[_Scene]):
 class Coupled:
     """Coupled inductors."""
 
-    #: Their statements, by name in lower case, in the order of the netlist.
+    #: Inductor statements, by name in lower case, in the order of the netlist.
     inductors: dict[str, Line] = field(default_factory=dict)
-    #: The statement K of each pair, in the order of the netlist.
+    #: Coupling statement of each pair, in the order of the netlist.
     couplings: dict[frozenset[str], Line] = field(default_factory=dict)
 
     @property
@@ -116,15 +116,15 @@ class Coupled:
 class Instance:
     """An expanded circuit, with its names."""
 
-    sheet: Sheet[Any]  # the scene
-    circuit: Circuit  # its statements
-    scope: Scope  # its parameters
+    sheet: Sheet[Any]  # scene to which elements are added
+    circuit: Circuit  # statements of the circuit
+    scope: Scope  # parameters of the circuit
     path: str = ""  # names of the enclosing instances, each followed by a dot
-    #: The enclosing instance, for names that are not defined here.
+    #: Enclosing instance, in which undefined names are looked up.
     defined_in: Instance | None = None
-    #: Edges by names of elements in lower case.
+    #: Edges by the names of elements, in lower case.
     edges: dict[str, str] = field(default_factory=dict)
-    #: The group of each coupled inductor, by its name in lower case.
+    #: Group of each coupled inductor, by its name in lower case.
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
@@ -177,7 +177,7 @@ class Instance:
 
             def own(parameter: str, word: str, unit: str) -> Value:
                 value = self.scope.value(word, card.at)
-                # Zeros omit terms of the laws, so they do not become parameters.
+                # A zero removes its term from the laws, so it does not become a parameter.
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")

@@ -15,10 +15,10 @@ from cotree.readers.spice.values import Scope, Value, is_zero, read_number, text
 if TYPE_CHECKING:
     from cotree.readers.names import SourceLine
 
-# Largest number of values of each waveform.
+# Maximum number of values of each waveform.
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
-_MOST_PIECES = 50  # points of a PWL waveform that is written as an expression
-_DEGREE = "0.017453292519943295"  # rad
+_MOST_PIECES = 50  # maximum number of points of a PWL waveform that is written as an expression
+_DEGREE = "0.017453292519943295"  # [rad]
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Times:
 class Source:
     """Shape and fields of an independent source."""
 
-    shape: str  # ``""`` for a single value, ``sine``, ``pulse`` or ``piecewise``
+    shape: str  # ``sine``, ``pulse`` or ``piecewise``; empty for a single value
     fields: dict[str, Any]  # fields of the component; ``value`` is its voltage or current
-    is_constant: bool = False  # whether it is a given value, which may become a parameter
+    is_constant: bool = False  # whether the value is given, so that it may become a parameter
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
@@ -51,7 +51,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
             if not rest:
                 raise at.error("DC needs a value")
             constant, is_given = scope.value(rest.pop(0), at), True
-        elif key == "ac":  # for a small-signal analysis
+        elif key == "ac":  # value for a small-signal analysis
             while rest and read_number(rest[0]) is not None:
                 rest.pop(0)
         elif key in _WAVEFORMS:
@@ -67,7 +67,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
         else:
             # A number, or the name of a parameter without braces.
             constant, is_given = scope.value(word, at), True
-    # With a waveform, DC is for the operating point of other analyses.
+    # With a waveform, the DC value is used only for the operating point of other analyses.
     if waveform is not None:
         return waveform
     return Source("", {"value": constant}, is_constant=True)
@@ -160,7 +160,7 @@ def _since(delay: Value) -> str:
 def _sine(given: _Numbers) -> Source:
     frequency = given.or_else(2, given.once, "the frequency of SIN")
     delay, decay, phase = (given[i] for i in range(3, 6))
-    # There is no component for a decaying sine.
+    # No component represents a decaying sine.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
@@ -176,7 +176,7 @@ def _sine(given: _Numbers) -> Source:
 
 def _pulse(given: _Numbers) -> Source:
     fields: dict[str, Any] = {"low": given[0], "high": given[1]}
-    # Edges of zero length take the output step of the simulator.
+    # Edges of zero length get the output step of the simulator.
     for place, name in ((3, "rise"), (4, "fall")):
         fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
     # Without a width the pulse lasts to the end of the run.
@@ -187,7 +187,8 @@ def _pulse(given: _Numbers) -> Source:
 
 def _exponential(given: _Numbers) -> Source:
     low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
-    # The default of the first delay is zero in the manual of ngspice, and the step in ngspice.
+    # The default of the first delay is zero according to the manual of ngspice, but ngspice uses
+    # the step.
     first = given.or_else(2, step, "the delay of EXP")
     rise = given.or_else(3, step, "the time constant of EXP")
     second = given.or_else(4, step, "the second delay of EXP")
@@ -196,7 +197,7 @@ def _exponential(given: _Numbers) -> Source:
         second = f"{text_of(first)} + {text_of(second)}"
     fall = given.or_else(5, step, "the second time constant of EXP")
 
-    # Each exponential begins at its delay and is zero before it.
+    # Each exponential starts at its delay, and is zero before it.
     def since(begin: Value, constant: Value) -> str:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
 

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from cotree.readers.names import SourceLine
     from cotree.readers.spice.netlist import UserFunction
 
-#: A number, or the text of an expression in the scene's grammar.
+#: A number, or an expression in the grammar of scenes.
 Value = float | str
 
-#: A parameter: its name and value as written, and its line.
+#: A parameter: name and value as written, and line.
 ParameterRow = tuple[str, str, "SourceLine"]
 
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -37,15 +37,15 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 _SIGNAL = re.compile(r"([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)", re.I | re.ASCII)
-#: Operators in Python's syntax.
+#: Operators and their equivalents in Python.
 _SPELT = {"^": "**", "&&": "and", "||": "or", "!": "~", "?": "if (", ":": ") else"}
 _SPELT |= {"(": f"{GROUP}("}
-#: Functions that scenes do not have, or by another name.
+#: Functions that scenes lack, or have under another name.
 _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
     *("u", "uramp", "ceil", "pwr", "limit"),
 )
-#: A suffix in the place of the decimal point, as on resistors.
+#: A suffix at the position of the decimal point, as printed on resistors.
 _PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
@@ -53,8 +53,8 @@ _SUFFIXES = {
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
 }
 _WORD = re.compile(r"[a-z_]\w*", re.ASCII)
-_DEEPEST = 20  # functions within each other
-_LONGEST = 6000  # characters of an expression after substitution of parameters
+_DEEPEST = 20  # maximum nesting of functions
+_LONGEST = 6000  # maximum number of characters of an expression after substitution of parameters
 
 
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
@@ -132,12 +132,12 @@ def _scaled(digits: str, letters: str) -> float:
 class Scope:
     """Meaning of names in a circuit or in an instance of a subcircuit."""
 
-    #: Numbers or texts of expressions, by name in lower case.
+    #: Numbers or expressions, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
     outer: Scope | None = None  # the enclosing scope
     #: Functions of ``.func``, by name in lower case.
     functions: Mapping[str, UserFunction] = field(default_factory=dict)
-    #: Remarks about the file, kept in the outermost scope.
+    #: Notes about the file, stored in the outermost scope.
     remarks: list[str] = field(default_factory=list)
 
     def _outwards(self) -> Iterator[Scope]:
@@ -187,7 +187,7 @@ class Scope:
     def _expression(self, body: str) -> Value:
         text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
-        # Names are parameters of the scene, which may change.
+        # Its names are parameters of the scene, which may change.
         if expression.names:
             return text
         value = expression.lower(Dag(), dict[str, "Node"]().__getitem__).value
@@ -213,7 +213,7 @@ class SpiceFormula(Rewriter):
     ) -> None:
         super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS))
         self._scope, self._signal, self._depth = scope, signal, depth
-        #: Trees that replace names, by placeholders.
+        #: Trees that replace placeholder names.
         self._put: dict[str, ast.expr] = {}
         self._length = 0
 
@@ -312,7 +312,7 @@ class SpiceFormula(Rewriter):
         """Return a power; in laws that of the base's absolute value, as in ngspice."""
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
-        # Even powers, and powers of numbers, do not need the absolute value.
+        # Even powers, and powers of numbers, need no absolute value.
         if self._signal is not None and not (is_even or isinstance(base, ast.Constant)):
             self._scope.remark(
                 "powers of voltages and currents are those of their sizes, as in ngspice: write "

@@ -33,7 +33,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)
-    # The joint whose child a link is, and the joints whose parent it is.
+    # The joint whose child is the link, and the joints whose parent is the link.
     onto: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in robot.joints:
@@ -51,8 +51,8 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
-    # Each link except the root has one joint, so that links and joints form a tree unless there is
-    # a separate cycle.
+    # Each link except the root has one joint: links and joints form a tree, unless there is a
+    # separate cycle.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints form a cycle")
@@ -98,7 +98,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
                 f"{what} mimics '{brief(leader.name)}', which has no or several coordinates: its "
                 f"type is {leader.type}"
             )
-    # Follow each chain of mimics to its end, or to a joint that was checked before.
+    # Follow each chain of mimic joints to its end, or to a joint that was already checked.
     settled: set[str] = set()
     for joint in by_name.values():
         trail: set[str] = set()
@@ -111,7 +111,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
             follower = None if mimic is None else by_name[mimic.joint]
-        # The number of operations is linear in the number of joints.
+        # Each joint is visited once.
         settled |= trail
 
 
@@ -134,9 +134,9 @@ def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
 
 Vector = tuple[float, float, float]
 
-# Unlike float(), it refuses nan, inf, underscores and digits of other scripts.
+# In contrast to float(), it rejects nan, inf, underscores and digits of other scripts.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
-_LARGEST = 1e15  # in SI units; products of larger numbers could overflow
+_LARGEST = 1e15  # in SI units; products of larger numbers might overflow
 _LONGEST_NAME = 500
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -230,7 +230,7 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 class Inertial:
     """Inertia of a link."""
 
-    #: Pose of the centre of mass and of the axes of the moments, in the link's axes.
+    #: Pose of the centre of mass, and axes of the moments, relative to the link.
     pose: Pose
     mass: float  # [kg]
     moments: tuple[float, ...]  # ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
@@ -259,18 +259,18 @@ class Mimic:
 class Joint:
     """A joint."""
 
-    #: Its name, and one of :data:`JOINT_TYPES`.
+    #: Name, and one of :data:`JOINT_TYPES`.
     name: str
     type: str
     at: SourceLine  # its first line
-    #: Its links.
+    #: Names of its links.
     parent: str
     child: str
-    pose: Pose  # of the child's axes in the parent's at a coordinate of zero
-    axis: Vector  # in the child's axes
+    pose: Pose  # pose of the child relative to the parent if the coordinate is zero
+    axis: Vector  # direction in the child's axes
     damping: float  # [N s/m] or [N m s/rad]
     friction: float  # [N] or [N m]
-    mimic: Mimic | None  # if its coordinate follows that of another joint
+    mimic: Mimic | None  # set if the coordinate follows that of another joint
 
 
 @dataclass(frozen=True)
@@ -339,7 +339,7 @@ def _joint(element: Element) -> Joint:
         for end in ("parent", "child")
     ]
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
-    # The default axis is x. The length of an axis is arbitrary, but not zero.
+    # The default axis is x. The length of an axis is arbitrary but nonzero.
     if JOINT_TYPES[kind] and axis_element is not None:
         axis = vector_of(axis_element, "xyz", what, axis)
         if max(map(abs, axis)) < 1e-6:

@@ -53,9 +53,9 @@ def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-    rows = [[entry + 0.0 for entry in row] for row in rows]  # no negative zeros
+    rows = [[entry + 0.0 for entry in row] for row in rows]  # removes negative zeros
     identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    # Without a rotation the equations contain no product with the matrix.
+    # If there is no rotation, the equations need no product with the matrix.
     return None if rows == identity else rows
 
 
@@ -80,7 +80,7 @@ class UrdfOptions:
     """Options for reading a robot."""
 
     base: str = "fixed"  # whether the root link is welded to the ground or free to move
-    #: Whether joints that mimic others follow them; else they move independently.
+    #: Whether mimic joints follow other joints; otherwise they move independently.
     mimic: bool = True
     #: Angles of frames this close to a multiple of a quarter turn are rounded to it, [rad].
     snap: float = 0.0
@@ -128,7 +128,7 @@ class _SceneWriter(Generic[_Scene]):
 
     def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
-        # Links and joints keep their names; those that the reader adds must differ.
+        # Links and joints keep their names; names added by the reader must differ.
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
         base = self.namer.own("base")
@@ -137,7 +137,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
             self._add_joint(joint)
-        # A joint may follow a later one, so mimics are added after all joints.
+        # A joint may mimic a later one, so mimic constraints are added after all joints.
         by_name = {joint.name: joint for joint in joints}
         for joint in joints:
             self._add_mimic(joint, by_name)
@@ -172,7 +172,7 @@ class _SceneWriter(Generic[_Scene]):
         initial: dict[str, float] = {}
         terms = []
         if self._follows(joint):
-            # A follower has no drive, and its initial value satisfies the constraint of its gear.
+            # A mimic joint has no drive, and its initial value satisfies its constraint.
             initial = self._mimicked_start(joint)
         else:
             terms.append(self.namer.own(f"{edge}_{drive}"))
@@ -184,7 +184,7 @@ class _SceneWriter(Generic[_Scene]):
         if joint.friction:
             friction = self._parameter(f"{edge}_friction", joint.friction, unit)
             rate, speed = f"{edge}.{_COORDINATE[joint.type]}_dot", self._friction_speed()
-            # Smooth, so that equations and sensitivities are continuous at rest.
+            # Smooth at rest, so that equations and sensitivities are continuous.
             terms.append(f"-{friction}*{rate}/sqrt({rate}**2 + {speed}**2)")
         if terms:
             fields[drive] = " ".join(terms)
