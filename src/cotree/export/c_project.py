@@ -109,7 +109,6 @@ class MainContext:
     step: str  # fixed step size; empty if the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated
     sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
-    least_size: str  # minimum of these and one
     #: Lines with 1 for each parameter on which constants of the text depend, otherwise 0; empty if
     #: there is none.
     held: list[str]
@@ -159,7 +158,6 @@ def main_context(
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target
     has_explicit = len(implicit) < len(methods)
-    least = min(1.0, *sizes) if sizes else 1.0
     return MainContext(
         model=model,
         integrator=methods[0],
@@ -182,7 +180,6 @@ def main_context(
         and program.traits.can_extend(program.layout)
         and not program.layout.events,
         sizes=_lines(sizes, target),
-        least_size=target.literal(least),
         held=_held(program, has_start=start is not None and not is_found),
         most_steps=MOST_STEPS,
     )

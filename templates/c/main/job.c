@@ -3,22 +3,6 @@ static cotree_job job; /* initially all zero */
 #define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
 #endif
 
-#if COTREE_MAIN_STOPS
-/* List the breakpoints: the start, the times at which rates have kinks, and the end. Return their
- * number. If corners is NULL, only count them. */
-static int list_corners(cotree_real t_end, cotree_real *corners)
-{
-    cotree_real t = COTREE_F(0.0);
-    int n = 0;
-    for (;;) {
-        if (corners != NULL) corners[n] = t;
-        ++n;
-        if (t == t_end) return n;
-        t = cotree_next_breakpoint(&stops, t, t_end);
-    }
-}
-
-#endif
 #if COTREE_MAIN_EVENTS
 /* Print the times of events, with their sensitivities. */
 static void print_events(void)
@@ -75,53 +59,28 @@ static void report(void)
             cotree_status_message((cotree_status)job.status));
 }
 
-#if COTREE_MAIN_TURNS
-/* Set the derivatives of the breakpoint times by the parameters. slopes has space for two such
- * arrays. */
-static void set_slopes(cotree_real *slopes)
-{
-    static cotree_real tolerances[N_SENSITIVITIES];
-    const size_t n = (size_t)job.n_corners * N_SENSITIVITIES;
-    int i;
-    job.slopes = slopes;
-    job.spreads = slopes + n;
-    for (i = 0; i < job.n_corners; ++i) {
-        const int at = i * N_SENSITIVITIES;
-        cotree_find_breakpoint_slopes(&stops, job.corners[i], job.corners[i] == COTREE_F(0.0),
-                                      slopes + at, slopes + n + at);
-    }
-    for (i = 0; i < N_SENSITIVITIES; ++i) { /* tolerances of sensitivities that are zero */
-        tolerances[i] = LEAST_SIZE * cotree_job_sensitivity_atol(&job, seeds[i]);
-    }
-    job.turn_tolerances = tolerances;
-}
-
-#endif
 /* Run the job to its end. This allocates its memory and a list of its breakpoints, and nothing
  * else; without a heap, arrays of these sizes can be used. */
 static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
-    const size_t n_corners = (size_t)list_corners(t_end, NULL);
+    static cotree_real tolerances[LENGTH(N_SENSITIVITIES)];
+    const size_t n_corners = (size_t)cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
     const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
     cotree_real *const corners = (cotree_real *)calloc(n_corners, width * sizeof(cotree_real));
 #else
     const cotree_real corners[2] = {COTREE_F(0.0), t_end};
 #endif
     int result = COTREE_JOB_MORE;
-    job.n_corners = 2;
-    job.corners = corners;
-    if (job.n_wanted == 0) job.wanted = corners; /* unused */
 #if COTREE_MAIN_STOPS
     if (corners == NULL) return fail("there is no memory");
-    job.n_corners = list_corners(t_end, corners);
-    job.scale = cotree_largest_breakpoint(&stops, t_end);
-    job.is_start_sharp = cotree_is_breakpoint(&stops, COTREE_F(0.0));
-    job.is_end_sharp = cotree_is_breakpoint(&stops, t_end);
+    cotree_job_set_breakpoints(&job, &stops, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
+                               corners, tolerances);
+#else
+    job.n_corners = 2;
+    job.corners = corners;
 #endif
-#if COTREE_MAIN_TURNS
-    set_slopes(corners + n_corners);
-#endif
+    if (job.n_wanted == 0) job.wanted = corners; /* unused */
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("there is no memory");
     while (result == COTREE_JOB_MORE) {

@@ -86,7 +86,7 @@ static void lay_out(fmu *m, cotree_arena *arena)
 #if COTREE_HAS_STEPS
     m->atols = cotree_arena_reals(arena, n_full);
     m->spare = cotree_arena_reals(arena, (int)m->n_saved);
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_BREAKPOINTS
     m->turn_tolerances = cotree_arena_reals(arena, N_SENSITIVITIES);
 #endif
 #endif
@@ -184,7 +184,9 @@ void fmu_free(void *instance)
     free(m->kept);
 #if COTREE_HAS_STEPS
     free(m->job_memory);
+#if COTREE_HAS_BREAKPOINTS
     free(m->corners);
+#endif
 #endif
     free(m->memory);
     free(m);

@@ -137,13 +137,14 @@ struct fmu {
 #if COTREE_HAS_STEPS
     double *spare; /* copy of the state before a step */
     double *atols;
-    double *corners;
+#if COTREE_HAS_BREAKPOINTS
+    double *corners, *turn_tolerances;
     size_t n_corners; /* allocated length of corners */
+#else
+    double corners[2];
+#endif
     void *job_memory;
     size_t n_job_memory;
-#if COTREE_HAS_MOVING_CORNERS
-    double *turn_tolerances;
-#endif
 #endif
     void *memory;
     char name[];

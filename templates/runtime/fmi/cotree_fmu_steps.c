@@ -5,58 +5,26 @@
 /* Relative tolerance of the start time of a step: importers accumulate rounding errors. */
 #define TIME_RTOL 1e-9
 
-static int reserve_corners(fmu *m, size_t n)
+/* Set the breakpoints of a job: the start, time events and the end. */
+static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
 {
-    const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
-    double *more;
-    if (n <= m->n_corners) return 0;
-    more = (double *)realloc(m->corners, 2 * n * width * sizeof(double));
-    if (more == NULL) return fmu_refuse(m, "there is no memory");
-    m->corners = more;
-    m->n_corners = 2 * n;
-    return 0;
-}
-
-/* Write the derivatives of the breakpoint times by the parameters. */
-static void write_slopes(fmu *m, cotree_job *job)
-{
-    const int n_sensitivities = N_SENSITIVITIES, *const seeds = m->tables->start_tables->seeds;
-    const double *const sizes = m->tables->sizes;
-    double *const slopes = m->corners + m->n_corners;
-    double *const spreads = slopes + m->n_corners * (size_t)n_sensitivities;
-    double least = 1.0;
-    int i;
-    for (i = 0; i < job->n_corners; ++i) {
-        const double at = m->corners[i];
-        cotree_find_breakpoint_slopes(&m->stops, at, at == m->numbers[FMU_BEGIN],
-                                      slopes + i * n_sensitivities, spreads + i * n_sensitivities);
+#if COTREE_HAS_BREAKPOINTS
+    const size_t n = (size_t)cotree_list_breakpoints(&m->stops, t, end, NULL);
+    if (n > m->n_corners) {
+        const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
+        double *const more = (double *)realloc(m->corners, 2 * n * width * sizeof(double));
+        if (more == NULL) return fmu_refuse(m, "there is no memory");
+        m->corners = more;
+        m->n_corners = 2 * n;
     }
-    for (i = 0; sizes != NULL && i < N_STATES; ++i) least = fmin(least, sizes[i]);
-    for (i = 0; i < n_sensitivities; ++i) {
-        m->turn_tolerances[i] = least * cotree_job_sensitivity_atol(job, seeds[i]);
-    }
-    job->slopes = slopes;
-    job->spreads = spreads;
-    job->turn_tolerances = m->turn_tolerances;
-}
-
-/* List the breakpoints: the start, time events and the end. */
-static int list_corners(fmu *m, double t, double end, cotree_job *job)
-{
-    size_t n = 0;
-    for (;;) {
-        if (reserve_corners(m, n + 1) != 0) return 1;
-        m->corners[n++] = t;
-        if (t == end) break;
-        t = cotree_next_breakpoint(&m->stops, t, end);
-    }
+    cotree_job_set_breakpoints(job, &m->stops, t, end, m->numbers[FMU_BEGIN], m->tables->sizes,
+                               m->tables->start_tables->seeds, m->corners, m->turn_tolerances);
+#else
+    m->corners[0] = t;
+    m->corners[1] = end;
     job->corners = m->corners;
-    job->n_corners = (int)n;
-    job->scale = cotree_largest_breakpoint(&m->stops, end);
-    job->is_start_sharp = cotree_is_breakpoint(&m->stops, m->corners[0]);
-    job->is_end_sharp = cotree_is_breakpoint(&m->stops, end);
-#if COTREE_HAS_MOVING_CORNERS
-    write_slopes(m, job);
+    job->n_corners = 2;
+    job->scale = fabs(end);
 #endif
     return 0;
 }
@@ -122,7 +90,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
 #if COTREE_HAS_EVENTS
     set_up_events(m, job);
 #endif
-    if (list_corners(m, t, end, job) != 0) return 1;
+    if (set_breakpoints(m, t, end, job) != 0) return 1;
     job->wanted = job->corners; /* unused, since n_wanted is zero */
     n_bytes = cotree_job_memory(job);
     if (n_bytes > m->n_job_memory) {

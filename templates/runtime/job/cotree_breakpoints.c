@@ -1,6 +1,8 @@
 /* cotree_breakpoints.c: time events, at which functions of time have a kink or a jump. */
 #include "cotree_breakpoints.h"
 
+#include <stddef.h>
+
 /* Relative tolerance of times: a few rounding errors. */
 #define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
 
@@ -90,3 +92,46 @@ void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree
         is_first = 0;
     }
 }
+
+#if COTREE_HAS_STEPS
+int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
+                            cotree_real *times)
+{
+    int n = 0;
+    for (;;) {
+        if (times != NULL) times[n] = t;
+        ++n;
+        if (t == t_end) return n;
+        t = cotree_next_breakpoint(breakpoints, t, t_end);
+    }
+}
+
+void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *breakpoints,
+                                cotree_real t, cotree_real t_end, cotree_real begin,
+                                const cotree_real *sizes, const int *seeds, cotree_real *memory,
+                                cotree_real *tolerances)
+{
+    const int n = cotree_list_breakpoints(breakpoints, t, t_end, memory);
+#if COTREE_HAS_MOVING_CORNERS
+    const int m = breakpoints->n_sensitivities;
+    cotree_real *const slopes = memory + n, *const spreads = slopes + n * m, least = COTREE_F(1.0);
+    int i;
+    for (i = 0; i < n; ++i)
+        cotree_find_breakpoint_slopes(breakpoints, memory[i], memory[i] == begin, slopes + i * m,
+                                      spreads + i * m);
+    for (i = 0; sizes != NULL && i < job->model->n_states; ++i)
+        least = COTREE_FMIN(least, sizes[i]);
+    for (i = 0; i < m; ++i) tolerances[i] = least * cotree_job_sensitivity_atol(job, seeds[i]);
+    job->slopes = slopes;
+    job->spreads = spreads;
+    job->turn_tolerances = tolerances;
+#else
+    (void)begin, (void)sizes, (void)seeds, (void)tolerances;
+#endif
+    job->corners = memory;
+    job->n_corners = n;
+    job->scale = cotree_largest_breakpoint(breakpoints, t_end);
+    job->is_start_sharp = cotree_is_breakpoint(breakpoints, t);
+    job->is_end_sharp = cotree_is_breakpoint(breakpoints, t_end);
+}
+#endif

@@ -3,6 +3,9 @@
 #define COTREE_BREAKPOINTS_H
 
 #include "cotree_real.h"
+#if COTREE_HAS_STEPS
+#include "cotree_job.h"
+#endif
 
 COTREE_BEGIN_DECLS
 
@@ -31,6 +34,22 @@ int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t);
  * zero, and spreads are the differences from zero. */
 void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
+
+#if COTREE_HAS_STEPS
+/* Write t, the breakpoints after it and t_end to times; NULL: none is written. Return their number.
+ */
+int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
+                            cotree_real *times);
+
+/* Set the breakpoints of a job from t to t_end, after its tolerances. memory holds the n times, and
+ * their derivatives if they depend on parameters: n (1 + 2 n_sensitivities) numbers. begin is the
+ * fixed start of the run; sizes and seeds are those of cotree_job_set_tolerances; tolerances holds
+ * n_sensitivities numbers. */
+void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *breakpoints,
+                                cotree_real t, cotree_real t_end, cotree_real begin,
+                                const cotree_real *sizes, const int *seeds, cotree_real *memory,
+                                cotree_real *tolerances);
+#endif
 
 COTREE_END_DECLS
 
