@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from cotree.cli import ahead
+from cotree import cli
 from cotree.solvers import engine
 from cotree.solvers.engine import load_sweep
 
@@ -30,7 +30,7 @@ def begun(monkeypatch):
     ],
 )
 def test_the_engine_of_a_run_is_begun(begun, line, method):
-    ahead.begin_engine(line.split())
+    cli.begin_engine(line.split())
     assert begun == [method]
 
 
@@ -39,7 +39,7 @@ def test_the_engine_of_a_run_is_begun(begun, line, method):
     ["", "run", "check slider-pendulum", "run slider-pendulm", "run slider-pendulum --help"],
 )
 def test_no_other_line_begins_one(begun, line):
-    ahead.begin_engine(line.split())
+    cli.begin_engine(line.split())
     assert begun == []
 
 
@@ -56,7 +56,7 @@ def test_no_other_line_begins_one(begun, line):
 def test_the_method_of_a_file_is_read(begun, tmp_path, text, methods):
     file = tmp_path / "scene.toml"
     file.write_text(text)
-    ahead.begin_engine(["run", str(file)])
+    cli.begin_engine(["run", str(file)])
     assert begun == methods
 
 

@@ -1,16 +1,24 @@
-"""The command line: arguments in, text and files out; no mathematics."""
+"""The command line: arguments in, text and files out; no mathematics.
+
+Compilation of the engine of a run begins before the command's packages are imported: at the first
+run on a machine, the compiler then works while Python imports and forms equations.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING
-
-from cotree.cli.ahead import abandon_engine, begin_engine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 __all__ = ["main"]
+
+_SHIPPED = Path(__file__).parents[1] / "scenes"
+_OPTION = "--method"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,3 +32,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if code and arguments is None:
         abandon_engine()
     return code
+
+
+def begin_engine(arguments: Sequence[str]) -> None:
+    """Begin to build the engine for a command line that runs a scene.
+
+    The scene, the method and whether there are events are guesses; the command itself checks the
+    arguments and waits for the engine that it needs.
+    """
+    if "run" not in arguments or "--help" in arguments:
+        return
+    rest = list(arguments[arguments.index("run") + 1 :])
+    scene = next(filter(None, map(_scene_file, rest)), None)
+    if scene is None:  # the command will report an error
+        return
+    method, has_events = _engine_of(scene)
+    method = _method_given(rest) or method
+    if method is not None:
+        from cotree.solvers.engine import build_ahead
+
+        build_ahead(method, has_events=has_events)
+
+
+def abandon_engine() -> None:
+    """Stop the compilation for a command that failed."""
+    engine = sys.modules.get("cotree.solvers.engine")
+    if engine is not None:  # otherwise no build was started
+        engine.abandon_ahead()
+
+
+def _scene_file(argument: str) -> Path | None:
+    """Find the file of a scene that an argument may name."""
+    if argument.startswith("-"):
+        return None
+    places = (Path(argument), _SHIPPED / f"{argument}.toml")
+    with contextlib.suppress(OSError):  # if the name is too long
+        return next((place for place in places if place.is_file()), None)
+    return None
+
+
+def _method_given(arguments: list[str]) -> str:
+    """Read the option of the method; empty if it is absent."""
+    for place, argument in enumerate(arguments):
+        if argument == _OPTION:
+            return "".join(arguments[place + 1 : place + 2])
+        if argument.startswith(f"{_OPTION}="):
+            return argument.removeprefix(f"{_OPTION}=")
+    return ""
+
+
+def _engine_of(scene: Path) -> tuple[str | None, bool]:
+    """Read the method of a scene's file, None if that is impossible, and whether it has events."""
+    if scene.suffix != ".toml":
+        return "auto", False
+    try:
+        described = tomllib.loads(scene.read_text(encoding="utf-8"))
+        method = described.get("simulation", {}).get("method", "auto")
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return None, False
+    return (method if isinstance(method, str) else None), "events" in described

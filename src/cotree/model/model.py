@@ -18,8 +18,7 @@ import numpy as np
 
 from cotree.build import find_toolchain
 from cotree.errors import BuildError, ParameterError, SingularSystemError
-from cotree.model.arrays import Array, as_array, as_parameters, derived_values, is_many
-from cotree.model.structure import Structure
+from cotree.model.arrays import Array, Structure, as_array, as_parameters, derived_values, is_many
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
