@@ -7,6 +7,7 @@ import csv
 import io
 import math
 import os
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -150,14 +151,20 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
     """Return a temporary file that replaces a file once it is complete.
 
-    A reader never sees an incomplete file, and after an error the old file is unchanged.
+    A reader never sees an incomplete file, and after an error the old file is unchanged. Devices,
+    pipes and links are not replaced: what they stand for is written.
     """
     target = target_path(path, what)
+    is_other = target.is_symlink() or (target.exists() and not target.is_file())
     # In the same folder, since files can only be replaced atomically within a file system.
-    draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    folder = Path(tempfile.gettempdir()) if is_other else target.parent
+    draft = folder / f".{target.name}.{os.getpid()}.tmp"
     try:
         yield draft
-        os.replace(draft, target)
+        if is_other:
+            target.write_bytes(draft.read_bytes())
+        else:
+            os.replace(draft, target)
     except OSError as error:
         raise SceneError(f"cannot write {what} '{target}': {error.strerror or error}") from None
     finally:

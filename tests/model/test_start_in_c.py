@@ -188,3 +188,13 @@ def test_many_unknowns_are_solved_for_with_sparse_factorisations():
     at = EvaluationPoint(model.kernels, 0.0, model.default_parameters)
     poor = find_start(at, {name: 60.0 for name in model.states if name.startswith("D")})
     assert np.allclose(poor.y, find_start(at, {}).y, rtol=1e-10)
+
+
+@pytest.mark.parametrize("sensitivities", [(), ("V",)])
+def test_a_start_without_states_is_refused_by_name(sensitivities):
+    scene = cotree.Scene("stiff-source")
+    scene.parameter("V", 2.0)
+    scene.velocity_source("u", "ground", "x", velocity="V")
+    scene.translational_mass("M", "ground", "x", mass=1.0, initial={"v": 1.0})
+    with pytest.raises(cotree.ParameterError, match=r"'M\.v' is given as 1 but is 2 by the source"):
+        scene.compile(list(sensitivities), optimize="-O0").simulate((0, 1))

@@ -6,6 +6,7 @@ Packages that take long to import are imported by the commands that need them.
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import sys
@@ -324,6 +325,10 @@ app = typer.Typer(
 )
 
 
+#: Errors of an output that can take no more: no space, a quota, a device.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, with the arguments of the process by default; return the exit code."""
     for stream in (sys.stdout, sys.stderr):
@@ -332,7 +337,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     try:
         with warnings_in_one_line():
-            app(args=None if arguments is None else list(arguments), prog_name="cotree")
+            try:
+                app(args=None if arguments is None else list(arguments), prog_name="cotree")
+            finally:
+                if sys.stdout is not None:  # a process may begin with a closed output
+                    sys.stdout.flush()
     except SystemExit as stop:
         # Typer raises SystemExit on success, too; a text as its code means failure.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
@@ -342,6 +351,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return INTERRUPTED
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        print_error(f"the output cannot be written: {error.strerror}")
+        sys.stdout = None  # otherwise the rest would be written when Python ends
+        return 2
     return 0
 
 

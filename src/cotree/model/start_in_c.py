@@ -317,8 +317,9 @@ class StartCall(CObjects):
 
     def _found(self) -> tuple[Array, Array]:
         """Return the states and sensitivities that C has reached."""
-        n = len(self._at.model.states)
-        return self.z[:n].copy(), self.z[n:].reshape(-1, n).T.copy()
+        model = self._at.model
+        z = self.z.reshape(1 + len(model.sensitivities), len(model.states))
+        return z[0].copy(), z[1:].T.copy()
 
     def _set_inputs(self) -> None:
         """Return the inputs that replace the scene's as tables of one point."""
