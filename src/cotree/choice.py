@@ -183,7 +183,7 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
-    """List sets of clusters: all sets of a few, otherwise none and all; with two trees none."""
+    """List the sets of clusters to try: all sets if there are few, otherwise none and all."""
     # Axes can be chosen only if translation and rotation share one tree.
     if not trees.is_one:
         yield ()

@@ -65,7 +65,7 @@ class Derivative:
 
     @property
     def nodes(self) -> list[Node]:
-        """All its nodes except those of the seed and of the initial values."""
+        """All nodes of the derivative, except those of the seed and of the initial values."""
         rates, outputs = self.rates.values(), self.outputs.values()
         return [*self.forcing, *rates, *outputs, *self.held, *self.held_rates, *self.start]
 
@@ -231,13 +231,13 @@ class EventRow:
 
     @property
     def kept(self) -> tuple[int, ...]:
-        """The states that expressions set, which a projection does not change."""
+        """The states that expressions set, which a projection keeps."""
         # Targets of expressions come first, those of the impact after them.
         return self.targets[: len(self.new_values)]
 
     @property
     def causes(self) -> dict[int, int]:
-        """The place of the source of each target: an expression, or the restitution."""
+        """Index of the source of each target: an expression, or the coefficient of restitution."""
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own

@@ -184,7 +184,7 @@ def cached(of: object, make: Callable[[], _T]) -> _T:
 
 
 def pickled(value: object) -> bytes | None:
-    """Pickle a value; None if it cannot be pickled."""
+    """Return a value pickled; None if it cannot be pickled."""
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError, RecursionError):

@@ -381,7 +381,7 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps in parallel but the last, then the last; return it, or a failure."""
+    """Run all steps except the last in parallel, then the last; return it, or a failed one."""
     *first, last = steps
     owner = threading.current_thread()  # also of steps that run in other threads
 

@@ -91,7 +91,7 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: i
 
 
 def _of_helper(name: str) -> int:
-    """Return the stack of a library function with its callees; 0 for other functions."""
+    """Return the stack size of a library function and its callees; 0 for other functions."""
     base, _, size = name.rpartition("_")
     if base == "cotree_factorise" and size.isdecimal():
         n = int(size)
@@ -231,17 +231,17 @@ class _Item:
 
     @property
     def makes(self) -> Temporary | None:
-        """The temporary that it declares."""
+        """The temporary that the statement declares."""
         return declared_by(self.row)
 
     @property
     def is_kept(self) -> bool:
-        """Whether it stores the declared value in an array, too."""
+        """Whether the statement also stores the declared value in an array."""
         return isinstance(self.row, Assign) and len(self.row.to) > 1
 
     @property
     def is_exit(self) -> bool:
-        """Whether it may leave the function."""
+        """Whether the statement may return from the function."""
         rows = self.row.body if isinstance(self.row, Loop) else (self.row,)
         return any(isinstance(row, LeaveUnless) for row in rows)
 
@@ -350,7 +350,7 @@ def _choose_cuts(
 
 
 class _BlockCutter:
-    """Writes the functions."""
+    """Writes the functions of a divided kernel."""
 
     def __init__(
         self, names: str, arguments: Sequence[Argument], statements: Sequence[Statement]
@@ -389,7 +389,7 @@ class _BlockCutter:
         return Blocks(functions, [*frames, *shared, *calls, *leaving])
 
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
-        """Write the statements of one block, after the arrays and tables that are its own."""
+        """Write the statements of one block, after its own arrays and tables."""
         names = {name for item in items for name in item.names}
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
         body: list[Statement] = [

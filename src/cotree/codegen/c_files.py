@@ -167,7 +167,7 @@ def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 
 def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, bool]:
-    """Return the values of the macros that the plain C of a method is selected by."""
+    """Return the values of the macros that select parts of the plain C of a method."""
     return {
         "COTREE_IMPLICIT": method.is_implicit,
         "COTREE_TWO_ERRORS": isinstance(method, Tableau) and len(method.errors) > 1,
@@ -190,7 +190,7 @@ def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
 
 
 def shared_files(files: Iterable[str]) -> frozenset[str]:
-    """Return those files of an engine that are the same in all of them."""
+    """Return the files that all engines have in common."""
     shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
     return frozenset(shared.keys() & {*files})
 

@@ -250,7 +250,7 @@ def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
 
 
 def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bool]]:
-    """Return the parts that stay or go together, and whether each stays in any case."""
+    """Return groups of items that are kept or removed together, and whether each is always kept."""
     levels = [_level(item) for item in paragraph]
     if not any(levels):
         found = [item for item in paragraph if not item.is_comment]
@@ -266,7 +266,7 @@ def _level(item: Item) -> int:
 
 
 def _without(paragraph: Sequence[Item], file: str, reached: set[tuple[str, str]]) -> str:
-    """Return the used parts of a paragraph; an empty text if only comments would stay."""
+    """Return the used parts of a paragraph; an empty text if only comments would remain."""
     kept = {
         part.text
         for part, is_kept in _parts(paragraph, is_shared=True)

@@ -90,7 +90,7 @@ class KernelFile:
 
     @property
     def bodies(self) -> list[Body]:
-        """Its functions."""
+        """Functions of the file."""
         return [kernel.body for kernel in self.kernels]
 
     @property
@@ -233,7 +233,7 @@ def _arguments(kernel: Kernel) -> list[Argument]:
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
-    """Return the arguments that no statement reads or writes."""
+    """Return the arguments that no statement uses."""
     # Arguments that templates cast to void, to avoid compiler warnings about unused arguments.
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}

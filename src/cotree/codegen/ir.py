@@ -66,7 +66,7 @@ _WIDTHS = {name: len(row.c.format(*[""] * row.arity)) for name, row in OPERATION
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Form:
-    """An expression without its numbers."""
+    """The structure of an expression, without its numbers."""
 
     #: ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
     #: ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
@@ -101,7 +101,7 @@ class Form:
 
     @property
     def needs(self) -> tuple[int, ...]:
-        """The precedence from which on each argument needs no parentheses."""
+        """Minimum precedence of each argument without parentheses."""
         return _BINDING[self.op][1] if self.op in _BINDING else (0,) * len(self.args)
 
 
@@ -137,7 +137,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
 
 @dataclass(frozen=True, slots=True)
 class Affine:
-    """A number of a loop that grows by a constant step: ``step * i + first``."""
+    """A number in a loop that grows by a constant step: ``step * i + first``."""
 
     step: int
     first: int
@@ -150,7 +150,7 @@ class Affine:
 
 @dataclass(frozen=True, slots=True)
 class TableEntry:
-    """A number of a loop that is read from a table, one entry for each iteration."""
+    """A number in a loop that is read from a table with one entry for each iteration."""
 
     table: str
 
@@ -160,7 +160,7 @@ Number = int | float | Affine | TableEntry
 
 @dataclass(frozen=True, slots=True)
 class CExpression:
-    """A form, its numbers, and the number of characters of its C text."""
+    """An expression: its form, its numbers, and the length of its C text."""
 
     form: Form
     numbers: tuple[Number, ...]

@@ -42,7 +42,7 @@ _MOST_OPERATIONS = 20_000
 
 @dataclass(frozen=True)
 class Lanes:
-    """Vectors of a processor."""
+    """Vector width and instruction sets of a processor."""
 
     width: int  # numbers in a vector
     n_bundles: int  # interleaved vectors, which hide the latency of operations
@@ -72,12 +72,12 @@ class LanesContext(KernelFile):
 
     @property
     def bodies(self) -> list[Body]:
-        """Its functions."""
+        """Functions of the file."""
         return [*super().bodies, *(self.stiff.bodies if self.stiff is not None else ())]
 
     @property
     def part(self) -> int:
-        """Numbers of a remembered row that are worked at together."""
+        """Number of values of a stored row that are processed together."""
         return min(self.block, self.lanes.width)
 
     @property

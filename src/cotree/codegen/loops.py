@@ -103,7 +103,7 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return the number of statements of the longest loop from each place on, with any numbers."""
+    """Return for each position the length of the longest loop that ignores numbers."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
@@ -130,7 +130,7 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 def _even_reach(
     statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the number of statements of the longest even loop at each place, and of its body."""
+    """Return for each position the length of the longest even loop, and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
@@ -170,7 +170,7 @@ def _even_reach(
 
 
 def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Mark the statements that even loops would cover, chosen from the first on."""
+    """Mark the statements that even loops would cover if they are chosen from front to back."""
     marked = np.zeros(len(even) - 1, dtype=np.intp)
     start = 0
     begins = np.flatnonzero(even)
@@ -187,13 +187,13 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray[Any]:
-    """Return the number of statements of a loop; zero if it is too short."""
+    """Return the number of statements that a loop replaces; zero if it is too short."""
     is_worth = (times >= _FEWEST_TIMES) & (times * period >= fewest)
     return np.where(is_worth, times * period, 0)
 
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Return the number of consecutive true values from each place on."""
+    """Return the number of consecutive true values from each position on."""
     # The next false value, found backwards.
     places = np.arange(len(holds))
     breaks = np.where(holds, len(holds), places)
@@ -367,7 +367,7 @@ class _LoopWriter:
 
 
 def _of_all(comments: Sequence[str]) -> str:
-    """Merge the comments of a repeated statement into one."""
+    """Merge the comments of a repeated statement."""
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first

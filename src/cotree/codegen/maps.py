@@ -58,7 +58,7 @@ class Segments:
 
 @dataclass
 class _Segment:
-    """Statements that vanish in the same blocks, which have a zero bit in ``blocks``."""
+    """Statements that vanish in the same blocks of columns; ``blocks`` has zero bits for these."""
 
     blocks: int
     nodes: list[Node]
@@ -105,7 +105,7 @@ def cut_into_segments(
 def _joined(
     segments: Sequence[_Segment], groups: Sequence[list[Statement]], n_columns: int, longest: int
 ) -> tuple[list[list[Statement]], list[list[int]], int]:
-    """Join segments to parts; segments that some blocks skip get a guard."""
+    """Join segments to parts; segments that are skipped in some blocks get a guard."""
     crossing = Crossing(groups)
     blocks = range(-(-n_columns // BLOCK))
     everywhere = (1 << len(blocks)) - 1
@@ -129,7 +129,7 @@ def _joined(
 
 
 def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
-    """Return assignments of zero to the crossing values and results of a segment."""
+    """Return statements that set the results and crossing values of a segment to zero."""
     places = [row.to[-1] for row in rows if isinstance(row, Assign)]
     left = [place for place in places if place.form.op == "element"]
     return [Assign((place,), zero()) for place in left]
@@ -192,7 +192,7 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
 
 
 def _depth_first(nodes: Sequence[Node]) -> list[Node]:
-    """Order values by depth first, so that few are live at a time."""
+    """Order values depth-first, so that few are live at a time."""
     left = set(nodes)
     # The search starts from the values that no statement of the segment reads.
     read = {arg for node in nodes for arg in node.args}
@@ -335,7 +335,7 @@ def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Return whether the critical path of one vector, and not throughput, limits a long map."""
+    """Return whether latency, not throughput, limits a long map of one vector."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
@@ -380,7 +380,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
 
 
 def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
-    """Return the places of the inputs of a map: sensitivities in columns, others in rows."""
+    """Return the array elements of a map's inputs: sensitivities in columns, others in rows."""
 
     def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:

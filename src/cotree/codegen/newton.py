@@ -140,7 +140,7 @@ class LinearSystem:
 
     @property
     def bodies(self) -> list[Body]:
-        """The functions."""
+        """Functions of the file."""
         plan = self.elimination
         return [] if plan is None else [plan.factor, plan.solve]
 
@@ -184,7 +184,7 @@ class NewtonContext(KernelFile):
 
     @property
     def bodies(self) -> list[Body]:
-        """The functions."""
+        """Functions of the file."""
         return [*super().bodies, *self.system.bodies]
 
 
@@ -258,7 +258,7 @@ def _factor(plan: Elimination, target: Target) -> Body:
 
 
 def _solve(plan: Elimination, target: Target) -> Body:
-    """Write a solution in the same way."""
+    """Write a substitution as straight-line code, cut into blocks if it is long."""
     given = [Argument("f"), Argument("b", is_constant=False)]
     return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given), target)
 
@@ -289,7 +289,7 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
 
 
 def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
-    """Subtract a product of one or two factors from a total; None stands for zero."""
+    """Subtract a product of one or two factors from a total; None represents zero."""
     if total is not None:
         return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
     first = apply("neg", factors[0])

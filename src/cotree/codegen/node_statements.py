@@ -67,7 +67,7 @@ class OwnRows:
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
-        """Number the nonzero pieces, by their columns and row, from one on."""
+        """Number the nonzero blocks by column and row, starting from one."""
         given = self.linear.given
         # Block zero is the common copy of zeros.
         found = (
@@ -459,7 +459,7 @@ class _StatementWriter:
         self.statements.append(Call(call(self.names[rows], *args)))
 
     def _fill(self, array: Array, values: Mapping[int, Node]) -> None:
-        """Declare an array at the top of the function, and fill it here."""
+        """Declare an array at the start of the function, and fill it at the present position."""
         self.filled.append(array.name)
         self.statements.insert(0, array)
         self.statements += [

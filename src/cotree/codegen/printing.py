@@ -127,7 +127,7 @@ def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
 
 
 class _Printer:
-    """Prints statements for one target; each form is spelt once."""
+    """Prints statements for one target; the text of each form is cached."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
@@ -222,7 +222,7 @@ class _Printer:
         return (f"{_INDENT}{line}" for line in self.lines(rows))
 
     def _format(self, form: Form) -> str:
-        """Spell a form once, with a mark in the place of each number."""
+        """Return the format string of a form, with a placeholder for each number."""
         text = self._formats.get(form)
         if text is None:
             text = self._formats[form] = self._spelt(form)
@@ -259,7 +259,7 @@ class _Printer:
         return "".join(parts)
 
     def _signed(self, op: str, form: Form) -> str:
-        """Spell a term of a sum or difference as a summand."""
+        """Print a term of a sum or difference together with its sign."""
         text = self._format(form)
         if op == "add":
             return text

@@ -33,12 +33,12 @@ class Tableau:
 
     @property
     def last(self) -> int:
-        """Number of the stage at the new solution, which begins the next step."""
+        """Index of the stage at the new solution, which is the first of the next step."""
         return len(self.nodes) + 1
 
     @property
     def probe(self) -> int:
-        """Number of the other stage at the end of a step: the latest before the last one."""
+        """Index of the other stage at the end of a step, the latest before the last one."""
         # Both stages at the end of the step are evaluated at nearly the same point. The difference
         # of their rates, divided by that of their points, estimates the largest eigenvalue: a
         # stiffness test (Hairer and Wanner, section IV.2).

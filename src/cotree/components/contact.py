@@ -36,7 +36,7 @@ from cotree.errors import SceneError
 
 
 def rebound(across: Any, restitution: Any) -> Any:
-    """Return the change of a relative speed by an impact."""
+    """Return the change of a relative speed in an impact."""
     return -(1 + restitution) * across
 
 
@@ -383,7 +383,7 @@ def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Termina
 
 
 def _disc(spot: int, end: str) -> list[Terminal]:
-    """Make the two directions of slip of a point on a plane in space."""
+    """Make the two slip directions of a point on a plane in space."""
     names = slide_name(0, end), slide_name(1, end)
 
     def most() -> Any:

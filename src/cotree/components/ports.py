@@ -149,7 +149,7 @@ def _coupled(
     laws: Sequence[tuple[str, Callable[..., Any]]],
     is_passive: bool,
 ) -> Component:
-    """Couple two ports: across and through of the first, then of the second, by the other's."""
+    """Couple two ports: each law gives a variable of one port in terms of the other port."""
     # Each port has two laws; the tree determines which one is used.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (

@@ -61,7 +61,7 @@ _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
-    """Return nodes of parameters that are negative if a value jumps at one of its time events."""
+    """Return functions of parameters, negative if a value jumps at one of its time events."""
     found: dict[Node, None] = {}
     for stop in find_time_events(dag, [value]):
         times = [stop.first]
@@ -113,7 +113,7 @@ def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Return whether a value jumps along some motion, or has a condition that none crosses."""
+    """Return whether a value jumps along a motion, or has a condition that none crosses."""
     conditions = _conditions(value, moving)
     numbers = random.Random(1)
     met: set[Node] = set()

@@ -40,7 +40,7 @@ class RestartTimes:
         return RestartTimes(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 
     def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return which of some times are time events, with slopes and spreads, otherwise zero."""
+        """Return which times are time events, with slopes and spreads (zero for others)."""
         shape = (len(times), self.slopes.shape[1])
         slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
         if len(self):

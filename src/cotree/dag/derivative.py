@@ -153,7 +153,7 @@ class Clips:
         return False
 
     def _reached(self, node: Node) -> Node | None:
-        """Form an expression that is zero or more at the singular argument of a constant branch."""
+        """Form an expression that is nonnegative at the singular argument of a constant branch."""
         form = SINGULAR[node.op]
         if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
             return None

@@ -93,7 +93,7 @@ class Dual(Node):
 
 
 def varied(value: T, d: T) -> T:
-    """Return a value with its derivative as a dual, or the plain value if that is zero."""
+    """Return a dual, or the plain value if the derivative is zero."""
     return value if _is_zero(d) else Dual(value, d)  # type: ignore[return-value]
 
 

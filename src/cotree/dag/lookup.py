@@ -208,7 +208,7 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 
 def _held(number: Any, own: Any) -> Any:
-    """Return the frozen interval by its number, from one; if that is zero, the argument's own."""
+    """Return the frozen interval, numbered from one; if it is zero, that of the argument."""
     held = np.asarray(np.real(number))  # a single number, too
     return np.where(held == 0.0, own, held.astype(int) - 1)
 

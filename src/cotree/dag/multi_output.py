@@ -53,7 +53,7 @@ BLOCK = 4
 
 @dataclass(frozen=True, eq=False)
 class LinearMap:
-    """Operations that are applied to each column."""
+    """Linear operations that are applied to each column of a matrix."""
 
     results: tuple[Node, ...]  # in terms of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``
     #: Number of values that all columns share, and length of each column.
@@ -102,7 +102,7 @@ class LinearMap:
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
-        """Return the blocks of columns in which a value may be nonzero, as bits."""
+        """Return the blocks of columns in which a value may be nonzero, as a bit mask."""
         support, all_of_one = self.supports[node], (1 << BLOCK) - 1
         places = range(0, self.n_columns, BLOCK)
         return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
@@ -130,7 +130,7 @@ class LinearMap:
         return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
 
     def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
-        """List the values of :attr:`inputs` in each column, from the arguments of a node."""
+        """Return the values of :attr:`inputs` in each column, from the arguments of a node."""
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
@@ -159,7 +159,7 @@ class LinearMap:
 
 
 def _sensitivity(node: Node) -> int:
-    """Return the place of a sensitivity in the argument of kernels; -1 for other nodes."""
+    """Return the index of a sensitivity in the argument of kernels; -1 for other nodes."""
     is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
     return node.data[1] if is_given else -1
 
@@ -257,7 +257,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
 
 
 def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
-    """Return whether it is a linear system of which only the right-hand side varies."""
+    """Return whether a node is a linear system of which only the right-hand side varies."""
     if node.op != "solve":
         return False
     n = node.data.size
@@ -468,7 +468,7 @@ def solve(
 
 
 def sizes_of(node: Node) -> tuple[Node, ...]:
-    """Return the sizes to which the diagonal of a linear system is compared, if any."""
+    """Return the scales for the diagonal of a linear system, if any."""
     n = node.data.size
     return node.args[n * n + n : -1]
 

@@ -239,7 +239,7 @@ class Dag:
         return node
 
     def _rest(self, a: Node, b: Node) -> Node | None:
-        """Form a - b if one of them is the other plus or minus a remainder."""
+        """Simplify a - b if one operand is a sum or difference that contains the other."""
         if a.op == "add" and b in a.args:
             return a.args[0] if a.args[1] is b else a.args[1]
         if a.op == "sub" and a.args[0] is b:
@@ -278,7 +278,7 @@ class Dag:
         return node
 
     def _scale(self, factor: float, a: Node, b: Node) -> Node:
-        """Form the product of the constant ``a``, of value ``factor``, with ``b``."""
+        """Form the product of ``b`` with the constant ``a``, whose value is ``factor``."""
         if b.value is not None:
             return self.constant(factor * b.value)
         if factor < 0.0:

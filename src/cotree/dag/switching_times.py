@@ -52,7 +52,7 @@ class TimeEvent:
 
 @dataclass(frozen=True)
 class _Count:
-    """``floor(offset + rate * t)``, from zero on where it ``starts``."""
+    """A step count: ``floor(offset + rate * t)``; if ``starts`` is set, zero before it starts."""
 
     offset: Node
     rate: Node
@@ -129,7 +129,7 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 
 
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
-    """Write all nodes that are piecewise linear in time, with few pieces, as lines."""
+    """Write all nodes that are piecewise linear in time with few pieces as lines."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
     # States, inputs and unknowns are known during a run only.
     others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]

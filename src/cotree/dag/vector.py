@@ -167,7 +167,7 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
-    """Form the squares and the mixed products of two vectors of equal value."""
+    """Form the squares and mixed products of the components of two vectors of equal value."""
     # The mixed products are formed in one order only, since both vectors have the same value. For
     # duals, the derivative parts cover both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])

@@ -160,7 +160,7 @@ class AdaptiveRanges:
         return first, self._first
 
     def update(self, n_members: int, seconds: float) -> None:
-        """Update the size by the time that some members took in one worker."""
+        """Update the range size from the time that one worker took for some members."""
         wanted = max(self._least, int(PIECE * n_members / max(seconds, 1e-9)))
         self._size = max(1, min(wanted, _GROWTH * n_members, self._most))
 

@@ -99,7 +99,7 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
 
 
 def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
-    """Return the problem of one run with the sensitivities of the plan."""
+    """Return the problem of one run, with the sensitivities of the plan."""
     problem = prepared(plan.model, plan.settings).run(parameters, initial)
     check_values(problem)
     return problem
@@ -302,7 +302,7 @@ def _key(pattern: Pattern) -> tuple[str, Lanes, bool]:
 
 
 def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
-    """Choose vectors for a processor."""
+    """Choose the vectors for this processor."""
     machine, own = platform.machine().lower(), set(features)
     width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
     if machine in ("x86_64", "amd64"):

@@ -63,7 +63,7 @@ class Rendezvous:
         self._n_working = 0
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Request predictions of a thread, and wait for them."""
+        """Request predictions for a thread, and wait for them."""
         answer: queue.SimpleQueue[Predictions | None] = queue.SimpleQueue()
         self._arrived.put((number, np.array(theta, dtype=float), answer))
         found = answer.get()

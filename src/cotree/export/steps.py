@@ -117,7 +117,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Yield the motion space of each branch, and its effort along a coordinate."""
+    """Yield the motion space of each branch, and the effort along its coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -210,7 +210,7 @@ def balance_terms(first: FirstGraph) -> list[Term]:
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
-    """Yield the laws that determine variables of networks, and laws that must vanish."""
+    """Yield the laws of networks: those that determine a variable, then residuals."""
     rules = network.solved.plan.rules
 
     def named(variable: Variable) -> Node:

@@ -129,7 +129,7 @@ _SEVERAL: dict[str, Callable[[Node, int], str]] = {
 
 
 def _arguments(node: Node) -> tuple[Node, ...]:
-    """Return the arguments of a result, without those for decisions on rank."""
+    """Return the arguments of a result, without those that only affect rank decisions."""
     source = node.args[0]
     if source.op != "solve":
         return source.args
@@ -433,7 +433,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
 
 
 def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
-    """Write the matrix row by row; those of constraints, which border it, with their own sign."""
+    """Write the matrix row by row; the rows of constraints have the opposite sign."""
     rows = [to_sympy(row, known) for row in equations.matrix]
     # Unknowns are accelerations, then one multiplier for each constraint.
     first, end = equations.n_speeds, equations.n_speeds + len(equations.constraints.rows)
@@ -461,7 +461,7 @@ def _balances(
 
 
 def _minus_first(a: Any, w: Any) -> Any:
-    """Multiply; the common sign of a sum precedes it."""
+    """Multiply factors so that the common sign of a sum is in front."""
     return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 

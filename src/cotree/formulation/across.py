@@ -90,7 +90,7 @@ class Motion:
     first: Motion | None = None  # that of the first graph if this is a sensitivity graph
 
     def to(self, cluster: int) -> Geometry:
-        """Return the branch that carries a cluster."""
+        """Return the branch that leads to a cluster."""
         # Each cluster except the ground, number 0, is carried by one branch; branches are in the
         # order of the clusters.
         return self.geometry[cluster - 1]
@@ -187,7 +187,7 @@ def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) ->
 
 
 def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
-    """Return the sum of vectors, each times its factor; ``zero`` is the empty sum."""
+    """Return the weighted sum of vectors; ``zero`` if there are none."""
     total = zero
     for item, factor in zip(vectors, factors, strict=True):
         total = vector.add(total, vector.scale(factor, item))
@@ -317,7 +317,7 @@ class View:
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """Resolve a vector that is constant in a cluster's axes, time aside, in an ancestor's."""
+        """Resolve a vector fixed in a cluster, up to explicit time, in an ancestor's basis."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:

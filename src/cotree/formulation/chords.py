@@ -313,7 +313,7 @@ def _slot(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 
 def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
-    """Return two directions across an axis of any length, which may depend on time."""
+    """Return two directions perpendicular to an axis of any length, which may depend on time."""
     dag = axis[0].dag
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)

@@ -37,7 +37,7 @@ class Point:
     turn: Matrix | None = None  # from the node's axes to the cluster's; None if equal
 
     def resolved(self, a: Vector) -> Vector:
-        """Resolve a vector of the node's axes in the cluster's."""
+        """Resolve a vector given in the node's axes in the cluster's."""
         # Most nodes have the axes of their cluster and need no product.
         return a if self.turn is None else vector.times(self.turn, a)
 
@@ -82,7 +82,7 @@ class Branch:
 
     @property
     def turns(self) -> bool:
-        """Return whether it rotates its child."""
+        """Return whether the branch rotates its child."""
         return self.step is not None and self.step.kind.rotates
 
     @property
@@ -203,7 +203,7 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """Simultaneous traversal of both trees from the ground outwards."""
+    """Simultaneous traversal of both trees, from the ground outwards."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -255,7 +255,7 @@ class _Walks:
         )
 
     def _entering(self, node: str) -> TreeStep:
-        """Find the step of the rotation tree into a node's cluster."""
+        """Return the step of the rotation tree that leads into a node's cluster."""
         step = self._to[node]
         # Arms stay within a cluster, which is entered by the nearest other edge inwards.
         while self.system.edges[step.edge].component.role is Role.ARM:
@@ -301,7 +301,7 @@ class _Walks:
         return replace(first, local=vector.sub(first.local, first.resolved(arm)))
 
     def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
-        """Make the branches into a cluster, and return its origin."""
+        """Form the branches that lead into a cluster, and return the cluster's origin."""
         first = len(self.branches)
         if turning == step:
             place = self._along(step, inner, inner)
@@ -331,7 +331,7 @@ class _Walks:
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
-        """Make a branch for each step of an edge's motion space."""
+        """Form a branch for each step of an edge's motion space."""
         # An edge that points inwards is traversed from its second node: its last step comes first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)

@@ -87,7 +87,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
 
 
 def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, ...]:
-    """Return the sizes of the entries of the gradient that are not structurally zero."""
+    """Return the magnitudes of the gradient's entries that are not structurally zero."""
     with motion.system.dag.labelled("sizes of constraints"):
         sizes = sizes_along_speeds(motion, pull)
     return tuple(
@@ -111,12 +111,12 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
 
 def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Project a pull on the motion spaces of the branches: its power for a unit of each speed."""
+    """Project a pull on the motion spaces of the branches: its power per unit of each speed."""
     return _along_speeds(motion, pull, project, lambda effort: effort)
 
 
 def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Sum the squares of the terms of :func:`along_speeds`: its magnitude without cancellation."""
+    """Sum the squared terms of :func:`along_speeds`: its magnitude without cancellation."""
     return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
 
 
@@ -156,5 +156,5 @@ def _along_speeds(
 
 
 def multiplier_loads(applied: Sequence[Applied]) -> list[Pull]:
-    """Scale each pull by the value of its through variable."""
+    """Multiply each pull by the value of its through variable."""
     return [row.pull.scaled(row.magnitude) for row in applied]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
-    """Return angular velocity and acceleration of the first node's cluster."""
+    """Return the angular velocity and acceleration of the first node's cluster."""
     cluster = ends.first.cluster
     return view.omega(cluster, ends.ancestor), view.alpha(cluster, ends.ancestor)
 
@@ -45,7 +45,7 @@ class Slip:
         return vector.dot(self.axis.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of that rate."""
+        """Return the time derivative of the rate."""
         omega, alpha = _against_first(self.ends, view)
         carried = vector.add(
             vector.cross(alpha, self.ends.reach(view)),
@@ -70,7 +70,7 @@ class Facing(Protocol):
         ...
 
     def rate(self, view: View) -> Any:
-        """Return its rate."""
+        """Return the time derivative of the unit vector."""
         ...
 
 
@@ -110,7 +110,7 @@ class Tangent:
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
     def rate(self, view: View) -> Any:
-        """Return its rate for a constant axis."""
+        """Return the time derivative for a constant axis."""
         n, n_rate = self.facing.value(view), self.facing.rate(view)
         turned = vector.add(
             vector.scale(vector.dot(n_rate, self.axis), n),
@@ -158,7 +158,7 @@ class Tilted:
         return vector.sub(self.axis, vector.scale(share, between))
 
     def rate(self, view: View) -> Any:
-        """Return its rate for constant axes."""
+        """Return the time derivative for constant axes."""
         share, height, between = self._parts(view)
         n_rate = self.facing.rate(view)
         change = (vector.dot(n_rate, self.axis) - share * vector.dot(n_rate, self.up)) / height
@@ -182,7 +182,7 @@ class Surface(Protocol):
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the rate of that vector; the point moves over the body."""
+        """Return the time derivative of place; the point moves over the body."""
         ...
 
 
@@ -234,7 +234,7 @@ class Rim:
         return vector.scale(-view.scalar(self.radius), self._down(view, facing)[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the rate of that vector."""
+        """Return the time derivative of place."""
         _, length, up = self._down(view, facing)
         n, d = facing.value(view), self.axle.value(view)
         n_rate, d_rate = facing.rate(view), self.axle.rate(view)
@@ -281,7 +281,7 @@ class Ellipsoid:
         return vector.add(vector.add(parts[0], parts[1]), parts[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the rate of that vector, by the product rule."""
+        """Return the time derivative of place, by the product rule."""
         n, n_rate = facing.value(view), facing.rate(view)
         entries, depth = self._entries(view, facing)
         squares = self._squares(view)
@@ -352,7 +352,7 @@ class Touching:
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with a force at the contact."""
+        """Return a force at the contact, and its reaction."""
         beyond = self.surface.place(view, self.facing)
         return pull_in_place(view, self.ends, self.direction, beyond=beyond)
 
@@ -418,7 +418,7 @@ def _constants(dag: Dag, sevenths: tuple[int, int, int]) -> Vector:
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
-    """Move the second end from its node to a point that may touch."""
+    """Move the second end from its node to a possible contact point."""
     offset = _offset(edge, spot)
     if offset is None:
         return ends

@@ -36,7 +36,7 @@ class Wrench:
         return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
     def minus(self) -> Wrench:
-        """Return the reaction."""
+        """Return the opposite wrench."""
         return Wrench(vector.neg(self.force), vector.neg(self.torque))
 
 
@@ -56,7 +56,7 @@ class Sums:
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench on a cluster, formed of some parts, has to be summed."""
+        """Return whether a wrench on a cluster must be added, given the nodes in it."""
         return True
 
 
@@ -171,7 +171,7 @@ def _line(
 
 
 def _is_inert(edge: BoundEdge) -> bool:
-    """Return whether the damping is the constant zero."""
+    """Return whether the damping is identically zero."""
     damping = edge.scalars.get("damping")
     return damping is not None and damping.is_zero
 
@@ -184,7 +184,7 @@ def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) ->
 
 
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
-    """Return the wrenches of an element on the clusters of its nodes, the ground excepted."""
+    """Return the wrenches of an element on the clusters of its nodes, except the ground."""
     found = []
     moved = [(action.second, 1, action.arms[1])]
     # The reaction acts at the point of the force, so that the pair has no moment.
@@ -211,7 +211,7 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
 def settled(
     motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
 ) -> Wrench:
-    """Resolve a wrench of an ancestor's basis in that of a point's cluster, times ``sign``."""
+    """Resolve a wrench from an ancestor's basis in that of a point's cluster, times ``sign``."""
     clusters, frames = motion.clusters, motion.frames
     return Wrench(
         # Formed once in the ancestor's basis, and resolved outwards for each node.

@@ -48,7 +48,7 @@ class BoundEdge:
 
 @dataclass(frozen=True)
 class Resolvers:
-    """Functions from names to nodes: of parameters; of time, too; of coordinates and inputs."""
+    """Functions from names to nodes: of parameters; also time; also coordinates and inputs."""
 
     constant: Resolver
     timed: Resolver
@@ -126,7 +126,7 @@ def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def _unit(axis: Vector, square: Node, where: str) -> Vector:
-    """Scale an axis of known squared length to unit length; numbers fold."""
+    """Scale an axis of known squared length to unit length; numbers are folded."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
     # A length of one up to rounding needs no division, so that axes of numbers stay as given.
@@ -170,7 +170,7 @@ def is_varying(node: Node) -> bool:
 
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
-    """Guard the minors of an inertia tensor, which are not negative for a real body."""
+    """Return guards for the minors of an inertia tensor, which are nonnegative for a real body."""
     # Thin rods, and tensors with entries of 1e-35, have minors of zero up to rounding: a fraction
     # of the tensor's size is added to its diagonal as a tolerance.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])

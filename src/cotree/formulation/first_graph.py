@@ -487,7 +487,7 @@ def _bordered(
 def _border(
     constraints: Constraints, holdings: Sequence[HoldingRow], dag: Dag
 ) -> list[tuple[Node, ...]]:
-    """Form the rows below the mass matrix."""
+    """Form the rows of constraints and friction below the mass matrix."""
     n_held, n = len(constraints.gradient), len(constraints.gradient) + len(holdings)
     zeros = [dag.zero] * n
     rows = [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
@@ -507,7 +507,7 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 
 
 def _is_given(scene: SceneDescription, name: str) -> bool:
-    """Return whether the scene gives the initial value of a state."""
+    """Return whether the scene prescribes the initial value of a state."""
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
     # The four entries of a quaternion are given together or not at all.

@@ -38,12 +38,12 @@ class Frames:
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Return whether a cluster moves as in the first graph, so that its values serve again."""
+        """Return whether a cluster moves as in the first graph, so that values can be reused."""
         return False
 
     @property
     def turned(self) -> frozenset[int]:
-        """The clusters whose bases turn with what changes; here nothing changes."""
+        """The clusters whose bases rotate along the seed; none in the first graph."""
         return frozenset()
 
     def up(self, cluster: int, a: Vector) -> Vector:
@@ -83,7 +83,7 @@ class Frames:
         return own if step is None else vector.matmul(step, own)
 
     def seen(self, node: Node) -> Node:
-        """Return a field, coordinate or speed in this graph: here, the value itself."""
+        """Return a field, coordinate or speed in this graph; the value itself in the first one."""
         return node
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
@@ -91,7 +91,7 @@ class Frames:
         return substitute([node], arguments)[0]
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector from others and from tensors that rotate with a cluster."""
+        """Form a vector from vectors and tensors that rotate with a cluster."""
         return form(*vectors)
 
 

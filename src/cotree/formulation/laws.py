@@ -99,7 +99,7 @@ def _act(
 
 
 def _symbols(motion: Motion) -> tuple[Node, Node]:
-    """Return the symbols of a measure and its rate."""
+    """Return the symbols of a measure and of its rate."""
     dag = motion.system.dag
     return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
 
@@ -208,7 +208,7 @@ def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
 
 
 def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a law of speed along the relative velocity: law(speed) / speed times velocity."""
+    """Evaluate a law of speed against the relative velocity: law(speed) / speed times velocity."""
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law
     assert law is not None
@@ -258,7 +258,7 @@ class PrescribedRate:
         return self.measure.acceleration(view) - view.formula(change, {})
 
     def pull(self, view: View) -> Pull:
-        """Act along the coordinate."""
+        """Return a force or torque along the coordinate."""
         return self.measure.pull(view)
 
 

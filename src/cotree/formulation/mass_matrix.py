@@ -167,7 +167,7 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
 
 
 def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
-    """Return some clusters and all clusters whose motion moves them."""
+    """Return the given clusters and all clusters whose motion moves them."""
     found: set[int] = set()
     waiting = list(outer)
     while waiting:
@@ -200,7 +200,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 
 
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
-    """List values that are positive only if the joint's own cluster resists all its motions."""
+    """List values that are positive if the joint's own cluster has inertia in all its motions."""
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]
     if inertia is None or inertia.mass.is_zero or not branches:
@@ -310,7 +310,7 @@ def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matri
 
 
 def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i: int) -> Pull:
-    """Form the forces for a unit acceleration, on the clusters where they act."""
+    """Form the forces due to a unit acceleration, on the clusters on which they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
     # All clusters that rotate with the branch. In the rotation tree parents come first, so one pass

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pull:
-    """Wrenches on clusters and efforts along speeds, for a unit of a through variable."""
+    """Wrenches on clusters, and efforts along speeds, per unit of a through variable."""
 
     #: Wrenches on clusters, at their origins and in their bases, without those on the ground.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
@@ -37,7 +37,7 @@ class Pull:
 
     @property
     def entries(self) -> list[Any]:
-        """All components of the wrenches, then all efforts."""
+        """All components of the wrenches, followed by all efforts."""
         of_wrenches = (entry for _, *parts in self.wrenches for part in parts for entry in part)
         return [*of_wrenches, *self.efforts.values()]
 
@@ -83,11 +83,11 @@ class Ends:
         return self._between(view.position)
 
     def closing(self, view: View) -> Any:
-        """Return the rate in space of the vector from the first node to the second."""
+        """Return the rate of the vector from the first node to the second, in inertial axes."""
         return self._between(view.velocity)
 
     def opening(self, view: View) -> Any:
-        """Return the second derivative in space of the vector from the first node to the second."""
+        """Return the inertial second derivative of the vector from the first node to the second."""
         return self._between(view.acceleration)
 
     def arm(self, view: View, end: int) -> Any:
@@ -101,13 +101,13 @@ class Ends:
         return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
 
     def turn(self, view: View) -> Any:
-        """Return the rate in space of the relative angular velocity."""
+        """Return the rate of the relative angular velocity, in inertial axes."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
 
 class Seen(Protocol):
-    """A vector as seen in a view."""
+    """A vector as evaluated in a view."""
 
     def value(self, view: View) -> Any:
         """Return the vector."""
@@ -116,7 +116,7 @@ class Seen(Protocol):
 
 @dataclass(frozen=True)
 class Carried:
-    """A vector given in a node's axes, which may depend on time, with its rates in space."""
+    """A vector in a node's axes, which may depend on time, with its inertial derivatives."""
 
     point: Point
     local: Vector
@@ -255,7 +255,7 @@ class CoordinateMeasure:
         return view.scalar(self.speed.acceleration)
 
     def pull(self, view: View) -> Pull:
-        """Act along the coordinate."""
+        """Return a unit effort along the coordinate."""
         # The power of the pull must be the rate, which is the speed itself.
         return Pull(efforts={self.speed.index: view.scalar(self.speed.symbol.dag.one)})
 
@@ -323,7 +323,7 @@ class AxisLength:
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with a force along the axis at the second node, and its reaction at that point."""
+        """Return a force along the axis at the second node, and its reaction at the same point."""
         # The axis rotates with its node: the power of e'.r comes from the moment of the reaction,
         # which acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
@@ -356,7 +356,7 @@ class Distance:
         return vector.dot(direction, self.ends.opening(view)) + across
 
     def pull(self, view: View) -> Pull:
-        """Push the nodes apart."""
+        """Return opposite forces that push the nodes apart."""
         # The line passes through both nodes, so that opposite forces at the nodes have no moment.
         return pair_pull(view, self.ends, self._polar(view)[1], None)
 
@@ -393,7 +393,7 @@ class Cosine:
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with the torque b x a."""
+        """Return the torque b x a, and its reaction."""
         return pair_pull(view, self.ends, None, self._moment(view))
 
 
@@ -413,13 +413,13 @@ class Spin:
         return vector.dot(self.axis.value(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return its rate."""
+        """Return the time derivative of the rate."""
         return vector.dot(self.axis.value(view), self.ends.turn(view)) + vector.dot(
             self.axis.rate(view), self.ends.spin(view)
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with a torque about the axis."""
+        """Return a torque about the axis, and its reaction."""
         return pair_pull(view, self.ends, None, self.axis.value(view))
 
 

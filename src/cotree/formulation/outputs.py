@@ -130,7 +130,7 @@ def _orientation(axes: Matrix, name: str) -> Node:
 
 @dataclass(frozen=True)
 class Observer:
-    """Forms the values that outputs name, at accelerations and multipliers of the first graph."""
+    """Computes the values that outputs name, from the unknowns of the first graph."""
 
     view: View  # across variables
     #: Through variables.
@@ -230,7 +230,7 @@ class Observer:
         return vector.dot(wrench.force, against) + turning
 
     def _on_second(self, edge: BoundEdge) -> Wrench:
-        """Form force and torque of an edge on its second node, about it, in ground axes."""
+        """Form the force and torque of an edge on its second node, in ground axes."""
         if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
             raise ExpressionError(
                 f"asks for the load of '{edge.name}', but its bodies are lumped to one: "

@@ -193,7 +193,7 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
 
 
 def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
-    """Sum inwards the wrenches that branches transmit, and project them on their motion spaces."""
+    """Sum the wrenches that branches transmit inwards, and project them on their motion spaces."""
     system, frames = motion.system, motion.frames
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):

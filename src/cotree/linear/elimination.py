@@ -41,7 +41,7 @@ class Arithmetic(Protocol[T]):
 
 @dataclass
 class Remainder:
-    """The remaining pattern between two pivots."""
+    """The remaining pattern between the elimination of two pivots."""
 
     #: Columns of the entries in each row, and rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
@@ -130,7 +130,7 @@ def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
 def _set_entry(
     row: dict[int, T], columns: Mapping[int, set[int]], i: int, j: int, entry: T | None
 ) -> None:
-    """Set the entry of row i, column j, and update the pattern by columns, if any."""
+    """Set the entry in row i, column j, and update the pattern by columns, if there is one."""
     if entry is None:
         row.pop(j, None)
     else:
@@ -318,7 +318,7 @@ def plan_elimination(
 
 @dataclass(eq=False, slots=True)
 class _Sum:
-    """An entry while it is eliminated: its place in J, and the products subtracted from it."""
+    """An entry during elimination: its index in J, and the products subtracted from it."""
 
     value: int = -1
     has_shift: bool = False
@@ -329,7 +329,7 @@ class _Sum:
 
 
 class _OfSums:
-    """Symbolic elimination: it records products, and no entry vanishes."""
+    """Symbolic elimination, which records products; no entry cancels."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
         # The reciprocal replaces the pivot, since solutions multiply by it.

@@ -50,7 +50,7 @@ class RankedSolver(LinearSolver, Protocol):
 
 @dataclass(frozen=True)
 class Core:
-    """Equations of which the pivots are chosen at run time."""
+    """Equations whose pivots are chosen at run time."""
 
     places: tuple[int, ...]  # indices of the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # their symmetric matrix
@@ -104,7 +104,7 @@ class SparseFactors:
 
 
 class _OfNodes:
-    """Arithmetic of nodes; nodes that vanish for all arguments are dropped."""
+    """Arithmetic of nodes; nodes that are identically zero are dropped."""
 
     def inverse(self, pivot: Node) -> Node:
         return 1.0 / pivot
@@ -220,7 +220,7 @@ def hold(
 
 
 def _coupled(matrix: Sequence[Sequence[Node]]) -> list[list[int]]:
-    """Group the rows that entries couple."""
+    """Group the rows that are coupled by entries."""
     groups: list[set[int]] = []
     for i, row in enumerate(matrix):
         own = {i, *(j for j, entry in enumerate(row) if not entry.is_zero)}
@@ -318,7 +318,7 @@ def factorise_unsymmetric(
 
 
 def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node]) -> Node:
-    """Compare each pivot with the sizes of the terms that it is the sum of."""
+    """Compare each pivot with the magnitude of the terms of its sum."""
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [

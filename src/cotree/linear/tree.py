@@ -31,7 +31,7 @@ _NO_AXIS = -1  # neither a force nor a torque along a coordinate axis
 
 @dataclass(frozen=True)
 class Gate:
-    """A wrench of one speed, and the reciprocal of its pivot."""
+    """The wrench of one speed, divided by its pivot, and the reciprocal of the pivot."""
 
     force: Vector
     torque: Vector
@@ -160,7 +160,7 @@ def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> M
 
 
 def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spatial:
-    """Defer the term of a speed; along a coordinate axis its row and column vanish at once."""
+    """Defer the term of a speed; for a coordinate axis, set its row and column to zero at once."""
     zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
     axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
     # w w^T / d removes the row and the column of s from the inertia exactly; along a coordinate
@@ -217,11 +217,11 @@ class HeldColumn(Protocol):
 
     @property
     def column(self) -> Sequence[Node]:
-        """Forces along the speeds for a unit of it."""
+        """Generalised forces per unit of the multiplier."""
 
     @property
     def sizes(self) -> Sequence[Node]:
-        """Squares of the terms of its row, before anything cancels."""
+        """Sums of squares of the terms of its row, without cancellation."""
 
 
 @dataclass(frozen=True)
@@ -365,7 +365,7 @@ def factorise_bordered(
 
 
 def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
-    """Return the reciprocals of the first diagonal entries that are not zero."""
+    """Return the reciprocals of the first diagonal entries that are nonzero."""
     return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 

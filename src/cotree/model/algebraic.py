@@ -50,7 +50,7 @@ class Algebraic:
         self._linear: Linear | None = None
 
     def follow(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns, in place, from a close guess; return the rates."""
+        """Solve for the algebraic unknowns in place, from a close guess; return the rates."""
         # Exponentials may overflow during the iteration, whose tests reject such points. As a
         # decorator, errstate would affect all threads before NumPy 2.
         with np.errstate(all="ignore"):

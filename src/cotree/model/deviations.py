@@ -189,7 +189,7 @@ def reduce_along(
 
 
 def _sized(rows: Array) -> Array:
-    """Normalise rows, and drop those that contain only rounding errors."""
+    """Normalise rows, and remove those that contain only rounding errors."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > RANK * np.max(lengths, initial=0.0)
     found: Array = rows[kept] / lengths[kept, None]
@@ -289,7 +289,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Return whether all deviations on which others depend are at rest."""
+    """Return whether all relevant deviations are constant."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -297,7 +297,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Return whether two linear systems agree in all deviations on which others depend."""
+    """Return whether two linear systems agree in all relevant deviations."""
     # Deviations that have no effect, such as a heading, may differ.
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)

@@ -97,7 +97,7 @@ def _operation(node: Node, values: Mapping[Node, Any]) -> str:
 
 
 def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
-    """Name time, states, parameters and inputs that an operation depends on."""
+    """Describe the time, states, parameters and inputs on which an operation depends."""
     layout = program.layout
     symbols = [
         symbol for symbol in symbols_in([wrong]) if symbol in given

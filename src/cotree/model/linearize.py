@@ -267,7 +267,7 @@ class Linearizer:
         return self._slopes(direction.y, rates, change, rows)
 
     def _moved_behind(self, whole: Array) -> Array:
-        """Move rows and columns of algebraic unknowns to the end."""
+        """Move the rows and columns of algebraic unknowns to the end."""
         cut = self._n_differential
         algebraic = range(cut, cut + self._equations.n_algebraic)
         # They are between the differential states and the outputs or inputs.

@@ -66,13 +66,13 @@ _NONE: Array = np.zeros(0)
 
 
 class _Own(threading.local):
-    """Parameters that the kernels of the calling thread are prepared for."""
+    """Parameters for which the kernels of the calling thread are prepared."""
 
     prepared: Array | None = None
 
 
 class Rest(Protocol):
-    """The operating point of a network, where a model begins."""
+    """The operating point of a network, at which runs of a model start."""
 
     @property
     def text(self) -> ModelText:

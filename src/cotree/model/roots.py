@@ -152,7 +152,7 @@ class Root(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """The matrix and the next step, if they can be reused after a step; None for new ones."""
+    """Matrix and next step to reuse after a step; None for new ones."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -192,13 +192,13 @@ class NaturalTest:
 
 
 class WholeSteps(NaturalTest):
-    """Accept every step; reuse matrices that converge fast."""
+    """Test that accepts every step; matrices are reused if they converge fast."""
 
     share = -math.inf
 
 
 class ResidualTest:
-    """Accept a step if the residual, each row in units of its largest term, is smaller."""
+    """Test that accepts a step if the residual decreases, each row in units of its largest term."""
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
@@ -330,7 +330,7 @@ def _damped(
 
 
 def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
-    """Return whether a rejected step is a rounding error."""
+    """Return whether a rejected step is at rounding level."""
     return linear.is_stalled(point.z, step) and linear.is_met(point.g)
 
 
@@ -590,7 +590,7 @@ class FrozenSystem:
         return self._lower(z, np.zeros(m)) if found is None else found[0]
 
     def _lower(self, z: Array, w: Array) -> Array | None:
-        """Lower the conductance in parallel with all junctions step by step to zero."""
+        """Lower the conductance in parallel with all junctions to zero, step by step."""
         conductance, (least, factor, most) = _LARGEST, _FACTORS
         while conductance > 0.0:
             lower = conductance / factor if conductance > _LEAST else 0.0
@@ -605,7 +605,7 @@ class FrozenSystem:
         return z
 
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
-        """Take Newton steps in unknowns and exponents, the latter limited."""
+        """Take Newton steps in unknowns and exponents; steps of exponents are limited."""
         self._conductance = conductance
         limits = NewtonLimits(_MOST_LIMITED_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
         root = iterate(self, np.concatenate([z, w]), limits)

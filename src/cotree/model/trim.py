@@ -159,7 +159,7 @@ class TrimPoint(Reported):
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Return the derivatives of the unknowns by a name, and its direction alone."""
+        """Return the derivatives of the unknowns by a name, and the corresponding direction."""
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(
@@ -519,7 +519,7 @@ def _check_names(model: CompiledModel, conditions: Conditions) -> None:
 
 
 def _refuse(search: _Search, z: Array) -> NoReturn:
-    """Raise the error that names the violated conditions."""
+    """Raise an error that names the violated conditions."""
     left = search.value(z)
     n, m = len(search.unknowns), len(search.rows)
     if not np.all(np.isfinite(left)):

@@ -91,7 +91,7 @@ def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
 
 
 def contradicting_jumps(at: EvaluationPoint) -> SolveError:
-    """Return the error of modes of jumps that contradict the states that they lead to."""
+    """Return the error for modes of jumps that contradict the resulting states."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
@@ -242,7 +242,7 @@ def _refused(edge: str, mode: float, why: str) -> SolveError:
 
 
 def _still(y: Array) -> float:
-    """Return the largest speed that counts as rest."""
+    """Return the largest speed that counts as zero."""
     return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
 
 

@@ -225,7 +225,7 @@ class _Parting:
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Return both parts of a term of a sum, if it has no other user."""
+        """Return both parts of a term of a sum, if the term has no other user."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
@@ -327,7 +327,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Ways:
-    """The alternative forms of derivatives of the rates."""
+    """Alternative forms of the derivatives of the rates."""
 
     equations: Equations
     common: CommonDirection
@@ -354,7 +354,7 @@ class _Ways:
         return [i for i, node in rates.items() if node in moving]
 
     def along_states(self) -> _Map | None:
-        """Map unit vectors: the columns of the Jacobian, as far as they depend on unknowns."""
+        """Map unit vectors: the columns of the Jacobian, for rates that depend on unknowns."""
         one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
         if _are_too_many(len(places), len(places), len(self._solving)):
             return None
@@ -484,7 +484,7 @@ class _Ways:
         return count_operations(node for node in nodes if node.op != "map").total
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
-        """Compare the cost of maps with that of statements written out for each direction."""
+        """Return whether maps cost less than statements written out for each direction."""
         if not rows:
             return False
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])
@@ -502,7 +502,7 @@ class _Ways:
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Return whether inputs and results of columns are too many values for a kernel's stack."""
+    """Return whether inputs and results of columns exceed the space on a kernel's stack."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 

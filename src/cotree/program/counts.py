@@ -94,7 +94,7 @@ def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
 
 
 def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, float]:
-    """Return the cycles until all values are started, and those of the longest path."""
+    """Return the cycles to issue all operations, and those of the longest path."""
     started = 0.0
     path: dict[Node, float] = {}
     for node in nodes:
@@ -108,7 +108,7 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
 
 
 def waits(node: Node) -> float:
-    """Return the cycles from the arguments of a value to the value."""
+    """Return the cycles from the arguments of an operation to its result."""
     return _cost(node)[1] if node.args else 0.0
 
 

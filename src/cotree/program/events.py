@@ -99,7 +99,7 @@ def find_ranges(
 def _kinds(
     equations: Equations, values: Iterable[Node], smooth: Collection[Node]
 ) -> dict[Node, int]:
-    """Return how each value depends on variables that change during a step."""
+    """Classify how each value depends on variables that change during a step."""
     still = {
         state.symbol
         for state, rate in zip(equations.states, equations.rates, strict=True)
@@ -134,7 +134,7 @@ def _kinds(
 
 
 def _is_held(node: Node) -> bool:
-    """Return whether a value is a sign that steps freeze, or an end or number of their branch."""
+    """Return whether a value is a frozen sign, or an end or the number of a frozen interval."""
     if node.op == "select":
         return {symbol.data[0] for symbol in symbols_in(node.args[:1])} == {PIECE}
     data = node.args[0].data if node.op == "result" else None
@@ -156,7 +156,7 @@ def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a changing value is a quantity itself."""
+    """Return whether a changing value is itself a quantity."""
     return kinds[node] == _LINEAR or not is_ranged(node)
 
 
@@ -353,7 +353,7 @@ def event_kernels(
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
-    """Return the tangents along the motion: symbols for states, the scene's own for inputs."""
+    """Return the tangents along the motion: symbols of states, the scene's own for inputs."""
     if equations.motion is not None:
         return equations.motion.seed
     dag = equations.dag

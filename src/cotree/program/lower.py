@@ -271,7 +271,7 @@ def _curvature(
 
 
 def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
-    """Return values at the end of a step; exponentials, which are costly, by their series."""
+    """Return values at the end of a step; exponentials, which are costly, by a series."""
     new = {symbol: symbol + change for symbol, change in step.items()}
     order = reachable(values)
     changing = dependent(order, step)
@@ -472,7 +472,7 @@ def _of_time(
     rates: Sequence[Node],
     find: Callable[[Dag, list[Node]], tuple[_Found, ...]],
 ) -> dict[str, tuple[_Found, ...]]:
-    """Apply a search to each input, by its name, and to the rates, by the empty name."""
+    """Apply a search to each input (by its name) and to the rates (by the empty name)."""
     found = {"": find(equations.dag, list(rates))}
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])

@@ -66,7 +66,7 @@ def varying_values(order: Sequence[Node]) -> set[Node]:
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """Return the values that depend on parameters only and that varying values or results use."""
+    """Return the values of parameters only that varying values or results use."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
@@ -292,7 +292,7 @@ _MOST_EARLY = 3.0
 
 
 def _ordered(kernel: Kernel) -> Kernel:
-    """Order the values of one kernel by need, if that helps."""
+    """Order the values of one kernel by need, if that is faster."""
     order, prepared = kernel.order, kernel.prepared
     # The loop of a map starts when the arguments of all its columns are available.
     n = len(order) - len(prepared)
@@ -306,7 +306,7 @@ def _ordered(kernel: Kernel) -> Kernel:
 
 
 def _lifetimes(kernel: Kernel) -> int:
-    """Sum the lifetimes of all values, in formed values: a measure of registers needed."""
+    """Return the sum of the lifetimes of all values in operations, which indicates register use."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
     # Later statements overwrite earlier ones, so that the last user is stored.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}

@@ -47,7 +47,7 @@ class Kernel:
 
     @cached_property
     def order(self) -> list[Node]:
-        """Every value that the results need, in order of evaluation; prepared ones included."""
+        """Every value that the results need, in order of evaluation, including prepared values."""
         # The traversal ends at prepared values: ``prepare`` computes their arguments.
         order = reachable(self.results, stop=self.prepared)
         return by_need(order, self.prepared) if self.is_by_need else order
@@ -132,7 +132,7 @@ class Program:
 
     @cached_property
     def traits(self) -> Traits:
-        """What calls have to know of the nodes."""
+        """Properties of the kernels that determine how they are called."""
         layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
         # Kernels from which all others are derived, except derivatives.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")

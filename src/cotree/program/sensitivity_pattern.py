@@ -86,7 +86,7 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """Conditions on times that a parameter moves."""
+    """Conditions on times that depend on a parameter."""
 
     states: set[int]  # states whose rates contain such a condition
     is_event: bool  # whether an event function contains such a condition
@@ -179,7 +179,7 @@ class _Direction:
             self.rates |= dict.fromkeys(group, whole)
 
     def follow(self, followers: Sequence[tuple[int, int]]) -> None:
-        """Add the dependence of contents of storages on the variables that follow from them."""
+        """Add the dependence of contents of storages on the variables that they determine."""
         for total, follower in followers:
             mask, rest = self.rates.get(total, _ZERO)
             self.rates[total] = mask | 1 << follower, rest
@@ -202,7 +202,7 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Return pairs of places: a content of storages, and the unknown that follows from it."""
+    """Return pairs of indices: a content of storages, and the unknown that it determines."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)
@@ -307,7 +307,7 @@ def _moved(
 
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
-    """Return whether a state, or its new value by an event, changes with time: modes do not."""
+    """Return whether a state, or its new value in an event, changes with time; modes do not."""
     assert equations.motion is not None  # it comes with the events
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]

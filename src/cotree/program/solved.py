@@ -60,7 +60,7 @@ class SolvedSystem:
 
     @property
     def bare(self) -> RankedSolver:
-        """The solver without friction: friction takes no part in projections and impacts."""
+        """Solver without friction, which does not act in projections and impacts."""
         return self.factors.inner if isinstance(self.factors, HeldFactors) else self.factors
 
     def substitute(self, nodes: Sequence[Node]) -> list[Node]:

@@ -61,7 +61,7 @@ def find_roots(
 
 
 def ends(node: Node, way: Mapping[Node, Node]) -> bool:
-    """Return whether an operation has no value beyond the zero of a condition."""
+    """Return whether an operation is undefined beyond the zero of a condition."""
     first, *others = substitute(node.args, way)
     if node.op == "pow":
         return first.value is not None and first.value <= 0.0
@@ -97,7 +97,7 @@ class SteepRoots:
         return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
 
     def root_of(self, node: Node) -> Node | None:
-        """Return the root that a value is, or of which its slope is formed."""
+        """Return the root that a value is, or whose slope it is."""
         if node.op == "div" and node.args[1].op == "sqrt":
             node = node.args[1]
         node = self._slopes.get(node, node)

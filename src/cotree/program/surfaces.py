@@ -196,7 +196,7 @@ _OPEN = _Sides(_BOTH, frozenset())
 
 
 def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
-    """Return the sides that two values allow to freeze; None: one of them jumps."""
+    """Return the sides on which both values may be frozen; None: one of them jumps."""
     return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
 
 
@@ -282,14 +282,14 @@ class _Kinks:
         return False
 
     def sides_above(self, node: Node) -> _Sides:
-        """Return the sides that the users of a branching value allow, up to the roots."""
+        """Return the sides that the users of a branching value allow, followed up to the roots."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
         found = [self._end_above(node, value, ways) for value in branches]
         return _sides_of(found)
 
     def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
-        """Return how a branch ends in its users."""
+        """Return how a branch ends in its users, see :data:`_ENDS`."""
         known, waiting, end = {node: value}, [node], _NOWHERE
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -430,7 +430,7 @@ def _is_defined_at_kinks(node: Node) -> bool:
 
 
 def _wild(order: Sequence[Node]) -> set[Node]:
-    """List the values whose users must not get a branch beyond its end."""
+    """List the values whose users must not receive a branch beyond its end."""
     found: set[Node] = set()
     for node in reversed(order):
         if node in found or not _is_defined_at_kinks(node):

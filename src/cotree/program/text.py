@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Traits:
-    """What follows from the nodes of a program, and decides how its kernels are called."""
+    """Properties of a program's nodes that determine how its kernels are called."""
 
     n_results: Mapping[str, int]  # number of results of each kernel in C
     #: Parameters of sensitivities on which no state or output depends.

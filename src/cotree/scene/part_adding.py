@@ -153,7 +153,7 @@ def _size(scene: SceneDescription) -> int:
 
 
 def check_entries(given: Mapping[str, Any]) -> None:
-    """Raise if a part has no scene."""
+    """Raise an error if a part names no scene."""
     if "scene" not in given:
         near = [key for key in given if nearest(key, ["scene"]).endswith("?")]
         hint = f"; did you mean it by '{brief(near[0])}'?" if near else ""

@@ -83,7 +83,7 @@ class Changes(Sums):
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench of a cluster that is formed of some parts changes."""
+        """Return whether a wrench changes, given the nodes that it consists of."""
         return not self._frames.is_kept(cluster) or is_varied(*parts)
 
 
@@ -117,7 +117,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Return whether a node or a field of the element depends on the seed."""
+    """Return whether a node or a field of an element depends on the seed."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
     # If a node moves, the circuit between the two nodes changes, even if no field does.
@@ -141,7 +141,7 @@ def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
 
 @dataclass(frozen=True)
 class Reach:
-    """Index of the values that depend on each symbol, so that a direction visits no others."""
+    """Index of the values that depend on each symbol, so that only these are visited."""
 
     #: Indices of outputs and initial values, by symbol.
     outputs: Mapping[Node, list[int]]
@@ -388,7 +388,7 @@ def _with_reactions(
 
 
 def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Add the tangents of two sets of nodes."""
+    """Add the changes of observed variables due to reactions to their tangents."""
     return {node: first[node] + second[node] for node in first if node in second}
 
 
@@ -399,7 +399,7 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
 
 
 def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
-    """List the places of pulls whose basis turns with the seed, even if their components do not."""
+    """List the pulls whose basis rotates along the seed, even if their components are constant."""
     turned = view.motion.frames.turned
     if not turned:
         return []

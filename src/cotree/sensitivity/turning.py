@@ -43,16 +43,16 @@ class Turning(Frames):
     phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Return whether a cluster does not depend on the seed."""
+        """Return whether a cluster is independent of the seed."""
         return cluster not in self.reached
 
     @property
     def turned(self) -> frozenset[int]:
-        """The clusters whose bases the seed rotates."""
+        """The clusters whose bases rotate along the seed."""
         return frozenset(i for i, phi in enumerate(self.phi_basis) if not vector.is_zero(phi))
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
-        """Resolve a vector field: it rotates with the cluster, and changes itself."""
+        """Resolve a vector field, which rotates with the cluster and changes by itself."""
         return self._turned(self.rotations[cluster].matrix, local, self.phi[cluster])
 
     def carried(self, branch: Branch, local: Vector) -> Vector:

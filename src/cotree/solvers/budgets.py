@@ -63,7 +63,7 @@ class Thinning:
         return slice(first, n_new, self.stride)
 
     def thin(self) -> slice:
-        """Double the stride, and return the places of the stored steps that stay."""
+        """Double the stride, and return the indices of the stored steps that remain."""
         self.stride *= 2
         # The stored steps are the first one and multiples of the stride after it.
         return slice(None, None, 2)

@@ -327,7 +327,7 @@ def _in_c(
 def _blame(
     model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
 ) -> NoReturn:
-    """Raise the error of the first point whose outputs are not determined."""
+    """Raise the error of the first point at which outputs are undetermined."""
     n, m = len(model.states), len(model.sensitivities)
     for j, at in enumerate(t.tolist()):
         known, y, s = u(at), z[:n, j], z[n:, j].reshape(m, n).T

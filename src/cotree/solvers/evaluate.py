@@ -106,7 +106,7 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
 
 
 class IntegrationStopError(Exception):
-    """End a solver from inside a callback; the trajectory is then marked as failed."""
+    """Stops a solver from inside a callback; the trajectory is then marked as failed."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -152,11 +152,11 @@ class Evaluator:
         self._bounds = sorted((first, last))
 
     def step_done(self) -> None:
-        """Allow the evaluations of another step."""
+        """Permit the evaluations of another step."""
         self._allowed = self.nfev + self._per_step
 
     def progressed(self) -> None:
-        """Reset the report of a value that was not finite, after an accepted step."""
+        """Clear the report of a value that was not finite, after an accepted step."""
         self.not_finite = ""
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
@@ -232,7 +232,7 @@ class Evaluator:
     def _evaluate(
         self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
-        """Call a function; end the run if it has no value there, or a limit is reached."""
+        """Call a function; stop the run if it is undefined there, or a limit is reached."""
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))

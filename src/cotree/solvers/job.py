@@ -100,7 +100,7 @@ class Rows:
         self._keep_rows(first, chosen)
 
     def _keep_rows(self, first: int, chosen: slice) -> None:
-        """Keep some of the rows from ``first`` on."""
+        """Keep some of the rows from ``first`` on, and discard the others."""
         if chosen.step != 1:
             places = range(first, int(self._job.n_kept))[chosen]
             # Part by part, which avoids a copy of all rows.
@@ -319,12 +319,12 @@ class Job:
             self._keep_times(problem)
 
     def _is_timed(self, problem: Problem) -> bool:
-        """Return whether a run has the times of the last one."""
+        """Return whether a run has the same times as the last one."""
         timed = _times_of(problem)
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
     def _keep_times(self, problem: Problem) -> None:
-        """Store the times of this run for the next ones if no parameter moves them."""
+        """Store the times of this run for later ones, unless they depend on parameters."""
         self._timed = () if len(problem.breakpoints) else _times_of(problem)
         if self._timed:
             for name in _OF_TIMES:
@@ -413,7 +413,7 @@ class Job:
         return [(float(row[0]), row[1:]) for row in rows]
 
     def _set_slopes(self, problem: Problem, corners: FloatArray) -> None:
-        """Set the derivatives of the times of corners by parameters, if any is not zero."""
+        """Set the derivatives of the breakpoint times by parameters, if any is nonzero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Breakpoints that do not depend on parameters have zero slopes.
@@ -453,7 +453,7 @@ class Job:
         return self._pointers[name]
 
     def _point(self, name: str, pointer: Any) -> None:
-        """Set a pointer of the structure, for this run and the following ones."""
+        """Set a pointer of the structure, for this run and later ones."""
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
 

@@ -131,7 +131,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return why rates, or the algebraic unknowns in them, have no value at a point."""
+    """Return why rates, or the algebraic unknowns in them, are undefined at a point."""
     assert problem.undefined is not None  # checked by the caller
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
@@ -351,7 +351,7 @@ _BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add to the message of a run that stopped early the cause that its end shows, if any."""
+    """Add the cause of an early stop to the message of a run, if its end shows one."""
     for cause in (growth, fold, undetermined, infinite_slope):
         if sentence := cause(problem, trajectory):
             return replace(trajectory, message=f"{trajectory.message} {sentence}")
@@ -402,7 +402,7 @@ def fold_at(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def undetermined(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on algebraic unknowns on which their equations hardly depend, or empty."""
+    """Return a sentence on algebraic unknowns that their equations hardly determine, or empty."""
     m, n = problem.n_algebraic, problem.n_states
     is_sought = m > 0 and "algebraic equations cannot be solved" in trajectory.message
     if not (is_sought and trajectory.t.size) or problem.jacobian is None:

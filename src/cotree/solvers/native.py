@@ -80,7 +80,7 @@ def stiffness_note(job: Any) -> str:
 
 
 def _rounding_of_time(problem: Problem, t: float) -> str:
-    """Report that rounding of a large t, not the motion, makes steps short; or empty."""
+    """Return a sentence if rounding of a large t limits the step size; otherwise empty."""
     spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
     if spacing <= _FINE * abs(end - start):
         return ""
@@ -271,7 +271,7 @@ class Attempt:
             self.problem.shared.release(self.job)
 
     def _advance(self, until: int | None = None) -> None:
-        """Advance the job to its end, or for ``until`` steps."""
+        """Advance the job to its end, or by ``until`` steps."""
         with Progress(self.row.name, self.problem.settings.t_span) as progress:
             begin = time.perf_counter() - self.seconds
             self.status, self.reason, self.is_waiting = self._steps(begin, progress, until)
@@ -322,7 +322,7 @@ class Attempt:
 
 
 def begin_in_c(problem: Problem, method: str) -> Attempt | str:
-    """Begin to integrate a checked problem in C, or return the reason why C cannot."""
+    """Start the integration of a checked problem in C, or return the reason why C cannot."""
     why = refusal(method, problem)
     if why:
         return why

@@ -240,7 +240,7 @@ def _token(value: Any) -> Hashable:
 
 
 class _Same:
-    """An object that is compared by its identity."""
+    """An object that is compared by identity."""
 
     def __init__(self, value: object) -> None:
         self._value = value

@@ -81,7 +81,7 @@ class Network:
 
     @property
     def watched(self) -> tuple[Variable, ...]:
-        """The variables that are needed besides the states' rates."""
+        """Variables that are needed in addition to the rates of the states."""
         return (*self.observed.values(), *(row.variable for row in self.redundant))
 
     @property

@@ -46,7 +46,7 @@ class Rule:
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables from which it follows."""
+        """The variables on which the rule depends."""
         raise NotImplementedError
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
@@ -101,7 +101,7 @@ class Sum(Rule):
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The summands."""
+        """The variables that are added."""
         return tuple(variable for _, variable in self.terms)
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
@@ -204,7 +204,7 @@ class Unknown(Rule):
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The equation."""
+        """The residual that determines the unknown."""
         return (self.residual,)
 
 
@@ -362,7 +362,7 @@ def stop_residual(terminal: Terminal) -> Law:
 
 
 def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
-    """Return expressions that are one in one mode of a stop: free, held, or struck."""
+    """Return factors that are one in one mode of a stop: open, closed, or in an impact."""
     return (
         (1 - mode**2) * (4 - mode**2) / 4,
         mode**2 * (4 - mode**2) / 3,
@@ -401,7 +401,7 @@ def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
 
 @lru_cache(maxsize=1024)
 def spring_residual(terminal: Terminal) -> Law:
-    """Form the rate of a spring's through variable by its law, less that by the f-cutset."""
+    """Form the rate of a spring's through variable by its law, minus that by the f-cutset."""
     assert terminal.through is not None
     return Law.of(rate_of(terminal.through).expression - law_symbol("through_rate"))
 

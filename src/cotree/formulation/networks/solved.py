@@ -102,7 +102,7 @@ def _gather(
 
 
 def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]:
-    """List the strongly connected components, each after those that it needs."""
+    """List the strongly connected components, each after those on which it depends."""
     import networkx
 
     graph = networkx.DiGraph()
@@ -129,7 +129,7 @@ def _rank(variable: Variable, terminals: Terminals) -> int:
 
 
 def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:
-    """Make some variables of a component unknowns, so that the others follow one by one."""
+    """Make some variables of a component unknowns; the others follow one by one."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
     # Select tear variables, rank by rank, until the remaining variables can be computed one after
@@ -152,7 +152,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
 
 @dataclass(frozen=True)
 class _Nodal:
-    """Equations of branches, solved in the potentials of parts."""
+    """Branch equations that are solved for the potentials of parts of the tree."""
 
     dag: Dag
     factors: LinearSolver  # solves the balances of the parts for their potentials
@@ -472,13 +472,13 @@ def _solve_block(
 
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Return whether an unknown may be indeterminate: a force that sticking edges share."""
+    """Return whether an unknown may be indeterminate: a force shared by sticking edges."""
     # Brakes on both sides of a gear make their torques and that of the teeth indeterminate.
     return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
-    """Return whether an unknown is not eliminated: of contents, or friction on a joint."""
+    """Return whether an unknown is kept: a variable of contents, or friction on a joint."""
     quantity, name = variable
     # Accelerations of a mechanism are eliminated later, at the forces that act on it.
     if quantity == "field":

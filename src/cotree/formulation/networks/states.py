@@ -54,7 +54,7 @@ class Held:
 
 
 class _Use(IntEnum):
-    """Reason why the position of an edge is needed, in the order of preference as branches."""
+    """Reason to choose an edge whose position is needed as a branch, in increasing order."""
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value

@@ -54,7 +54,7 @@ class Store:
 
     @property
     def unknown(self) -> Variable:
-        """The variable of the storage that follows from it."""
+        """The variable of the storage that the total determines."""
         return _VARIABLES[self.port.kind][0], self.port.name
 
 
@@ -133,13 +133,13 @@ def _store(
 
 
 def _has_loss(port: Port) -> bool:
-    """Return whether the rate of the content has another term."""
+    """Return whether the rate of the content contains another term."""
     is_across = port.kind is Kind.ACROSS_STORAGE
     return (port.terminal.through if is_across else port.terminal.across) is not None
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Return whether a field of an edge occurs in the contents of storages only."""
+    """Return whether a field of an edge occurs only in the contents of storages."""
     laws = {
         name
         for port in ports

@@ -261,7 +261,7 @@ class Terminals:
         return self._lawful(port, explicit_residual(f"{gives}{rate}", law))
 
     def torn(self, variable: Variable) -> Unknown | None:
-        """Make a variable that has an equation of its own an unknown; None for sums."""
+        """Make a variable with its own equation an unknown; None for sums."""
         quantity, name = variable
         base = quantity.partition("_")[0]
         may_be = base in ("across", "through") or quantity == "stretch"
@@ -327,7 +327,7 @@ class Terminals:
     def _rate_of_field(
         self, edge: str, field: str, node: Node
     ) -> tuple[Node, dict[Node, Variable]]:
-        """Differentiate a field by time; return its rate and the variables of new symbols in it."""
+        """Differentiate a field by time; return its rate and the variables of new symbols."""
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}

@@ -91,7 +91,7 @@ class Topology:
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
-        """Return the branch by which an ancestor leads to another node."""
+        """Return the branch through which an ancestor leads to another node."""
         tops, following = self._tops
         # Climb path by path until the node's path is the ancestor's, remembering the last node
         # left.
@@ -278,7 +278,7 @@ class Topology:
 
 
 def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """List the chords that occur with one end only, in order."""
+    """List the chords that occur only once, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
         # A chord with both ends beyond the branch does not cross it: its second end removes the
