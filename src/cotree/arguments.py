@@ -80,7 +80,7 @@ def plain(value: Any, depth: int = 0) -> Any:
             return float(value)
         except (OverflowError, ValueError):
             return value
-    if hasattr(value, "tolist"):  # arrays
+    if hasattr(value, "tolist"):  # arrays of NumPy and similar libraries
         return plain(value.tolist(), depth + 1)
     if isinstance(value, Mapping):
         return {key: plain(item, depth + 1) for key, item in value.items()}

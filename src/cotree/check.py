@@ -389,7 +389,7 @@ def _no_report(text: str) -> None:
 class _Runs:
     """The runs at the unchanged values."""
 
-    experiment: Experiment  # the experiment of which differences are formed
+    experiment: Experiment  # the experiment whose derivatives are compared with differences
     #: Runs with sensitivities, at the tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result

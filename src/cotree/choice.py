@@ -189,7 +189,7 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
         yield ()
         return
     turning, spaces = [], motion_spaces(scene.mechanics).of
-    cluster = 0  # numbered in the order of the traversal
+    cluster = 0  # clusters are numbered in the order of the traversal
     for step in tree_walk(trees.translation):
         # If an edge is traversed backwards, its freedoms are in reverse order.
         for kind in spaces[step.edge][:: step.sign]:

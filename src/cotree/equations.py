@@ -52,12 +52,12 @@ class Derivative:
     """
 
     name: str  # parameter or state by which the equations are differentiated
-    seed: Mapping[Node, Node]  # tangents of the symbols
+    seed: Mapping[Node, Node]  # derivative (tangent) of each symbol in this direction
     forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, at constant unknowns
     #: Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
     rates: Mapping[int, Node]
-    outputs: Mapping[int, Node]  # derivatives of the outputs
-    initial: Mapping[int, Node]  # derivatives of the initial values
+    outputs: Mapping[int, Node]  # derivatives of the outputs, by index
+    initial: Mapping[int, Node]  # derivatives of the initial values, by state
     #: Derivatives of the constraints and of their rates.
     held: tuple[Node, ...]
     held_rates: tuple[Node, ...]
@@ -107,7 +107,7 @@ class State:
     #: ``edge.coordinate`` or ``edge.coordinate_dot``, and its SI unit.
     name: str
     unit: str
-    symbol: Node  # the state as an argument of the program
+    symbol: Node  # symbol of the state in the program
     initial: Node  # its initial value, a function of parameters
     is_given: bool = (
         True  # whether the scene prescribes it; otherwise it may change to satisfy constraints
@@ -122,8 +122,8 @@ class State:
 class ConstraintSet:
     """Constraints that the states must satisfy."""
 
-    rows: tuple[Quantity, ...]  # name and unit of each constraint
-    edges: tuple[str, ...]  # the edge of each constraint
+    rows: tuple[Quantity, ...]  # name and unit of each constraint equation
+    edges: tuple[str, ...]  # name of the edge that causes each constraint equation
     # Constraints at the levels of position and velocity, which a projection enforces; the level of
     # acceleration is part of A w = b. Residual of each constraint; None for constraints on rates
     # only.
@@ -153,7 +153,7 @@ class Guard:
     """Condition on a function of parameters that the equations require."""
 
     value: Node
-    what: str  # name of the value, as the subject of a message
+    what: str  # name of the value, used as the subject of a message
     is_strict: bool  # whether it must be positive, not only nonnegative
     #: Predicate of the message if the condition fails; empty for the standard predicate.
     breach: str = ""
@@ -201,7 +201,7 @@ class EventRow:
     """An event at the zero crossing of a value."""
 
     name: str
-    direction: int  # -1 for downwards, 1 for upwards, 0 for both
+    direction: int  # crossing direction: -1 downwards, 1 upwards, 0 both
     is_terminal: bool  # whether the event ends the run
     # States that the event sets: first those set by expressions, then all speeds that its impact
     # changes. Then the indices of its function and of the new values.
@@ -266,7 +266,7 @@ class Equations:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     # The values of the scene, which a run may replace.
-    parameter_values: tuple[float, ...]  # the scene's values of p
+    parameter_values: tuple[float, ...]  # parameter values stated in the scene
     #: Symbols of u, and their values in the scene as functions of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
@@ -274,15 +274,15 @@ class Equations:
     # lowered. Symbols of w and of its derivatives.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
-    matrix: Sequence[Sequence[Node]]  # A, symmetric
-    forcing: tuple[Node, ...]  # b
+    matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
+    forcing: tuple[Node, ...]  # right-hand side b of ``A w = b``
     is_safe: tuple[bool, ...]  # whether the pivot of each unknown is positive at every state
-    holding: tuple[HeldUnknown, ...]  # the last unknowns: multipliers of friction and stops
+    holding: tuple[HeldUnknown, ...]  # last unknowns: multipliers of friction and stops
     #: The links of the tree, if elimination along it costs less than that of the matrix; otherwise
     #: empty.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
-    rates: tuple[Node, ...]  # M x' in terms of x and w
+    rates: tuple[Node, ...]  # M x' as functions of x and w
     balances: tuple[Node, ...]  # ``A w - b`` as formulated, for printing
     constraints: ConstraintSet  # their multipliers follow the accelerations in w
     #: y; then the function of each event; then the new values and the restitution, event by event.
@@ -358,8 +358,8 @@ class DerivedParameter:
     name: str
     unit: str
     doc: str
-    text: str  # its expression, as stated in the scene
-    node: Node = field(repr=False)  # its value, in terms of the symbols of parameters
+    text: str  # expression of the value, as stated in the scene
+    node: Node = field(repr=False)  # value as a function of parameters
     #: Names of all parameters that are arguments, in the order of their symbols.
     arguments: tuple[str, ...] = field(repr=False)
 

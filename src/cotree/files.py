@@ -31,11 +31,11 @@ def template_folder() -> Path:
 
 def read_text(source: str | Path, largest: int) -> str:
     """Read a UTF-8 text file of at most ``largest`` bytes; raise SceneError otherwise."""
-    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names that are too long
+    if not os.path.isfile(source):  # Path.is_file would raise an error for names that are too long
         raise SceneError(f"'{brief(source, 200)}' is not a file: check its path")
     try:
         with Path(source).open("rb") as file:
-            data = file.read(largest + 1)  # independent of the reported size
+            data = file.read(largest + 1)  # the reported size may be wrong
     except OSError as error:
         raise SceneError(f"{source} cannot be read: {error.strerror}") from None
     if len(data) > largest:
@@ -107,7 +107,7 @@ def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) ->
 
 
 def _cell(value: object) -> object:
-    if not isinstance(value, float):  # NumPy's doubles are floats
+    if not isinstance(value, float):  # scalars of type numpy.float64 are instances of float
         return value
     return "" if math.isnan(value) else repr(float(value))
 

@@ -279,9 +279,9 @@ def _is_shorted(edge: Edge) -> bool:
     return bool(edge.ports) and all(e.tail and e.tail == e.head for e in edge.ports)
 
 
-_LONGEST_ARM = 1000.0  # m
-_LARGEST_ANGLE = 4.0 * math.pi  # rad; larger values are taken for degrees
-_LARGEST_GRAVITY = 300.0  # m/s^2, that of the sun
+_LONGEST_ARM = 1000.0  # maximum length of an arm, [m]
+_LARGEST_ANGLE = 4.0 * math.pi  # largest plausible angle, [rad]; beyond it: degrees
+_LARGEST_GRAVITY = 300.0  # maximum gravitational acceleration, [m/s^2], about that of the sun
 #: Batteries have capacitances that no single capacitor has.
 _LARGEST = {"capacitor": 1e4, "inductor": 1e4}
 
@@ -291,7 +291,7 @@ def value_findings(scene: SceneDescription) -> Iterator[Finding]:
     try:
         known = parameter_values(scene.parameters)
     except Error:
-        known = {}  # another rule reports it
+        known = {}  # another rule reports what is wrong with the names
     yield from _dimensions(scene)
     yield from _shared(scene)
     yield from _magnitudes(scene, known)
@@ -373,7 +373,7 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
         message = f"{what} is '{value.text}'"
         for fault in dimensions.faults:
             yield Finding("dimension", kind, name, f"{message}, where {fault}")
-        is_table = type(value) is not Expression  # its expression is the argument of a table
+        is_table = type(value) is not Expression  # a table has no dimension
         if found is None or stated is None or dimensions.faults or is_table:
             continue
         if not same_dimension(found, stated):
@@ -474,7 +474,7 @@ def _constants(scene: SceneDescription) -> Iterator[Finding]:
         try:
             found = value.lower(dag, places.__getitem__).value
         except Error:
-            continue  # it has no value, which another rule reports
+            continue  # another rule reports undefined values
         if found is not None:
             message = f"{what} is '{value.text}', which is {found:.6g} for any values of its names"
             yield Finding("constant", kind, name, message)
@@ -503,7 +503,7 @@ def _without_effect(scene: SceneDescription, known: dict[str, float]) -> Iterato
 
 
 # Larger scenes take long to compile: only their equations are formed.
-_LARGEST_STARTED = 60  # edges
+_LARGEST_STARTED = 60  # maximum number of edges for which the rule computes the start
 
 
 def lint(

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 class Method:
     """A row of the table of methods."""
 
-    name: str  # the name in settings
+    name: str  # name of the method in settings
     #: "cotree", "scipy", "sundials" or, for the integrators of SUNDIALS with separate vectors of
     #: sensitivities, "correctors".
     family: str
-    implicit: bool  # whether it uses a Jacobian
-    multistep: bool  # whether a step depends on earlier ones
+    implicit: bool  # whether the method uses a Jacobian
+    multistep: bool  # whether a step depends on several earlier ones
     #: Method used if C cannot run this one; for methods of SciPy and correctors, the method that
     #: the error suggests.
     instead: str = ""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
 
-_LONGEST_PATH = 1000  # characters of a name within nested parts
+_LONGEST_PATH = 1000  # maximum number of characters of a name within nested parts
 
 #: Reserved names of expressions.
 RESERVED = frozenset({"t", "pi"})

@@ -58,11 +58,11 @@ class Formed:
     """All stages of a scene up to its C text."""
 
     first: FirstGraph  # first graph, from which the equations were formed
-    alternatives: tuple[Alternative, ...]  # the formulations tried, the cheapest first
-    reports: tuple[PassReport, ...]  # operation counts before and after each pass
+    alternatives: tuple[Alternative, ...]  # formulations that were tried, the cheapest first
+    reports: tuple[PassReport, ...]  # operation counts before and after each optimisation pass
     context: ModelContext  # context passed to the templates
-    text: ModelText  # the program after its passes, and its C text
-    times: Mapping[str, float]  # seconds for each stage: formulate, generate
+    text: ModelText  # the optimised program with its C text
+    times: Mapping[str, float]  # time spent in each stage: formulate, generate, [s]
 
 
 def draw_graphs(
@@ -147,7 +147,7 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
-                continue  # the kink does not move
+                continue  # the time of this kink does not depend on the parameters
             raise FormulationError(
                 f"{what} has a kink, and dependent storages need its rate of change: where the "
                 f"rate jumps, the sensitivity to '{name}' would jump, too, at an unknown time; "

@@ -127,7 +127,7 @@ def unit_text(dimension: Dimension) -> str:
     if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
         dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
     if dimension == _SI["J"]:
-        return "N m"  # for energies and torques
+        return "N m"  # joule is displayed as N m, for energies and torques
     for symbol, known in _SI.items():
         if known == dimension:
             return symbol
@@ -221,7 +221,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
         word = f"**{word.translate(_RAISED)}" if kind == "power" else word
         words.append(_SPELT.get(word, word))
     if words == ["-"]:
-        return []  # a dash means no unit
+        return []  # a dash is written for quantities without a unit
     try:
         return _factors(ast.parse("".join(words), mode="eval").body, names, 1.0)
     except SyntaxError:
@@ -297,7 +297,7 @@ def _foreign(name: str) -> _Symbol:
         exponents["Hz"] = 1.0
     dimension = _of(**exponents)
     offset = _exact(zero.magnitude)
-    if offset:  # differences of temperatures in the library's table have larger rounding errors
+    if offset:  # temperature differences: rounding errors in the library's table are larger
         one = registry.Quantity(1.0, f"delta_{own}").to_base_units()
     factor = _exact(one.magnitude)
     si = next((n for n, own_dimension in _SI.items() if own_dimension == dimension), None)

@@ -271,7 +271,7 @@ def build_library(
             for step in steps[:-1]
         ]
         with building(key, options.time_limit):
-            found = find_published(key)  # another process may have built it in the meantime
+            found = find_published(key)  # another process may have built it meanwhile
             path = found or _compile(files, steps, key, options.time_limit)
     commands = " && ".join(shlex.join(step.command) for step in steps)
     return BuiltLibrary(path, time.perf_counter() - start, found is not None, commands)
@@ -426,8 +426,8 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
 class LoadedLibrary:
     """A shared library in this process."""
 
-    ffi: FFI  # the types of the declarations; makes and casts pointers
-    lib: Any  # the library; functions and variables are attributes, resolved at first use
+    ffi: FFI  # holds the C declarations; makes and casts pointers
+    lib: Any  # the loaded library; functions and variables are attributes, resolved at first use
 
 
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:

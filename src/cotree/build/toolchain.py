@@ -105,7 +105,7 @@ def abandon(thread: threading.Thread) -> None:
     _abandoned.add(thread)
     for process, owner in list(_running.items()):
         if owner is thread:
-            with contextlib.suppress(ProcessLookupError):  # it may have ended in the meantime
+            with contextlib.suppress(ProcessLookupError):  # the process may have ended
                 _kill_group(process)
 
 
@@ -147,7 +147,7 @@ class Toolchain:
     """A C compiler that has been run successfully."""
 
     command: tuple[str, ...]  # absolute path of the program, and arguments of every call
-    version: str  # first line of the output of ``--version``
+    version: str  # first line printed by ``--version``
     #: ``'zig'`` if the compiler is run through zig, whose defaults differ.
     kind: Literal["cc", "zig"]
 

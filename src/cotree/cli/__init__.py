@@ -44,7 +44,7 @@ def begin_engine(arguments: Sequence[str]) -> None:
         return
     rest = list(arguments[arguments.index("run") + 1 :])
     scene = next(filter(None, map(_scene_file, rest)), None)
-    if scene is None:  # the command will report an error
+    if scene is None:  # the command will report why the scene cannot be read
         return
     method, has_events = _engine_of(scene)
     method = _method_given(rest) or method
@@ -66,7 +66,7 @@ def _scene_file(argument: str) -> Path | None:
     if argument.startswith("-"):
         return None
     places = (Path(argument), _SHIPPED / f"{argument}.toml")
-    with contextlib.suppress(OSError):  # if the name is too long
+    with contextlib.suppress(OSError):  # OSError: the name is too long for a path
         return next((place for place in places if place.is_file()), None)
     return None
 

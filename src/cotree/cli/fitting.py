@@ -176,7 +176,7 @@ def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
         if len(scale) < 2:
             return (float(low), float(high), *scale)
     except ValueError:
-        pass  # there is one part only, or a bound is not a number
+        pass  # the text has one part only, or a bound is not a number
     raise ParameterError(
         f"{option} {brief(name)}={brief(text)} is not of the form NAME=LOW:HIGH or "
         f"NAME=LOW:HIGH:SCALE: write it as {option} {example}"

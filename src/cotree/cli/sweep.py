@@ -225,7 +225,7 @@ def _quantiles(runs: Any, dims: Sequence[str], done: Any) -> Table:
         if row.dims == (*dims, "time") and done.any():
             last = row.values[..., -1].ravel()[done]
             last = last[~np.isnan(last)]
-            if len(last):  # an event may have ended all of them before
+            if len(last):  # no member is left if events have ended all of them before this time
                 found = np.quantile(last, _QUANTILES).tolist()
                 rows.append((name, *found, row.attrs.get("units", "")))
     head = (f"t = {float(runs['time'].values[-1]):.6g} s", "2.5 %", "median", "97.5 %", "")

@@ -257,7 +257,7 @@ class ModelContext(KernelFile):
     constants: list[Constants]  # values that columns do not share, starts of columns
     clears_columns: bool
     kernel_pointers: dict[str, str]
-    enums: dict[str, list[str]]  # enumerators by kind of quantity
+    enums: dict[str, list[str]]  # enumerators of the header by kind of quantity
 
     @property
     def upper(self) -> str:
@@ -294,7 +294,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
-    nodes += reachable([guard.value for guard in program.guards])  # prepare checks them
+    nodes += reachable([guard.value for guard in program.guards])  # ``prepare`` checks the guards
     tables = name_tables(nodes)
     maps = list(dict.fromkeys(node for node in nodes if node.op == "map"))
     # Applications of one map with equal storage share a function.

@@ -412,9 +412,9 @@ class Argument:
 
     name: str
     kind: str = SCALAR  # ``REAL``, ``SCALAR``, ``WHOLE``, or a C type
-    is_array: bool = True  # whether it is an array
-    is_constant: bool = True  # whether the function only reads it
-    is_restricted: bool = True  # whether no other pointer leads to its elements
+    is_array: bool = True  # whether the argument is an array
+    is_constant: bool = True  # whether the function only reads the argument
+    is_restricted: bool = True  # whether the pointer is declared ``restrict``
     given: str = ""  # the caller's expression, if it differs from the argument's name
 
 

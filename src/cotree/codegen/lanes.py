@@ -45,7 +45,7 @@ class Lanes:
     """Vector width and instruction sets of a processor."""
 
     width: int  # numbers in a vector
-    n_bundles: int  # interleaved vectors, which hide the latency of operations
+    n_bundles: int  # vectors processed together, to hide the latency of operations
     #: Compiler names of the instruction sets that the vectors need.
     instructions: str
     is_fused: bool  # whether a product plus a term is rounded once
@@ -67,7 +67,7 @@ class LanesContext(KernelFile):
     n_prepared: int
     has_outputs: bool
     n_sensitivities: int
-    is_packed: bool  # whether some sensitivities vanish
+    is_packed: bool  # whether sensitivities that always vanish are left out of the arrays
     stiff: LinearSystem | None
 
     @property

@@ -87,7 +87,7 @@ def cut_into_segments(
         has_groups=False,
         symbols=symbols,
     )
-    groups = printed.parts[1:]  # leaves take no statement
+    groups = printed.parts[1:]  # leaves of the expression need no statement
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
             # Adding zero makes the sign of a zero result independent of the vector width.
@@ -270,7 +270,7 @@ class MapContext:
     n_crossing: int
     n_together: int  # number of interleaved vectors
     n_guards: int
-    live: list[str]  # for each block of columns, the flags of the guarded segments that are run
+    live: list[str]  # for each block of columns, the flags of the guarded segments that it executes
     n_stack: int  # upper bound of the stack size, [byte]
 
 

@@ -61,9 +61,9 @@ class OwnRows:
     constants are stored whole.
     """
 
-    linear: LinearMap  # the map
-    first: int  # the first of these inputs
-    is_whole: bool  # whether rows are contiguous, with all their zeros
+    linear: LinearMap  # the linear map that is applied
+    first: int  # first of the inputs of this block
+    is_whole: bool  # whether rows are stored contiguously, including their zeros
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
@@ -192,7 +192,7 @@ class Printed:
 
     #: Statements with comments, in one part or in the requested parts.
     parts: list[list[Statement]]
-    values: list[CExpression]  # an expression for each requested value
+    values: list[CExpression]  # C expression of each requested value
     n_statements: int  # number of values that have a statement
     uses_status: bool  # whether a statement may set ``status``
     #: Arrays that are read by maps only.
@@ -273,7 +273,7 @@ class _StatementWriter:
         self._known: dict[Node, CExpression] = {}
         self._number: dict[Node, int] = {}  # number of each value that has a statement
         self._uses: dict[Node, int] = {}
-        self._factors: dict[Any, int] = {}  # number of each factorised matrix
+        self._factors: dict[Any, int] = {}  # number, in the C text, of each factorised matrix
         self._section = ""
 
     def count_uses(self, roots: Iterable[Node], order: Iterable[Node]) -> None:

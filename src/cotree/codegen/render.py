@@ -56,7 +56,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=is_html,  # untrusted texts in C have been escaped in naming.py
+        autoescape=is_html,  # HTML only; names and texts in C have been escaped in naming.py
     )
     # Set in the environment, so that imported macros can use them as well.
     made.globals |= {
@@ -107,11 +107,11 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
 class Features:
     """The parts of the runtime that are compiled; by default all of them."""
 
-    sensitivities: bool = True  # whether states have sensitivities
-    inputs: bool = True  # whether there are inputs
-    algebraic: bool = True  # whether some states satisfy algebraic equations
+    sensitivities: bool = True  # whether the model has sensitivities
+    inputs: bool = True  # whether the model has inputs
+    algebraic: bool = True  # whether the model has algebraic unknowns
     constraints: bool = True  # whether states are projected onto constraints
-    events: bool = True  # whether there are events, or kinks of rates whose times depend on states
+    events: bool = True  # whether the model has events, or kinks at times that depend on states
     modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
     discs: bool = True  # whether there is friction on planes in space
     #: Whether rates have kinks at times that depend on parameters of sensitivity.
@@ -119,7 +119,7 @@ class Features:
     implicit: bool = True  # whether an implicit method uses a Jacobian
     helper: bool = True  # whether a caller's function finds states if iterations fail
     mending: bool = True  # whether prescribed values may change to satisfy constraints
-    sundials: bool = True  # whether a method of SUNDIALS may take the steps
+    sundials: bool = True  # whether the model may be integrated by SUNDIALS
     #: FMU: whether its start satisfies constraints or conditions, or selects modes; whether there
     #: are time events or upper bounds of the step size.
     start: bool = True

@@ -102,7 +102,7 @@ def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
         elif name in texts and name not in seen:
             comment, body = unframed(texts[name])
             if body:
-                seen.add(name)  # headers without a guard are included several times
+                seen.add(name)  # a header without an include guard is inserted at each ``#include``
             found.append(_inlined(f"{comment}\n\n{body}", texts, seen))
     return "".join(found)
 

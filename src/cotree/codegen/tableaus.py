@@ -15,7 +15,7 @@ class Tableau:
     name: str  # name without the prefix ``cotree_``
     title: str  # description, as part of a sentence
     source: str  # reference for the coefficients
-    error_order: int  # order of the error estimate
+    error_order: int  # order of the embedded error estimate
     memory: str  # exponent of the previous step's error in the step size control
     nodes: tuple[str, ...]  # times of the stages except the first, as fractions of a step
     stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage except the first
@@ -275,7 +275,7 @@ class RosenbrockTableau:
     name: str
     title: str
     source: str
-    error_order: int  # order of the error estimate
+    error_order: int  # order of the embedded error estimate
     gamma: str  # the diagonal coefficient
     #: Coefficients c and d of each stage.
     nodes: tuple[str, ...]
@@ -477,7 +477,7 @@ class FixedStep:
 
     name: str  # name in C, after ``cotree_``
     title: str  # description, as part of a sentence
-    source: str  # reference
+    source: str  # publication from which the coefficients are taken
     order: int  # order of the error at the end
     n_stages: int  # number of evaluations of the rates in a step
     is_implicit: bool  # whether the method solves linear systems

@@ -28,7 +28,7 @@ class Target:
     suffix: str = ""  # suffix of literals and of C library functions
     limits: str = "DBL"  # prefix of the type's limits in ``float.h``
     infinity: str = "HUGE_VAL"  # name of positive infinity in ``math.h``
-    reader: str = "strtod"  # function of the C library that reads a number from text
+    reader: str = "strtod"  # C function that converts text to a number
     #: Qualifiers and result type of a function that is part of another one.
     function: str = "COTREE_APART static void"
     name: str = "{}"  # format of the name of such a function
@@ -43,9 +43,9 @@ class Target:
     #: Name of the function ``(a, b, c)`` that computes ``a * b + c``; empty if two operators are
     #: written.
     fused: str = ""
-    fused_onto: str = ""  # the same with the arguments in the order of ``c + a * b``
-    size: int = 8  # bytes of one number
-    digits: int = 53  # binary digits of a number
+    fused_onto: str = ""  # fused multiply-add with its arguments in the order of ``c + a * b``
+    size: int = 8  # size of one number, [byte]
+    digits: int = 53  # binary digits of the significand
     most_decades: int = 308  # largest power of ten that the type can represent
 
     @property

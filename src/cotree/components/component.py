@@ -15,24 +15,24 @@ if TYPE_CHECKING:
 class Role(Enum):
     """Role of an edge in the formulation."""
 
-    BODY = "body"  # inertia: through variables from accelerations
-    ARM = "arm"  # an empty motion space: a fixed across variable
+    BODY = "body"  # inertia: forces as functions of accelerations
+    ARM = "arm"  # arm: no motion space, a constant transformation between two frames
     JOINT = "joint"  # a motion space and a reaction space
-    LINE = "line"  # a force along an axis or along the line of its nodes
+    LINE = "line"  # a force along an axis or along the line between two nodes
     FORCE = "force"  # a given force vector
     TORQUE = "torque"  # a given torque vector
     BUSHING = "bushing"  # forces and torques along and about three axes
     LAW = "law"  # a force by a user-defined law
-    CONSTRAINT = "constraint"  # an across variable that is constrained
-    TOUCH = "touch"  # shapes of two bodies that may touch; the contact laws are in a scalar graph
-    NETWORK = "network"  # ports in scalar graphs, each with its terminal equation
+    CONSTRAINT = "constraint"  # a kinematic constraint between two nodes
+    TOUCH = "touch"  # contact between the shapes of two bodies; its laws are in a scalar graph
+    NETWORK = "network"  # ports in scalar graphs, each with a terminal equation
 
 
 class Acts(Enum):
     """Direction along which a user-defined law acts."""
 
-    LINE = "line"  # the line of the nodes, or an axis that the first carries
-    VELOCITY = "velocity"  # the velocity of the second node relative to the first
+    LINE = "line"  # along the line between the nodes, or an axis fixed in the first
+    VELOCITY = "velocity"  # along the velocity of the second node relative to the first
 
 
 class Shape(Enum):
@@ -41,7 +41,7 @@ class Shape(Enum):
     SCALAR = "scalar"
     VECTOR = "vector"  # three components
     EXPRESSION = "expression"  # an expression of across variables, kept as text
-    NAMES = "names"  # names of nodes, with repetitions
+    NAMES = "names"  # names of nodes, which may repeat
     NUMBERS = "numbers"  # a list of numbers
     ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
@@ -93,7 +93,7 @@ class Freedom:
     #: the preceding freedoms of the motion space. At zero coordinates this frame is parallel to
     #: that of the first node.
     axis: str
-    rate: str = ""  # name of the coordinate's rate; ``<name>_dot`` if empty
+    rate: str = ""  # name of the rate of the coordinate; ``<name>_dot`` if empty
     #: For a screw: field of the translation along the axis per radian.
     pitch: str = ""
 

@@ -190,7 +190,7 @@ def _is_written_zero(edge: Any) -> bool:
         return _is_written_zero(edge.get("value"))
     try:
         return float(edge) == 0.0
-    except (TypeError, ValueError):  # an expression
+    except (TypeError, ValueError):  # the value is an expression
         return False
 
 

@@ -35,7 +35,7 @@ class _DryFriction:
     """A component whose friction is one expression of its fields in sliding, and one at rest."""
 
     domain: str  # domain of the port
-    force: _Expression  # the force of dry friction
+    force: _Expression  # law of the force of dry friction
     raised: _Expression  # maximum force at rest, if the field named by ``peak`` is given
     peak: str  # name of that field
     #: Fields without which there is no force: friction is disengaged if one of them is zero. The

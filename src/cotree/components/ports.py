@@ -188,7 +188,7 @@ def with_heat(component: Component) -> Component:
     The heat flows out of the component: minus the loss flows into its port.
     """
     loss = loss_of(component)
-    assert loss is not None  # called only for components with a loss
+    assert loss is not None  # this function is called only for components with a loss
     port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=Law.of(-loss.expression))
     return replace(
         component, ports=(*component.ports, port), domains=(*component.domains, "thermal")

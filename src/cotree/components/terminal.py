@@ -22,7 +22,7 @@ class Kind(Enum):
 
     ACROSS_SOURCE = 0  # prescribes an across variable; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
-    COUPLED = 2  # a port of a transformer or gyrator
+    COUPLED = 2  # coupled: a port of a transformer or gyrator
     DISSIPATOR = 3  # resistors: algebraic relation of through and across
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
     SPRING = 5  # through depends on the integral of across; a branch only among springs
@@ -55,7 +55,7 @@ class PortMeasure:
     #: The name of the variable is ``edge.name``.
     name: str
     unit: str
-    terms: tuple[tuple[int, str, str], ...]  # signs, ``across`` or ``through``, and ports
+    terms: tuple[tuple[int, str, str], ...]  # sign, ``across`` or ``through``, and port
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Stop:
     upper_gap: Law | None
     lower_gap: Law | None
     rebound: Law  # change of across in an impact
-    excess: Law  # the rebound speed in excess of the rest threshold
+    excess: Law  # rebound speed minus the rest threshold
     suffix: str = ""  # suffix of its modes among the fields
 
 
@@ -181,7 +181,7 @@ def integral_of(terminal: Terminal) -> Integral | None:
     """Return the quantity ``stretch`` of a terminal equation; None if it has no name."""
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
-        return None  # slip distances are not functions of positions
+        return None  # slip distances are not determined by positions
     # An integral of the component itself, such as a state of charge, takes precedence over that of
     # the domain.
     if terminal.integral is not None or not row.stretch:

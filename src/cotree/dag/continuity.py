@@ -219,7 +219,7 @@ def _folds(difference: Node, boundary: Node) -> bool:
     """Return whether a difference folds to zero if a boundary is zero."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
-    except (ArithmeticError, ValueError):  # it has no value there
+    except (ArithmeticError, ValueError):  # the expression is undefined there
         return False
 
 

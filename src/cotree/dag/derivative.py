@@ -148,7 +148,7 @@ class Clips:
             try:
                 if is_singular(node.op, substitute(node.args, way)):
                     return True
-            except (ArithmeticError, ValueError):  # it has no value there
+            except (ArithmeticError, ValueError):  # the expression is undefined there
                 continue
         return False
 
@@ -314,7 +314,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
 
 
 def _of_table(node: Node) -> Jacobian:
-    return [{0: results(node, 2)[1]}, {}]  # a slope is piecewise constant
+    return [{0: results(node, 2)[1]}, {}]  # the derivative of the slope is zero almost everywhere
 
 
 def _of_lookup(node: Node) -> Jacobian:
@@ -389,7 +389,7 @@ def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     # Matrix, sizes and reference are the node's own: C then factorises once for the value and all
     # its derivatives, and they agree on the rank.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
-    return [*solved[:n], dag.zero, dag.zero]  # rank and acceptance are constant
+    return [*solved[:n], dag.zero, dag.zero]  # derivatives of rank and acceptance
 
 
 def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:

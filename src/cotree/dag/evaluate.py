@@ -62,7 +62,7 @@ def evaluate(
         elif op == "symbol":
             if node.data[0] != PIECE:
                 raise KeyError(node.data)
-            known[node] = 0.0  # no branch is frozen
+            known[node] = 0.0  # the flags of frozen branches are zero: no branch is frozen
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

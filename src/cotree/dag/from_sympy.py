@@ -52,7 +52,7 @@ def _maker(expression: Any) -> _Maker:
     if expression.is_Pow:
         base, exponent = parts
         return lambda dag, arguments: base(dag, arguments) ** exponent(dag, arguments)
-    if name == "Heaviside":  # the derivative of Max and Min
+    if name == "Heaviside":  # SymPy writes derivatives of Max and Min with Heaviside
         return lambda dag, arguments: dag.select(parts[0](dag, arguments), dag.one, dag.zero)
     if name == "ceiling":
         return lambda dag, arguments: -dag.function("floor", -parts[0](dag, arguments))

@@ -23,7 +23,7 @@ class Table:
     """A piecewise linear function, constant outside its range."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
-    y: tuple[float, ...]  # values at ``x``
+    y: tuple[float, ...]  # table values at ``x``
 
     function = "cotree_table"
 
@@ -82,7 +82,7 @@ class PlaneTable:
     #: Ascending arguments of both axes, at least two each.
     x: tuple[float, ...]
     y: tuple[float, ...]
-    z: tuple[float, ...]  # values, one row for each ``x``
+    z: tuple[float, ...]  # table values, one row for each ``x``
 
     function = "cotree_plane"
     results: ClassVar[tuple[str, ...]] = ("", "slope_x", "slope_y", "twist")
@@ -209,7 +209,7 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 def _held(number: Any, own: Any) -> Any:
     """Return the frozen interval, numbered from one; if it is zero, that of the argument."""
-    held = np.asarray(np.real(number))  # a single number, too
+    held = np.asarray(np.real(number))  # also turns a single number into an array
     return np.where(held == 0.0, own, held.astype(int) - 1)
 
 
@@ -224,6 +224,6 @@ def _piece(x: Any, at: Any) -> Any:
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
     """Form the value of a table at a node for each axis."""
     numbers = [arg.value for arg in args]
-    if None not in numbers:  # the table of a constant is a constant
+    if None not in numbers:  # a table with constant arguments is a constant
         return dag.constant(float(data.evaluate(numbers)[0]))
     return dag.several("lookup", args, data, len(data.results))[0]

@@ -55,7 +55,7 @@ BLOCK = 4
 class LinearMap:
     """Linear operations that are applied to each column of a matrix."""
 
-    results: tuple[Node, ...]  # in terms of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``
+    results: tuple[Node, ...]  # functions of the symbols ``(SHARED, i)``, ``(COLUMN, i)``
     #: Number of values that all columns share, and length of each column.
     n_shared: int
     n_inputs: int
@@ -301,7 +301,7 @@ NULL_TOLERANCE = 1e-9
 class SolveShape:
     """A linear system: its size, and the requirements on its solution."""
 
-    size: int  # number of unknowns
+    size: int  # number of unknowns of the solve
     n_determined: int  # number of leading unknowns that must be unique
     #: Fraction of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE
@@ -311,8 +311,8 @@ class SolveShape:
 class Function:
     """An external function of several arguments and results, called by the generated code."""
 
-    name: str  # C name: ``int name(const double *arguments, double *results)``
-    n_results: int  # number of its results
+    name: str  # name in C: ``int name(const double *arguments, double *results)``
+    n_results: int  # number of results of the function
     #: The same function in Python: sequence of floats to sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
     #: Returns the partial derivatives, row by row (n_results rows of n_arguments).

@@ -164,7 +164,7 @@ class Dag:
 
     def constant(self, value: float) -> Node:
         """Intern a finite number."""
-        value = float(value) + 0.0  # +0.0 turns -0.0 into 0.0: one zero only
+        value = float(value) + 0.0  # turns -0.0 into 0.0, so that zero has one node
         node = self._interned.get(value)
         if node is None:
             if not math.isfinite(value):
@@ -201,9 +201,9 @@ class Dag:
             return self.sub(b, a.args[0])
         if a is b:
             return self.mul(self.constant(2.0), a)
-        if a.index > b.index:  # sums commute: one node for both orders
+        if a.index > b.index:  # sums commute: both orders get the same node
             a, b = b, a
-        if b.op == "sub" and b.args[1] is a:  # a + (c - a)
+        if b.op == "sub" and b.args[1] is a:  # a + (c - a) = c
             return b.args[0]
         key = ("add", a.index, b.index)
         node = self._interned.get(key)
@@ -263,13 +263,13 @@ class Dag:
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
-        if b.value is not None:  # constants come first, on which _scale relies
+        if b.value is not None:  # _scale relies on constants being the first factor
             a, b = b, a
         if a.value is not None:
             return self._scale(a.value, a, b)
         if a.index > b.index:
             a, b = b, a
-        if b.op == "div" and b.args[1] is a and b.args[0] is self.one:  # a * (1/a)
+        if b.op == "div" and b.args[1] is a and b.args[0] is self.one:  # a * (1 / a) = 1
             return b.args[0]
         key = ("mul", a.index, b.index)
         node = self._interned.get(key)
@@ -321,7 +321,7 @@ class Dag:
         if power is not None:
             if a.value is not None:
                 return self.constant(folded("pow", a.value, power))
-            if power == int(power) and abs(power) <= 64:  # at most ten products
+            if power == int(power) and abs(power) <= 64:  # exponent 64 takes at most ten products
                 return self._integer_power(a, int(power))
             if power == 0.5:
                 return self.function("sqrt", a)

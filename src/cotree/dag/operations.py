@@ -91,13 +91,13 @@ class Operation:
     """A scalar operation."""
 
     name: str  # name in programs
-    arity: int  # number of arguments
+    arity: int  # number of arguments of the operation
     #: Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises: it
     #: follows C (:mod:`cotree.dag.operations`).
     real: Callable[..., Scalar]
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
-    c: str  # the C expression, with ``{0}``, ``{1}``, ... for its arguments
+    c: str  # C expression, with ``{0}``, ``{1}``, ... for the arguments
     is_call: bool = True  # true for a C library function, false for an operator
 
 

@@ -228,7 +228,7 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 def _stops(node: Node, line: _Line) -> list[TimeEvent]:
     """Return the times at which a node's argument is zero, integer, or a point of its table."""
     if line.rate.is_zero:
-        return []  # only a count: its floor has been processed
+        return []  # the node only counts periods: the kinks of its floor have been collected
     if node.op == "floor" and line.count is None:
         # The argument is an integer at its root, and whenever it has increased by one since then.
         return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]

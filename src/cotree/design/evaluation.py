@@ -108,10 +108,10 @@ _EARLY = ("start", "at", "time")
 class Point(NamedTuple):
     """The objective and the constraints at one point of the design space."""
 
-    objective: float  # the quantity to be minimised; the mean over all runs
-    gradient: Array  # its derivatives with respect to the design variables
-    conditions: Array  # constraint values (excesses), run by run
-    slopes: Array  # their derivatives
+    objective: float  # value to be minimised: the mean over all runs
+    gradient: Array  # derivatives of the objective with respect to the design variables
+    conditions: Array  # constraint values (left minus right side), run by run
+    slopes: Array  # derivatives of the constraint values with respect to the design variables
 
 
 class Evaluation:
@@ -155,7 +155,7 @@ class Evaluation:
         settings = dict(**run)
         if self._most_steps:
             settings["max_steps"] = min(run.max_steps or math.inf, self._most_steps)
-        with without_warnings():  # the optimiser, not the user, chose the values of a trial
+        with without_warnings():  # the optimiser chose the values of this trial
             result = self.model.simulate(
                 run.t_span,
                 t_eval,

@@ -68,9 +68,9 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
 class Quantity:
     """A scalar quantity of a run."""
 
-    kind: str  # a key of :data:`QUANTITIES`
-    text: str  # its argument: an expression, or for ``time`` the name of an event
-    t: float = 0.0  # time, for ``at`` only, [s]
+    kind: str  # kind of the goal, a key of :data:`QUANTITIES`
+    text: str  # argument of the quantity: an expression, or for ``time`` the name of an event
+    t: float = 0.0  # time of evaluation, for the kind ``at`` only, [s]
 
 
 class Formula:
@@ -101,9 +101,9 @@ class Formula:
 class Condition:
     """A constraint ``excess <= 0`` or ``excess == 0``."""
 
-    text: str  # as the user wrote it
-    excess: Expression  # its left-hand side, with placeholders for quantities
-    is_equality: bool  # whether it is an equality constraint
+    text: str  # the condition as the user wrote it
+    excess: Expression  # left minus right side, with placeholders for quantities
+    is_equality: bool  # whether the condition is an equality
 
 
 class Goals:
@@ -221,7 +221,7 @@ def _time(tree: ast.expr, where: str) -> float:
         raise ExpressionError(f"{where}the time of at(...) must be a number")
     dag = Dag()
     found = expression.lower(dag, lambda name: dag.zero).value
-    assert found is not None  # constant expressions are folded
+    assert found is not None  # constant expressions have been folded to numbers
     return float(found)
 
 

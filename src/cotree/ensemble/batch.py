@@ -227,7 +227,7 @@ class BlockInC(CObjects):
     def _set_given(self) -> None:
         """Set the values of replaced inputs at the output times."""
         c, signals, times = self.batch, self.pattern.signals, self.pattern.problem.settings.t_eval
-        assert times is not None  # plans always have times
+        assert times is not None  # settings of a plan always contain ``t_eval``
         by_position = signals.by_position
         c.n_given = len(by_position)
         if not by_position:
@@ -285,7 +285,7 @@ class Worker:
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
-        assert problem.settings.t_eval is not None  # plans always have times
+        assert problem.settings.t_eval is not None  # settings of a plan always contain ``t_eval``
         n_t, m, n_y = len(problem.settings.t_eval), problem.n_sensitivities, len(model.outputs)
         n_y = n_y if members.batch.n_outputs else 0
         c = self._worker = self._ffi.new("cotree_worker *")
@@ -487,13 +487,13 @@ def usable_cores() -> int:
     """
     try:
         cores = len(os.sched_getaffinity(0))
-    except AttributeError:  # systems without affinities
+    except AttributeError:  # operating systems without processor affinities
         cores = os.cpu_count() or 1
     try:
         with open("/sys/fs/cgroup/cpu.max") as file:
             quota, period = file.read().split()
         cores = min(cores, max(1, int(quota) // int(period)))
-    except (OSError, ValueError):  # "max" is not a number: no limit
+    except (OSError, ValueError):  # cgroup files contain "max" if there is no limit
         pass
     return max(1, cores)
 

@@ -395,7 +395,7 @@ def check_memory(n_bytes: int, n_members: int) -> None:
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
-        return  # systems without this function
+        return  # the operating system does not have this function
     if n_bytes > there:
         raise SolveError(
             f"the results of {n_members} members take {n_bytes / 2**30:.3g} GiB, and this machine "

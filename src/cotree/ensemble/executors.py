@@ -43,8 +43,8 @@ _loading = threading.RLock()
 class Parcel:
     """A pickled plan; most blocks are sent with its hash only."""
 
-    key: str  # hash of the bytes
-    data: bytes | None  # None if the workers should have the plan already
+    key: str  # hash of the plan's bytes
+    data: bytes | None  # bytes of the plan; None if the workers should have it already
 
 
 def parcel_of(plan: Plan) -> Parcel:
@@ -173,7 +173,7 @@ class _Share:
     end: int
     attempt: int = 0  # number of previous submissions
     with_plan: bool = False
-    has_lost: bool = False  # whether its worker died
+    has_lost: bool = False  # whether the worker of this call died
 
 
 class ExecutorRun:
@@ -192,7 +192,7 @@ class ExecutorRun:
         # Only threads of this process are known to share its memory; subclasses may not.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
-        self._is_known = False  # whether some worker has the plan
+        self._is_known = False  # whether at least one worker has received the plan
         self._flying: dict[futures.Future[Any], _Share] = {}
         self._arrived: queue.SimpleQueue[futures.Future[Any]] = queue.SimpleQueue()
         self._again: deque[_Share] = deque()

@@ -34,7 +34,7 @@ def column_values(values: Any, what: str) -> FloatArray:
             if np.ma.isMA(values)
             else np.asarray(values)
         )
-    except ValueError:  # rows of different lengths
+    except ValueError:  # the rows have different lengths
         raise ParameterError(f"{what} is no sequence of numbers") from None
     if array.ndim > 1:
         raise ParameterError(f"{what} has shape {array.shape}: give one value for each member")
@@ -160,7 +160,7 @@ class Members:
     #: the rows. It is ``member``, or the axes of a grid.
     dimensions: Mapping[str, npt.NDArray[Any]]
     origin: Mapping[str, Any] = field(default_factory=dict)  # how a sample was drawn
-    is_grid: bool = False  # whether they are a product of axes
+    is_grid: bool = False  # whether the members are the product of their axes
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -54,11 +54,11 @@ if TYPE_CHECKING:
 class Pattern:
     """The parts of a run that members share."""
 
-    plan: Plan  # with the name of a method
+    plan: Plan  # the plan, with the method already chosen
     row: Method
     engine: Engine
     problem: Problem  # problem of a run with the default values of all columns
-    newton: Newton | None  # factors of the model, for implicit methods in C
+    newton: Newton | None  # sparse factorisation for implicit methods in C
     job: Job  # a job that has not started
     signals: ReplacedInputs  # inputs that replace the scene's
     starts: StartInC | None  # computes starts of members in C
@@ -66,7 +66,7 @@ class Pattern:
     #: on its values.
     is_searched: bool
     is_timed: bool  # whether rates depend on time, so that rounding errors of the time may matter
-    is_watched: bool  # whether members that turn out stiff are run with another method
+    is_watched: bool  # whether members found to be stiff are repeated with another method
 
     def job_of(self, problem: Problem) -> Job:
         """Create the job of a member; it can be restarted for others."""
@@ -165,8 +165,8 @@ def _moving(plan: Plan) -> set[str]:
 class Own:
     """Values of individual members."""
 
-    p: FloatArray  # parameters, shape (n_members, n_parameters)
-    states: npt.NDArray[np.intc]  # states whose initial values are set, shape (n_set,)
+    p: FloatArray  # parameter values, shape (n_members, n_parameters)
+    states: npt.NDArray[np.intc]  # indices of states with given initial values, shape (n_set,)
     values: FloatArray  # the values, shape (n_members, n_set)
     is_refused: npt.NDArray[np.bool_]  # members whose values are not finite
 
@@ -186,7 +186,7 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
     for j, name in enumerate(plan.columns):
         if name in model.states:
             initial[name] = rows[:, j]
-        elif not is_slope(name):  # starts are computed in Python
+        elif not is_slope(name):  # Python computes the starts, C only integrates
             columns.append(j)
             places.append(model.parameters.index(name))
     p[:, places] = rows[:, columns]
@@ -240,10 +240,10 @@ WIDTHS = (1, 2, 4, 8, 16)
 class LoadedLanes:
     """Lanes of a model."""
 
-    n_lanes: int  # members per call
-    n_bytes: int  # memory per worker
-    work: int  # address of the function
-    library: LoadedLibrary  # the library, which keeps the code loaded
+    n_lanes: int  # number of members integrated by one call
+    n_bytes: int  # memory needed per worker, [byte]
+    work: int  # address of the C function that integrates members
+    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
 
 
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:

@@ -34,7 +34,7 @@ class Plan:
     #: The parameters, and the states by their initial values, that members set, in the order of a
     #: row.
     columns: tuple[str, ...]
-    outputs: tuple[str, ...] = ()  # the outputs that are evaluated
+    outputs: tuple[str, ...] = ()  # names of the outputs that are evaluated
     #: Number of members per vector: 1 disables vectors, None selects the width of the processor.
     lanes: int | None = None
     #: Whether the method was chosen automatically. A member that an explicit method finds stiff is

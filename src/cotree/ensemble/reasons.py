@@ -87,7 +87,7 @@ def budget_message(
     else:
         reason = time_spent(settings.time_limit or 0.0)
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
-    assert settings.t_eval is not None  # plans always have times
+    assert settings.t_eval is not None  # settings of a plan always contain ``t_eval``
     t, z = settings.t_eval[: len(kept)], kept
     # As in a single run, the last point is included in the test.
     if not (len(t) and t[-1] == float(job.t)):

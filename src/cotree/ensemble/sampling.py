@@ -126,7 +126,7 @@ _MOST = 2**30
 class Samples(Mapping[str, "FloatArray"]):
     """Members that were drawn; a mapping of names to arrays of shape (n,)."""
 
-    columns: Mapping[str, FloatArray]  # the values
+    columns: Mapping[str, FloatArray]  # sampled values by name
     #: Method, seed and distributions; stored in the results.
     origin: Mapping[str, Any] = field(default_factory=dict)
 

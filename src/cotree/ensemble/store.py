@@ -166,7 +166,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, given in arrays.items():
             values = np.ascontiguousarray(given)
-            if values.dtype.kind == "O":  # texts of any length
+            if values.dtype.kind == "O":  # object arrays hold texts of any length
                 text = json.dumps(values.ravel().tolist())
                 values = np.frombuffer(text.encode(), dtype="S1")
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
@@ -179,7 +179,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
         draft.replace(path)
     except FileNotFoundError:
         if not path.exists():
-            raise  # without locks, another process has written the same block
+            raise  # on file systems without locks, another process has written the same block
 
 
 def read_array(archive: Any, name: str) -> Any:
@@ -322,11 +322,11 @@ class Store:
         import filelock
 
         if not ((self.path / MANIFEST).is_file() or self._is_empty()):
-            yield  # not a store: an error follows
+            yield  # the directory is not a store; the caller reports the error
             return
         self.path.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(self.path / f"{MANIFEST}{_LOCK}")
-        with contextlib.suppress(NotImplementedError):  # file systems without locks
+        with contextlib.suppress(NotImplementedError):  # the file system does not support locks
             lock.acquire()
         try:
             yield

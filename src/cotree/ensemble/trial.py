@@ -48,7 +48,7 @@ def run_member(plan: Plan, row: Sequence[float], block: Block, member: int) -> N
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
-        with without_warnings():  # messages have the same text
+        with without_warnings():  # warnings are left out: error messages have the same text
             block.add_run(plan, member, simulate(plan.model, settings))
     except Error as error:
         block.fail(member, FAILED, str(error))

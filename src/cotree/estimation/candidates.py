@@ -162,7 +162,7 @@ def read_candidates(given: Any) -> list[Candidates]:
     try:
         listed = list(given)
     except TypeError:
-        listed = [None]  # refused below
+        listed = [None]  # the check below reports the error
     if not all(isinstance(row, Candidates) for row in listed):
         raise ParameterError(
             "candidates must be a mapping of outputs to times, to (times, noise) or to the fields "

@@ -129,7 +129,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
         if name in found:
             raise ParameterError(f"'{name}' is given twice: name it once")
         found[name] = parameters[item] if isinstance(parameters, Mapping) else item
-        if found[name] is name:  # an entry of a list of names, without a range
+        if found[name] is name:  # the name stands in a list, without a range
             found[name] = None
     if not found:
         raise ParameterError("nothing is estimated: name at least one parameter")

@@ -25,7 +25,7 @@ from cotree.units import Unit, check_fits, check_unit
 if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
 
-_LARGEST = 2**30  # file size, [byte]
+_LARGEST = 2**30  # maximum file size, [byte]
 _MISSING = frozenset({"", "nan", "na", "n/a", "none", "null", "-"})
 
 #: Names of the time column that are recognised, in lower case.
@@ -42,7 +42,7 @@ class Column:
     #: Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
     name: str
     unit: str
-    values: Array  # values in this unit; missing ones are nan
+    values: Array  # values in the unit of the column; missing ones are nan
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Table:
     """Columns of numbers as functions of time."""
 
     where: str  # origin of the data, for messages
-    rows: Sequence[str]  # designation of each row, for messages, such as "line 5"
-    t: Array  # increasing times, [s]
-    columns: Mapping[str, Column]  # the other columns by name
+    rows: Sequence[str]  # designation of each row in messages, such as "line 5"
+    t: Array  # increasing times of the rows, [s]
+    columns: Mapping[str, Column]  # columns by name, without the time column
 
     def column(self, name: str) -> Column:
         """Return a column by its name with or without the unit."""

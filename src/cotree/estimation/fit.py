@@ -115,7 +115,7 @@ class _Assembly:
             for row, name in zip(rows, _names(rows), strict=True)
         ]
         self._found: dict[str, Estimated] = {}
-        self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs, by their items
+        self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs, stored once
         self._check_used()
 
     def problem(self, **given: Any) -> Problem:

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 class Predictions:
     """Predictions of the measured rows at one point in parameter space."""
 
-    values: Array  # observables, before transformation
-    slopes: Array  # their derivatives with respect to the estimated parameters on their scales
-    sigma: Array  # standard deviations (Laplace: scales) of the transformed values
-    sigma_slopes: Array  # their derivatives
-    message: str = ""  # empty, or why a run failed, in which case its values are nan
+    values: Array  # observables before transformation
+    slopes: Array  # derivatives of the observables with respect to the scaled estimated parameters
+    sigma: Array  # standard deviations of the transformed values (for Laplace: scales)
+    sigma_slopes: Array  # derivatives of ``sigma`` with respect to the scaled estimated parameters
+    message: str = ""  # reason for a failed run, whose values are nan; empty if all succeeded
 
 
 class Likelihood:

@@ -223,7 +223,7 @@ class Search:
     ftol: float = 1e-12
     xtol: float = 1e-10
     gtol: float = 1e-8
-    max_evaluations: int | None = None  # largest number of evaluations per start
+    max_evaluations: int | None = None  # maximum number of evaluations per start
     #: Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
     #: the distance between finite bounds on the parameters' scales.
     scale: str = "jacobian"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.units import Unit
 
 
-_LONGEST = 50  # characters of an output name derived from a column name
+_LONGEST = 50  # maximum length of an output name derived from a column name
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Observed:
 
     experiment: Experiment
     name: str
-    model: Model = field(init=False)  # after it was compiled
+    model: Model = field(init=False)  # the model, set when it has been compiled
     #: The state or output that each column measures.
     outputs: dict[str, str] = field(default_factory=dict)
     #: The output that is the standard deviation of a column, if that is an expression.
@@ -51,7 +51,7 @@ class Observed:
     deviations: dict[str, str] = field(default_factory=dict)
     #: Inputs given as numbers, tables or functions.
     inputs: dict[str, Any] = field(default_factory=dict)
-    expressions: dict[str, str] = field(default_factory=dict)  # inputs given as expressions
+    expressions: dict[str, str] = field(default_factory=dict)  # expressions of inputs, by name
     #: Parameters in expressions that the scene does not have.
     new: set[str] = field(default_factory=set)
 
@@ -68,7 +68,7 @@ class Observer:
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
         self.scene: SceneDescription = model.spec.scene if isinstance(model, Model) else model
-        self._new: dict[str, str] = {}  # outputs that were added, by name
+        self._new: dict[str, str] = {}  # expressions of the added outputs, by name
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -63,8 +63,8 @@ class Split:
 
     #: Unit of change of each parameter on its scale: to first order, a change by its own value.
     sizes: Array
-    values: Array  # the corresponding change of the value itself
-    open: Array  # undetermined directions in these units, orthonormal
+    values: Array  # corresponding changes of the unscaled values
+    open: Array  # undetermined directions in these units, as orthonormal columns
     #: Whether the unit is the parameter's value; it is not if that is zero.
     is_relative: npt.NDArray[np.bool_]
 

@@ -43,7 +43,7 @@ class Evaluated:
     """A program whose start is computed at its first use."""
 
     program: Program
-    given: CompiledModel | None = None  # the program, if it was compiled
+    given: CompiledModel | None = None  # the model, if it has been compiled already
 
     @cached_property
     def model(self) -> CompiledModel:

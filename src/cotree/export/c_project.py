@@ -74,11 +74,11 @@ _OF_START = (
 class Numbers:
     """The default numbers of a run."""
 
-    t_end: float  # end time, [s]
+    t_end: float  # end time of the run, [s]
     #: Tolerances.
     rtol: float
     atol: float
-    step: float | None = None  # length of all steps of a method of ``FIXED``, [s]
+    step: float | None = None  # step size for methods with a fixed step, [s]
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,14 @@ class MainContext:
     """The values that the template of the main program receives."""
 
     model: ModelContext
-    integrator: str  # the first method
+    integrator: str  # name of the default method
     methods: list[str]  # all methods that are compiled
-    implicit: list[str]  # those among them that take a Jacobian
+    implicit: list[str]  # names of the methods that need a Jacobian
     #: C literals.
     t_end: str
     rtol: str
     atol: str
-    has_rtol: bool  # whether something is solved to a relative tolerance
+    has_rtol: bool  # whether any equations are solved to a relative tolerance
     #: A C initialiser for each series of time events: the first time, the period or zero, and 1 if
     #: there is no event before the first time.
     stops: list[str]
@@ -106,7 +106,7 @@ class MainContext:
     start_tables: StartTables | None
     guess: list[str]  # lines of C literals: initial guesses, if any
     is_strict: bool  # whether rates are evaluated at projected points
-    step: str  # fixed step size; empty if the step size is controlled
+    step: str  # fixed step size as C text; empty if the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated
     sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
     #: Lines with 1 for each parameter on which constants of the text depend, otherwise 0; empty if
@@ -294,7 +294,7 @@ class Kit:
     #: Names in ``METHODS``, separated by commas: the methods to compile; the first is the default.
     #: A method with fixed steps cannot be combined with others.
     integrator: str = "dopri5"
-    real: str = "double"  # the type of numbers, ``double`` or ``float``
+    real: str = "double"  # C type of numbers, ``double`` or ``float``
     #: Prefix of names in C and of files; empty for the name of the scene.
     prefix: str = ""
     has_wrapper: bool = False  # whether a C++ header is written
@@ -466,8 +466,8 @@ _APART = frozenset({"prepare"})
 class MethodContext:
     """A kernel as a member function."""
 
-    name: str  # its name; in C it follows the model's
-    doc: str  # description of its results
+    name: str  # name of the function, without the prefix of the model
+    doc: str  # description of the results
     arguments: list[str]  # argument declarations
     checks: list[tuple[str, str]]  # arrays and their required lengths
     given: list[str]  # arguments passed to the kernel
@@ -478,8 +478,8 @@ class KitContext:
     """The values that the templates of build files receive."""
 
     model: ModelContext
-    sources: list[str]  # C files of the library
-    headers: list[str]  # headers that are installed
+    sources: list[str]  # paths of the library's C files
+    headers: list[str]  # paths of the installed headers
     methods: list[MethodContext]  # kernels for the C++ header
 
 

@@ -25,8 +25,8 @@ _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 class DisplayName:
     """A displayed variable: its short name, and the order of its rate."""
 
-    short: str  # the short name: ``theta_h2``
-    suffix: str = ""  # a key of :data:`ACCENTS`
+    short: str  # the name without accent, such as ``theta_h2``
+    suffix: str = ""  # accent of the name, a key of :data:`ACCENTS`
 
     @property
     def text(self) -> str:
@@ -143,7 +143,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 
-    settings = {"full_prec": False}  # 1.5e-9, not 1.50000000000000e-9
+    settings = {"full_prec": False}  # full_prec: prints 1.5e-9, not 1.50000000000000e-9
     if kind == "latex":
         printer = LatexPrinter({**settings, "symbol_names": dict(latex_names)})
     else:

@@ -55,8 +55,8 @@ class Term:
     place: str
     #: One entry of a scalar, three of a vector, nine of a matrix, row by row.
     nodes: tuple[Node, ...]
-    note: str = ""  # the axes in which it is resolved, if these are not the ground's
-    edge: str = ""  # the edge of its terminal equation; empty for other terms
+    note: str = ""  # frame in which the variable is resolved, if not the ground frame
+    edge: str = ""  # name of the edge whose terminal equation this is; empty for other terms
     is_held: bool = False  # whether the equations keep the term at zero
 
 
@@ -401,12 +401,12 @@ class _Graph:
 class _Speller:
     """Spells nodes, by their names if they have one."""
 
-    dag: Dag  # the arena of the nodes
+    dag: Dag  # arena that holds the nodes
     graphs: tuple[_Graph, ...]  # G1 and the sensitivity graphs
-    kinds: dict[str, str]  # component names of the edges
+    kinds: dict[str, str]  # component of each edge, by name
     known: dict[Node, Any]  # symbols, and components of the terms already printed
     placeholders: dict[Variable, Node]  # symbols for variables of networks
-    spell: Callable[[Any], str]  # writes a SymPy expression
+    spell: Callable[[Any], str]  # function that writes a SymPy expression
 
     @classmethod
     def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:

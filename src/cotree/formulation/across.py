@@ -85,9 +85,9 @@ class Motion:
     system: System
     clusters: Clusters
     frames: Frames
-    geometry: tuple[Geometry, ...]  # every moving branch, parents before children
+    geometry: tuple[Geometry, ...]  # geometry of every moving branch, parents before children
     omega: tuple[Vector, ...]  # angular velocity of each cluster, [rad/s]
-    first: Motion | None = None  # that of the first graph if this is a sensitivity graph
+    first: Motion | None = None  # for a sensitivity graph: motion of the first graph
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that leads to a cluster."""
@@ -139,14 +139,14 @@ class Motion:
 class Accelerations:
     """Accelerations, less gravity."""
 
-    alpha: tuple[Vector, ...]  # angular acceleration of each cluster
+    alpha: tuple[Vector, ...]  # angular acceleration of each cluster, [rad/s^2]
     #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with an arm is the acceleration
     #: between the ends of the arm.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
     #: Of each moving branch, from the parent's origin to the child's, in the parent's basis.
     across: tuple[Vector, ...]
-    rates: tuple[Node, ...]  # the accelerations of the speeds
+    rates: tuple[Node, ...]  # accelerations: derivatives of the speeds
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
@@ -281,14 +281,14 @@ def _shift(
 class View:
     """Across variables of a graph, with or without accelerations."""
 
-    motion: Motion  # positions and velocities
+    motion: Motion  # positions and velocities of the graph
     accelerations: Accelerations | None = None
-    first: View | None = None  # those of the first graph if this is a sensitivity graph
+    first: View | None = None  # for a sensitivity graph: variables of the first graph
 
     @property
     def across(self) -> Accelerations:
         """The accelerations."""
-        assert self.accelerations is not None  # views without accelerations give values and rates
+        assert self.accelerations is not None  # only positions and velocities need no accelerations
         return self.accelerations
 
     @cached_property

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 class Row:
     """One scalar constraint: a measure that stays zero."""
 
-    name: str  # ``edge.place``, for reports
-    edge: str  # the edge of the constraint
+    name: str  # name of the measure, ``edge.place``, for reports
+    edge: str  # name of the edge that causes the constraint
     unit: str  # unit of the measure
     measure: Measure  # measure that stays zero
 

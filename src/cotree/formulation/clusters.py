@@ -33,7 +33,7 @@ class Point:
     """A node as a point of its cluster."""
 
     cluster: int
-    local: Vector  # position from the cluster's origin, in its axes
+    local: Vector  # position relative to the cluster's origin, in the cluster's frame
     turn: Matrix | None = None  # from the node's axes to the cluster's; None if equal
 
     def resolved(self, a: Vector) -> Vector:
@@ -59,7 +59,7 @@ class Branch:
     #: Cluster in whose axes the motion space is constant: that of the edge's first node; for
     #: angular velocities, of its second node.
     carrier: int
-    anchor: Vector  # position of the branch's inner node in the parent's axes
+    anchor: Vector  # position of the branch's inner node in the parent's frame
     #: Coordinates and speeds of the branch; None if it only combines the origin and the axes of the
     #: child.
     step: Step | None
@@ -153,7 +153,7 @@ class Clusters:
 
     def common_ancestor(self, a: int, b: int) -> int:
         """Return the outermost cluster on both paths to the ground."""
-        while a != b:  # parents have smaller numbers than their children
+        while a != b:  # a parent has a smaller number than its children
             branch = self.branches[max(a, b)]
             assert branch is not None
             # The cluster of the larger number cannot be an ancestor of the other: move it inwards.

@@ -26,7 +26,7 @@ class Constraints:
     """The constraints of a scene."""
 
     rows: tuple[Row, ...]  # rows whose rate depends on at least one speed
-    multipliers: tuple[Node, ...]  # symbols of their through variables
+    multipliers: tuple[Node, ...]  # symbols of the constraint forces (multipliers)
     applied: tuple[Applied, ...]  # generalised forces of the multipliers
     #: Derivative of each rate by each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]

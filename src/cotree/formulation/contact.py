@@ -306,7 +306,7 @@ class Touching:
 
     ends: Ends  # a node on the plane, or the centre of the ball; and the node of the second body
     facing: Facing  # normal direction of the contact
-    surface: Surface  # the second body's shape
+    surface: Surface  # shape of the second body
     direction: Facing  # direction in which the velocity is measured
     #: For the normal direction: height of the first body's surface above its node, so that the
     #: value is the gap. None for other directions.

@@ -76,7 +76,7 @@ def bind_edge(
     inertia = rotation = None
     for name, value in edge.fields.items():
         row = edge.component.field(name)
-        assert row is not None  # the scene accepted only fields of its component
+        assert row is not None  # the scene has checked that the component has this field
         resolve = resolvers.of(row)
         if row.shape is Shape.EXPRESSION:
             assert isinstance(value, Expression)
@@ -100,7 +100,7 @@ def bind_edge(
     if "normal" in vectors:
         # A planar joint slides along two axes that follow from its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
-    first, second = edge.nodes or ("ground", "ground")  # none if it acts on a joint
+    first, second = edge.nodes or ("ground", "ground")  # an edge without nodes acts on a joint
     bound = BoundEdge(
         edge.name, edge.component, first, second, scalars, vectors, inertia, rotation, expressions
     )
@@ -116,7 +116,7 @@ def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
 def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     rows: list[Vector] = []
     for i, row in enumerate(cast("Sequence[Any]", value)):
-        if isinstance(row, Expression):  # three principal values
+        if isinstance(row, Expression):  # a list holds the three principal values
             entries = [dag.zero] * 3
             entries[i] = row.lower(dag, resolve)
             rows.append((entries[0], entries[1], entries[2]))
@@ -185,7 +185,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
     number = at_scene(guard.value)
-    return number >= 0.0 or not math.isfinite(number)  # if it has no value the guard reports it
+    return number >= 0.0 or not math.isfinite(number)  # the guard reports nan
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
@@ -353,7 +353,7 @@ def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
     if isinstance(given[0], Expression):
         return quaternion_of_angles(lower_vector(given, dag, resolve))
     quaternion = quaternion_of_matrix([[entry.number for entry in row] for row in given])
-    assert quaternion is not None  # checked when the scene was made
+    assert quaternion is not None  # the scene has checked the rotation
     return tuple(dag.constant(entry) for entry in quaternion)
 
 

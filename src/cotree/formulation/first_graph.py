@@ -159,7 +159,7 @@ def started(
 def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, Node]) -> Node:
     try:
         (found,) = substitute(substitute([value], of_time), known)
-    except (ArithmeticError, ValueError):  # a constant without a value: later checks raise
+    except (ArithmeticError, ValueError):  # the constant is undefined; later checks raise the error
         return value.dag.zero
     is_known = kinds_in([found]) <= {PARAMETER}
     return found if is_known else value.dag.zero
@@ -169,7 +169,7 @@ def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, No
 class FirstGraph:
     """The first graph, solved for its through and across variables."""
 
-    scene: SceneDescription  # its scene
+    scene: SceneDescription  # the scene of the graph
     #: Across and through variables, in terms of the accelerations and multipliers ``unknowns``.
     motion: Motion
     loads: Loads
@@ -177,20 +177,20 @@ class FirstGraph:
     balance: Balance
     #: Through variables along measures: laws of chord joints, then multipliers.
     applied: tuple[Applied, ...]
-    constraints: Constraints  # the constraints of the chords
+    constraints: Constraints  # constraints of the chords
     holdings: tuple[HoldingRow, ...]  # equations of the multipliers of dry friction and stops
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
-    measured: Mapping[Node, Node]  # values of the symbols of across variables in fields
+    measured: Mapping[Node, Node]  # values of the symbols that stand for across variables in fields
     reactions: frozenset[Node]  # those symbols that represent accelerations or reactions
     unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
-    matrix: Sequence[Sequence[Node]]  # the mass matrix, bordered by the constraints
+    matrix: Sequence[Sequence[Node]]  # mass matrix, bordered by the constraint Jacobian
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
     is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive at every state
-    guards: tuple[Guard, ...]  # conditions on parameter values
+    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     states: tuple[State, ...]  # coordinates, then their rates
-    rates: tuple[Node, ...]  # rates of the states
+    rates: tuple[Node, ...]  # time derivatives of the states
     outputs: Outputs
-    network: Network | None = None  # the scalar networks, whose states follow the speeds
+    network: Network | None = None  # scalar networks; their states follow the speeds
     couplings: tuple[Coupling, ...] = ()  # ports through which networks act on the multibody system
     #: Whether storages of the networks are coupled to joints, so that they contribute to the mass
     #: matrix.

@@ -141,7 +141,7 @@ class Geometry:
     """A moving branch, resolved in the basis of its parent."""
 
     branch: Branch
-    axes: tuple[Vector, ...]  # unit axes of the motion space, in the direction of the edge
+    axes: tuple[Vector, ...]  # unit axes of the motion space, from first to second node
     #: Parts of the vector from the parent's origin to the child's that are fixed in the parent and
     #: in the child.
     from_parent: Vector
@@ -163,7 +163,7 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
     # Translations of a motion space are coordinates along axes that the carrier rotates.
-    slide = zero  # in the carrier's axes
+    slide = zero  # displacement in the carrier's frame
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
             slide = vector.add(slide, vector.scale(length * branch.position, axis))

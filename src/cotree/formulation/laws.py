@@ -51,11 +51,11 @@ class Applied:
     formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
     #: Each symbol represents a measure: its value, or its rate if true.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
-    potential: Node | None = None  # the stored energy, for a linear spring
+    potential: Node | None = None  # stored energy of a linear spring; None for other laws
 
     def amount(self, view: View) -> Any:
         """Evaluate the law in a view."""
-        assert self.formula is not None  # a multiplier has no law
+        assert self.formula is not None  # a constraint force (multiplier) has no law
         return view.formula(self.formula, _seen(self.arguments, view))
 
 
@@ -239,7 +239,7 @@ class JointElement:
 class PrescribedRate:
     """A coordinate with a prescribed rate: only its rate is constrained."""
 
-    measure: Measure  # the coordinate
+    measure: Measure  # measure that is the coordinate
     #: The prescribed rate, a function of parameters and time, and the symbol of time.
     speed: Node
     time: Node

@@ -162,7 +162,7 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
             axis = "xyz".index(system.plane)
             return bool(mass >= 0.0 and central[axis, axis] >= -room)
         return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
-    except (ArithmeticError, ValueError):  # LinAlgError among them
+    except (ArithmeticError, ValueError):  # ArithmeticError, or ValueError such as LinAlgError
         return False
 
 
@@ -218,7 +218,7 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
-            return []  # the axis turns in the cluster's frame
+            return []  # the axis rotates relative to the cluster
         axis = turning[0].axes[0]
         # If translations are free, the kinetic energy of a rotation is at least that about the
         # centre of mass.

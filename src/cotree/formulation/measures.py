@@ -452,9 +452,9 @@ class Angle(Spin):
 class Composite:
     """A function of other measures, time and parameters."""
 
-    parts: Sequence[Measure]  # the measures, in the order of their symbols
-    expression: Node  # the function; measure i is the symbol ``("measure", i)``
-    time: Node  # the symbol of time
+    parts: Sequence[Measure]  # measures that are arguments of the function
+    expression: Node  # the function, in which measure i is the symbol ``("measure", i)``
+    time: Node  # symbol of time in the function
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:

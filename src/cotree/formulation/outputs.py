@@ -132,11 +132,11 @@ def _orientation(axes: Matrix, name: str) -> Node:
 class Observer:
     """Computes the values that outputs name, from the unknowns of the first graph."""
 
-    view: View  # across variables
+    view: View  # across variables of the multibody system
     #: Through variables.
     loads: Loads
     balance: Balance
-    applied: Sequence[Applied]  # through variables along measures
+    applied: Sequence[Applied]  # forces and torques with the measures along which they act
     networks: Mapping[str, Node]  # variables of the scalar networks, by name
     owners: Collection[str]  # names of the scene's nodes and edges, for messages
     #: Names of the variables of the networks, for messages; None without networks.
@@ -295,7 +295,7 @@ class Observer:
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
-        if entry.sign < 0:  # the second node is the inner one: the reaction acts on it
+        if entry.sign < 0:  # the second node is the inner one, so the reaction acts on it
             anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
             to_inner = vector.sub(geometry.offset, anchor)
             wrench = shifted(wrench, to_inner)
@@ -355,7 +355,7 @@ class Outputs:
     values: tuple[Node, ...]
     #: Positions and velocities of nodes that they use, by ``node.variable``.
     across: Mapping[str, Node]
-    networks: Mapping[str, Node]  # variables of scalar networks that they use, by name
+    networks: Mapping[str, Node]  # values of the network variables that outputs use, by name
     #: Initial values of the modes that represent jumps inside expressions, by name.
     jumps: Mapping[str, Node]
 
@@ -424,7 +424,7 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
     seed = {}
     for name, value in outputs.across.items():
         place = _place(name)
-        assert place is not None  # only those are kept
+        assert place is not None  # only measures with a place are kept
         point = motion.clusters.points[split_name(name)[0]]
         order, i = place
         see = motion.velocity if order else motion.position

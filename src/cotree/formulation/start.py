@@ -140,7 +140,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     found = []
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
-            continue  # the bodies start there
+            continue  # the given initial values place the bodies there
         # Bodies and joints have the measures of the steps that they would have as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)

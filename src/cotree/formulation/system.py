@@ -55,8 +55,8 @@ class Coordinate:
     #: ``edge.coordinate`` and its unit.
     name: str
     unit: str
-    symbol: Node  # the coordinate as an argument of the program
-    initial: Node  # its initial value, of parameters only
+    symbol: Node  # symbol of the coordinate in the program
+    initial: Node  # initial value as a function of parameters
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ class Speed:
     name: str
     unit: str
     index: int  # index among the speeds
-    edge: str  # the branch
+    edge: str  # name of the branch
     #: The coordinate of which it is the rate; None for angular velocities, which have none.
     coordinate: Coordinate | None
     #: The speed and its rate as arguments of the program.
     symbol: Node
     acceleration: Node
-    initial: Node  # its initial value, of parameters only
+    initial: Node  # initial value as a function of parameters
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ class Step:
 class System:
     """A scene bound to nodes."""
 
-    dag: Dag  # the arena of all its values
-    time: Node  # the symbol of time
+    dag: Dag  # arena that holds all nodes
+    time: Node  # symbol of time in the program
     #: Symbols of the parameters that a run may change, by name: the arguments of the program.
     tunable: Mapping[str, Node]
     #: Nodes of all parameters and symbols of inputs, by name. Parameters that are not tunable are
@@ -103,14 +103,14 @@ class System:
     #: Motion space of each branch that has one, in the order of the scene's edges. An edge that is
     #: a branch of one tree only has only its translations or its rotations.
     steps: Mapping[str, tuple[Step, ...]]
-    plane: str  # the normal of the common plane of motion: ``x``, ``y``, ``z`` or empty
-    edges: Mapping[str, BoundEdge]  # the bound edges
-    gravity: Vector  # acceleration of free fall, in ground axes
-    trees: Trees  # the branches
-    guards: tuple[Guard, ...]  # conditions on parameter values
-    at_scene: Callable[[Node], float]  # evaluates a node of parameters at the scene's values
+    plane: str  # normal of the plane of motion: ``x``, ``y`` or ``z``; empty for spatial motion
+    edges: Mapping[str, BoundEdge]  # bound edges by name
+    gravity: Vector  # gravitational acceleration in the ground frame, [m/s^2]
+    trees: Trees  # spanning trees with their branches
+    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
+    at_scene: Callable[[Node], float]  # evaluates a node with the scene's parameter values
     input_values: tuple[Node, ...]  # the scene's inputs: functions of time and parameters
-    of_parameters: Resolver  # returns the node of a parameter's name
+    of_parameters: Resolver  # returns the node of a parameter, given its name
     signals: FieldNames  # returns the node of any name that a field may use
 
     @cached_property

@@ -40,10 +40,10 @@ class Effort:
 class Loads:
     """Through variables that do not depend on accelerations."""
 
-    actions: tuple[Action, ...]  # the force elements
+    actions: tuple[Action, ...]  # force elements with their forces
     on_cluster: tuple[Wrench | None, ...]  # sum of the forces on each cluster
     efforts: tuple[Effort, ...]  # force or torque of each tree joint's law along each speed
-    along: tuple[Node, ...]  # sum of efforts along each speed
+    along: tuple[Node, ...]  # generalised force along each speed
     inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
     def plus(self, pulls: Sequence[Pull]) -> Loads:
@@ -235,7 +235,7 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
     """Add the wrench that a branch transmits to the sums of its parents."""
     branch = geometry.branch
     if branch.parent == branch.turn_parent:
-        if branch.parent:  # the sum on the ground is not used
+        if branch.parent:  # forces on the ground do no work and are not used
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
     # If the trees differ, the torque follows the rotation graph and the force the translation

@@ -60,7 +60,7 @@ class Contracted:
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
         # A forest may have several trees, each with a root from which depths are counted.
-        places: dict[str, tuple[int, str, str]] = {}  # depth, parent, edge to it
+        places: dict[str, tuple[int, str, str]] = {}  # depth, parent and edge to the parent
         for root in neighbours:
             if root not in places:
                 places[root] = (0, root, "")

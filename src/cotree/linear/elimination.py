@@ -59,7 +59,7 @@ Choice = Callable[[Remainder], Place | None]
 class Factors(Generic[T]):
     """Factors of a matrix, pivot by pivot."""
 
-    pivots: tuple[Place, ...]  # row and column of each
+    pivots: tuple[Place, ...]  # row and column of each pivot
     inverses: tuple[T, ...]  # reciprocals of the pivots
     #: For each pivot: the multipliers with which its row is subtracted from others, by row.
     lower: tuple[dict[int, T], ...]
@@ -265,7 +265,7 @@ class FactorStep:
     """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal."""
 
     value: int  # index of its value among the entries of J, or -1
-    has_shift: bool  # whether ``shift`` is added
+    has_shift: bool  # whether the scalar ``shift`` is added to the matrix
     products: tuple[tuple[int, int], ...]  # pairs of factors whose products are subtracted
     pivot: int  # factor by which the value is multiplied, or -1
     is_pivot: bool  # whether the reciprocal is stored

@@ -53,7 +53,7 @@ class Core:
     """Equations whose pivots are chosen at run time."""
 
     places: tuple[int, ...]  # indices of the unknowns
-    matrix: tuple[tuple[Node, ...], ...]  # their symmetric matrix
+    matrix: tuple[tuple[Node, ...], ...]  # symmetric matrix of the equations
     #: Scales of the diagonal. Entries divided by the roots of the scales are close to 1 if nothing
     #: cancels, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
@@ -74,7 +74,7 @@ class Core:
 class SparseFactors:
     """A factorised matrix."""
 
-    dag: Dag  # the arena
+    dag: Dag  # arena that holds the nodes
     factors: Factors[Node]  # factors, pivot by pivot
     is_symmetric: bool  # whether the row multipliers of a pivot equal those of its column
     core: Core | None = None  # the remaining system without safe pivots
@@ -143,8 +143,8 @@ def factorise(
 class HeldFactors:
     """A factorised matrix, bordered by multipliers that are eliminated last."""
 
-    dag: Dag  # the arena
-    inner: RankedSolver  # the factorised matrix without the border
+    dag: Dag  # arena that holds the nodes
+    inner: RankedSolver  # factors of the matrix without its border
     border: tuple[tuple[Node, ...], ...]  # rows of the multipliers, in terms of the other unknowns
     responses: tuple[tuple[Node, ...], ...]  # solution for each column as right-hand side
     cores: tuple[Core, ...]  # remaining equations of the multipliers, in groups that are coupled

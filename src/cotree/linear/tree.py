@@ -247,8 +247,8 @@ class TreeLink:
 class TreeFactors:
     """A factorised tree, bordered by constraints."""
 
-    dag: Dag  # the arena
-    links: tuple[TreeLink, ...]  # the moving branches, parents first
+    dag: Dag  # arena that holds the nodes
+    links: tuple[TreeLink, ...]  # moving branches, parents first
     #: For each branch, in the order of elimination, the last speed first: wrenches per unit of each
     #: speed, divided by its pivot. The component along a coordinate axis of the speed is 1.
     gates: tuple[tuple[Gate, ...], ...]

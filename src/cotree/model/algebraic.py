@@ -75,7 +75,7 @@ class Algebraic:
                 # free are singular everywhere.
                 points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
-                if not np.any(root.g):  # a double root, at which derivatives are singular
+                if not np.any(root.g):  # at a double root the derivatives are singular
                     self._check_index([equation.by_unknowns(root.z)])
             raise SolveError(str(error)) from None
 

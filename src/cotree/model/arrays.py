@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
     """Return a contiguous copy as doubles; ParameterError if the shape is wrong."""
-    array = doubles(value)  # a copy, since callers may change their array
+    array = doubles(value)  # copied, since callers may change their array
     if array is None:
         raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}")
     if array.shape != tuple(shape):
@@ -83,7 +83,7 @@ def is_many(y: Any) -> bool:
     """Return whether there is a column of states for each of several points."""
     try:
         return np.ndim(y) == 2
-    except ValueError:  # ragged
+    except ValueError:  # the rows have different lengths
         return False
 
 

@@ -28,7 +28,7 @@ class Rates:
 
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
-    t: float  # the time, [s]
+    t: float  # time of the event, [s]
     #: Names of the arguments p: the parameters of the model's sensitivities. Other parameters keep
     #: the values of the scene.
     names: tuple[str, ...]

@@ -74,7 +74,7 @@ class Reduced:
     C: Array
     D: Array
     basis: Array  # deviations of all states for a unit of each z
-    rates: Array  # rates of the motion itself along each z
+    rates: Array  # time derivatives of the motion, along each z
     #: The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
 
@@ -247,7 +247,7 @@ def _rotation_rate(
     for k, axis in enumerate("xyz"):
         along, change = np.zeros(len(point.y)), np.zeros(len(point.y))
         along[entries] = rotation[k]
-        change[entries] = np.cross(rotation[k], w)  # a' = a x w in body-fixed axes
+        change[entries] = np.cross(rotation[k], w)  # rotating axes: a' = a x w
         found.append((along, change, along, f"{edge}.turn_{axis}_dot"))
     return found
 

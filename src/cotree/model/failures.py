@@ -72,7 +72,7 @@ def _place(program: Program, wrong: Node) -> str:
     found: list[tuple[int, str]] = []
     for node, name in list(
         program.dag.origins.items()
-    ):  # a copy, since other threads may add nodes
+    ):  # a copy of the list, since other threads may add nodes
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
@@ -101,7 +101,7 @@ def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
     layout = program.layout
     symbols = [
         symbol for symbol in symbols_in([wrong]) if symbol in given
-    ]  # without the symbols of branches
+    ]  # symbols of branches are left out
     named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
     texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
     if len(named) > _MOST_NAMES:

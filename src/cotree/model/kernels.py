@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 class Newton:
     """Factors and second derivatives of a model in C."""
 
-    address: int  # address of its ``cotree_newton``
-    library: LoadedLibrary  # the library, which keeps the code loaded
+    address: int  # address of the function ``cotree_newton``
+    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
 
 
 def load_newton(program: Program) -> Newton | None:
@@ -93,7 +93,7 @@ class StepWork:
     #: Entries of the factors of the planned sparse elimination, and products to compute them.
     n_factors: int
     n_products: int
-    is_unrolled: bool  # whether its C code is fully unrolled
+    is_unrolled: bool  # whether the C code has no loops
     #: The corresponding numbers for an elimination with row exchanges, banded if the band is
     #: narrow.
     n_banded: int
@@ -131,13 +131,13 @@ SINGULAR = 1
 class NativeModel:
     """A model in C."""
 
-    address: int  # address of its ``cotree_model``
+    address: int  # address of the function ``cotree_model``
     #: Parameters and the values prepared from them.
     p: Array
     k: Array
-    library: LoadedLibrary  # the library, which keeps the code loaded
+    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
     layout: Layout
-    can_extend: bool  # whether it has rates of its algebraic unknowns
+    can_extend: bool  # whether the library can compute rates of the algebraic unknowns
     #: Returns factors and second derivatives, which the first call builds; None if that is
     #: impossible.
     newton: Callable[[], Newton | None]
@@ -164,7 +164,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         self.prepared = (self._pointers["p"], self._pointers["k"])
 
     def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
-        if name not in self._n_results:  # it has no results: no call is needed
+        if name not in self._n_results:  # the kernel has no results, so it is not called
             self[name] = absent = (lambda *_: 0), (), np.zeros(0), True
             return absent
         # Pointers to all arguments are bound here once; time is passed by value.
@@ -199,7 +199,7 @@ class Kernels:
         # Structures of another version have other fields.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
-        self._library = library  # keeps the code loaded
+        self._library = library  # the reference keeps the code in memory
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
         # These members of the structure do not depend on parameters.
@@ -243,7 +243,7 @@ class Kernels:
         if x.size:
             bound.x[: x.size] = x
         if s.size:
-            bound.s[: s.size] = s  # for event_rates, one direction
+            bound.s[: s.size] = s  # event_rates takes the sensitivities of a single direction
         if u.size:
             bound.u[: u.size] = u
         status = function(t, *arguments) if is_timed else function(*arguments)
@@ -307,9 +307,9 @@ class MissingKernels(Kernels):
 class SharedCode(NamedTuple):
     """C text that is the same for all models."""
 
-    files: Mapping[str, str]  # file contents by name
-    declarations: str  # declarations for cffi
-    shared: frozenset[str]  # files that several libraries include
+    files: Mapping[str, str]  # contents of the C files by name
+    declarations: str  # C declarations for cffi
+    shared: frozenset[str]  # names of files that several libraries include
 
 
 def shared_code(library: str, stepper: str = "", *, has_events: bool = True) -> SharedCode:
@@ -404,7 +404,7 @@ class _Points:
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
             for j in np.flatnonzero(~np.isfinite(self.p).all(axis=1))[:1].tolist():
-                _at(model, "rhs", self, j)  # C would return nan; Python raises an error
+                _at(model, "rhs", self, j)  # where C returns nan, Python raises an error
         else:
             self.p = model.parameter_array(p)[None, :]
             model.set_parameters(self.p[0])

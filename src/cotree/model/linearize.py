@@ -488,7 +488,7 @@ def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Di
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))
     if name in model.parameters:
         p[model.parameters.index(name)] = 1.0
-        if at.u is None:  # the scene's own inputs may depend on it
+        if at.u is None:  # inputs of the scene may depend on parameters
             u = linearizer.inputs_by_parameters(at, p)
     elif name in model.inputs:
         u[model.inputs.index(name)] = 1.0

@@ -542,9 +542,9 @@ class EvaluationPoint:
     """A model at one time, with its parameters and inputs."""
 
     model: CompiledModel
-    t: float  # time, [s]
-    p: Array  # parameters
-    u: Array | None = None  # inputs that replace the scene's
+    t: float  # time of the evaluation, [s]
+    p: Array  # parameter values
+    u: Array | None = None  # input values; None for the scene's inputs
 
     @property
     def inputs(self) -> Array:

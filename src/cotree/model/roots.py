@@ -133,11 +133,11 @@ class Equation:
 class Root(NamedTuple):
     """The last or best point of an iteration."""
 
-    z: Array  # the point
-    values: Array  # values of the equations there
+    z: Array  # point of the search
+    values: Array  # values of the equations at the point
     is_found: bool  # whether the residual consists of rounding errors only
     linear: Linear | None = None  # last linear equations solved, at this point or at one nearby
-    n_carried: int = 0  # number of values that are no residuals
+    n_carried: int = 0  # number of values that are not residuals but are returned with them
 
     @property
     def g(self) -> Array:
@@ -185,7 +185,7 @@ class NaturalTest:
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
-        ratio = after / self._before  # factor by which further steps with this matrix would shrink
+        ratio = after / self._before  # expected contraction of the following steps
         # A few further steps with this matrix would reach rounding, so it is reused.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _REFACTOR
@@ -269,7 +269,7 @@ def iterate(
         if before is not None:
             # Both steps are measured in the scales of the newer one.
             ratio = size / max(longest(before / units), TINY)
-        if limits.test is not None:  # the step after this one would shrink by the same factor
+        if limits.test is not None:  # the same contraction is assumed for the following step
             size *= min(ratio, 1.0)
         # Errors of a step with a reused matrix add up along chains.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
@@ -510,8 +510,8 @@ class Junctions:
     """The algebraic equations of a program, as functions of unknowns and exponentials."""
 
     equations: tuple[Node, ...]  # residuals g, which must be zero
-    unknowns: tuple[Node, ...]  # symbols of z
-    exponentials: tuple[Node, ...]  # those that depend on z
+    unknowns: tuple[Node, ...]  # symbols of the unknowns z
+    exponentials: tuple[Node, ...]  # exponentials that depend on z
     #: Derivatives of each equation, then of each exponent, by z and by the exponentials; keys are
     #: indices into these variables.
     slopes: tuple[dict[int, Node], ...]

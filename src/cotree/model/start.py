@@ -149,7 +149,7 @@ def check_start(model: CompiledModel) -> None:
         y = scene_start(model).y
     except ParameterError:
         if model.traits.is_rheonomic:
-            return  # runs may start at another time
+            return  # a run may start at another time
         raise
     rates = model.rhs(0.0, y)
     for name, rate in zip(model.states, rates, strict=True):

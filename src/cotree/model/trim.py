@@ -223,7 +223,7 @@ class _Search:
     y: Array  # states before the search
     unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
     rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints
-    targets: Array  # prescribed values
+    targets: Array  # prescribed values of these equations
     names: tuple[str, ...] = field(default=())
 
     @property
@@ -247,7 +247,7 @@ class _Search:
                 (y if kind == "y" else p)[i] = value
         moment = EvaluationPoint(at.model, at.t, p, at.u)
         if any(kind == "u" for kind, _ in self.unknowns):
-            u = moment.inputs.copy()  # the scene's inputs may depend on unknown parameters
+            u = moment.inputs.copy()  # inputs of the scene may depend on unknown parameters
             for (kind, i), value in zip(self.unknowns, z, strict=True):
                 if kind == "u":
                     u[i] = value

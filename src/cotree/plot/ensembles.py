@@ -42,7 +42,7 @@ class Variable:
     label: str  # label in pictures
     unit: str
     array: Any  # values: dimensions of members first, then time if present
-    is_sensitivity: bool  # whether it is a derivative
+    is_sensitivity: bool  # whether the quantity is a derivative
 
     @property
     def dims(self) -> tuple[str, ...]:
@@ -397,7 +397,7 @@ def _panels(
     for where, row, color in zip(panels(figure, n, columns), variables, colors, strict=True):
         draw(where, row, color)
         draw_grid(where)
-        where.set_axisbelow(True)  # otherwise the grid is visible through the bands
+        where.set_axisbelow(True)  # draws the grid below the bands, which are transparent
     return figure
 
 

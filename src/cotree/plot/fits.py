@@ -31,8 +31,8 @@ _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 class Course:
     """A quantity over time, its band, and its measured values."""
 
-    title: str  # the experiment
-    band: Any  # see :class:`cotree.estimation.bands.Band`
+    title: str  # name of the experiment
+    band: Any  # confidence band, see :class:`cotree.estimation.bands.Band`
     #: Times, measured values and their standard deviations.
     t_measured: Array | None = None
     measured: Array | None = None
@@ -43,7 +43,7 @@ class Course:
 class Residuals:
     """Residuals of one quantity in one experiment, in standard deviations."""
 
-    name: str  # quantity and experiment
+    name: str  # names of the quantity and the experiment
     #: Times, [s], residuals, measured and computed values on the scale on which they are compared.
     t: Array
     values: Array

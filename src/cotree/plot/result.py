@@ -37,7 +37,7 @@ Name = str | tuple[str, str]
 class Curves:
     """Curves to draw."""
 
-    values: tuple[str, ...]  # states, outputs and inputs
+    values: tuple[str, ...]  # names of states, outputs and inputs
     #: States and outputs with the parameters that their sensitivities are to.
     sensitivities: tuple[tuple[str, str], ...]
 
@@ -180,7 +180,7 @@ def plot_result(
         row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
         row.by_parameter.setdefault(parameter, []).append(name)
 
-    first = 1 if curves.values else 0  # column of the sensitivities
+    first = 1 if curves.values else 0  # column of the figure for sensitivities
     n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
     n_rows = sum(row.height for row in rows.values())
     figure = (make or new_figure)((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))

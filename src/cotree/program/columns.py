@@ -134,7 +134,7 @@ class CommonDirection:
     """Derivatives along any direction, from sensitivities of states and from sources."""
 
     direction: Derivative  # forcing and rates, in terms of changes and sources
-    sources: tuple[Node, ...]  # symbols of the sources
+    sources: tuple[Node, ...]  # symbols of the source terms
     #: Nonzero sources of each parameter, by index.
     given: list[dict[int, Node]]
 
@@ -254,7 +254,7 @@ class MappedRates:
     """The rates along all states, and along all sensitivities; None if they are not a map."""
 
     columns: list[_Row] | None  # columns of the Jacobian, by index
-    sensitivities: list[Node] | None  # rates of all sensitivities, direction by direction
+    sensitivities: list[Node] | None  # rates of all sensitivities, by direction; None: no map
 
 
 def map_rates(
@@ -435,7 +435,7 @@ class _Ways:
             for s, row in zip(changes, alone, strict=True)
         ]
         found = self._map(results, range(n), [*self._states, *own.values()], given, in_order=True)
-        assert found is not None  # sums of products
+        assert found is not None  # the terms are sums of products
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
@@ -533,7 +533,7 @@ class Curvature:
     #: Kernels whose ``k`` contains prepared values, and the values that ``at`` computes.
     at: Kernel
     along: Kernel
-    places: tuple[int, ...]  # places of the results of ``along`` among the sensitivities' rates
+    places: tuple[int, ...]  # places of the results of ``along`` among the rates of sensitivities
 
 
 def form_curvature(program: Program) -> Curvature | None:

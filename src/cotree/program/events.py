@@ -183,10 +183,10 @@ def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
 class Impact:
     """One impact, in terms of the values before it."""
 
-    gradient: tuple[Node, ...]  # D, one entry for each speed
-    response: tuple[Node, ...]  # a, then multipliers
-    rate: Node  # g'
-    restitution: Node  # e
+    gradient: tuple[Node, ...]  # gradient of the gap's rate, one entry for each speed
+    response: tuple[Node, ...]  # changes of the speeds per unit impulse, then of the multipliers
+    rate: Node  # rate g' of the gap
+    restitution: Node  # coefficient of restitution e
     speeds: tuple[Node, ...]  # speeds after the impact
 
     def tangent(
@@ -236,7 +236,7 @@ def form_impact(
             f"when of event '{name}' does not depend on any joint or body of the multibody "
             "system, on which its impact acts: set states instead"
         )
-    assert equations.motion is not None  # it comes with the events
+    assert equations.motion is not None  # models with events have a motion
     # The derivative along the motion contains rates as symbols. Only those of coordinates occur,
     # since the event function of an impact depends on positions.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}

@@ -22,8 +22,8 @@ class KernelSpec:
 
     name: str  # name; in C it follows the model's name
     arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order, followed by the result
-    result: str  # name of the result in C
-    doc: str  # the meaning of its results
+    result: str  # name in C of the array of results
+    doc: str  # description of the results
     #: Kernel whose last results equal those of this one, or empty. C calls that kernel and copies
     #: these results, since computing them separately would save little.
     tail_of: str = ""

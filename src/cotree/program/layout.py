@@ -32,7 +32,7 @@ class Layout:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     sensitivities: tuple[str, ...]  # parameters and states by which sensitivities are taken
-    parameter_values: tuple[float, ...]  # the scene's values
+    parameter_values: tuple[float, ...]  # parameter values stated in the scene
     #: The Jacobian's pattern, compressed by columns.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
@@ -42,8 +42,8 @@ class Layout:
     #: Residuals of the constraints, in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
     constraint_edges: tuple[str, ...]  # edge of each row that has a multiplier
-    n_coordinates: int  # number of coordinates among the states; they come first
-    n_speeds: int  # number of speeds among the states; they come next
+    n_coordinates: int  # number of coordinates, which are the first states
+    n_speeds: int  # number of speeds, which are the states after the coordinates
     #: Whether each state is an algebraic unknown; these are last, and their rates are residuals.
     algebraic: tuple[bool, ...]
     quaternions: tuple[int, ...]  # first state of each quaternion

@@ -164,7 +164,7 @@ _SUMS = frozenset({"add", "sub", "neg"})
 #: If the operations divided by this exceed the longest path, sums of products are not rebalanced:
 #: chains of them contain more fused operations.
 _MOST = 2.0
-_PREPARED = -1.0  # arrival of values that depend on parameters only
+_PREPARED = -1.0  # time at which values of parameters only are ready: before all others
 
 
 def balance_sums(program: Program) -> Program:
@@ -191,7 +191,7 @@ def _balanced(kernel: Kernel) -> Kernel:
         if node.op in _SUMS and node not in inner:
             # If both are available at the same time, the sum remains as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # called in order of evaluation, so that arguments are timed first
+        clock(made)  # nodes come in order of evaluation, so arguments have been timed
         return made
 
     return rewrite(kernel, set(order), form)
@@ -329,7 +329,7 @@ RECIPE: dict[str, Callable[[Program], Program]] = {
 class PassReport:
     """Effect of one pass on a program."""
 
-    name: str  # the pass
+    name: str  # name of the pass
     #: The program before and after it.
     earlier: Program
     later: Program

@@ -62,10 +62,10 @@ class Kernel:
 class Program:
     """A program."""
 
-    dag: Dag  # the arena of all its values
-    layout: Layout  # names and patterns
-    kernels: Mapping[str, Kernel]  # by name, in the registry's order
-    guards: tuple[Guard, ...]  # checked by ``prepare``
+    dag: Dag  # arena that holds all nodes
+    layout: Layout  # names and sparsity patterns
+    kernels: Mapping[str, Kernel]  # kernels by name, in the order of the registry
+    guards: tuple[Guard, ...]  # conditions that ``prepare`` checks
     #: Time events at which each input jumps or has a kink in the scene, by the name of the input;
     #: time events of all other parts of the rates, by the empty name; with derivatives along each
     #: sensitivity.

@@ -308,7 +308,7 @@ def _moved(
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
     """Return whether a state, or its new value in an event, changes with time; modes do not."""
-    assert equations.motion is not None  # it comes with the events
+    assert equations.motion is not None  # models with events have a motion
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]
     is_driven = any(i >= len(rates) or not rates[i].is_zero for i in _places(mask))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Along:
     """Derivatives along one direction, in terms of states, inputs and parameters only."""
 
-    unknowns: tuple[Node, ...]  # w'
+    unknowns: tuple[Node, ...]  # unknowns w' of the differentiated equations
     #: By index; missing entries are zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
@@ -38,11 +38,11 @@ class Along:
 class SolvedSystem:
     """The solution of linear equations, with the factors to solve them again."""
 
-    dag: Dag  # the arena
-    matrix: Sequence[Sequence[Node]]  # A, symmetric
+    dag: Dag  # arena that holds the nodes
+    matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
     factors: RankedSolver
-    unknowns: dict[Node, Node]  # the value of each unknown, by its symbol
-    tangents: tuple[Node, ...]  # the symbols of the derivatives of the unknowns
+    unknowns: dict[Node, Node]  # value of each unknown, by symbol
+    tangents: tuple[Node, ...]  # symbols of the derivatives of the unknowns
 
     @classmethod
     def of(cls, equations: Equations) -> SolvedSystem:

@@ -276,7 +276,7 @@ class _Kinks:
                 if _agree_twice(above[reader], below[reader], condition, self._moving):
                     del above[reader], below[reader]
                     continue
-            except (ArithmeticError, ValueError):  # it has no value there
+            except (ArithmeticError, ValueError):  # the expression is undefined there
                 return False
             waiting.update(self._readers(reader))
         return False
@@ -299,7 +299,7 @@ class _Kinks:
                     continue
                 try:
                     known[reader] = substitute([reader], known)[0]
-                except (ArithmeticError, ValueError):  # it has no value there
+                except (ArithmeticError, ValueError):  # the expression is undefined there
                     return _STEEP
                 if self._moving.isdisjoint(symbols_in([known[reader]])):
                     continue
@@ -366,7 +366,7 @@ def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
     roots = [node for node in nodes if node.op in SINGULAR]
     try:
         ending = [node for node in roots for way in ways if ends(node, way)]
-    except (ArithmeticError, ValueError):  # it has no value there
+    except (ArithmeticError, ValueError):  # the expression is undefined there
         return _STEEP
     if not ending:
         return _NOWHERE

@@ -27,15 +27,15 @@ class Traits:
     #: Parameters of sensitivities on which no state or output depends.
     unreached: tuple[str, ...]
     is_rheonomic: bool  # whether conditions on the start depend on time
-    constant_inputs: tuple[str, ...]  # inputs that are functions of parameters only
-    has_constant_start: bool  # whether initial values depend on no parameter
+    constant_inputs: tuple[str, ...]  # names of inputs that depend on parameters only
+    has_constant_start: bool  # whether initial values are independent of all parameters
     has_time_events: bool  # whether inputs or rates have time events
     has_longest_step: bool  # whether there are upper bounds of the step size
 
     def can_extend(self, layout: Layout) -> bool:
         """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
         if layout.corners:
-            return False  # these rates jump at kinks of the residuals
+            return False  # the rates of algebraic unknowns jump at kinks of the residuals
         name = "extended_augmented_rhs" if layout.sensitivities else "extended_rhs"
         return bool(self.n_results.get(name))
 
@@ -47,13 +47,13 @@ class ModelText:
     layout: Layout
     traits: Traits
     stored: Program | bytes = field(repr=False)  # program after its passes, pickled if bytes
-    files: Mapping[str, str] = field(default_factory=dict)  # C text by file name
-    declarations: str = ""  # declarations for cffi
-    prefix: str = ""  # prefix of the names in it
+    files: Mapping[str, str] = field(default_factory=dict)  # contents of the C files by name
+    declarations: str = ""  # C declarations for cffi
+    prefix: str = ""  # prefix of all names in the C text
     #: Number of operations in the longest C function, and in all.
     n_written: int = 0
     n_written_in_all: int = 0
-    slow_causes: str = ""  # sentences on values of the scene that make steps short
+    slow_causes: str = ""  # sentences on parameter values of the scene that force short steps
     cautions: tuple[str, ...] = ()  # sentences that each compilation issues as warnings
 
     @classmethod

@@ -45,7 +45,7 @@ def _begins_with(source: str | Path, tag: str) -> bool:
         with open(source, "rb") as file:
             start = file.read(_START)
     except (OSError, ValueError):
-        return False  # the reader reports the error
+        return False  # the reader will report the error
     # Comments, declarations and processing instructions may precede the element.
     found = _OUTERMOST.search(_COMMENT.sub(b"", start))
     return found is not None and found[1] == tag.encode()

@@ -73,7 +73,7 @@ class SourceLine:
     """A line of a file; as text ``file:line``."""
 
     file: str  # name of the file
-    line: int  # number of the line, from 1
+    line: int  # line number, from 1
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"

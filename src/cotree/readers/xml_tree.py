@@ -22,7 +22,7 @@ class Element:
 
     tag: str  # name with its prefix, as written
     attributes: dict[str, str]
-    at: SourceLine  # its first line
+    at: SourceLine  # place in the file: first line of the element
     #: Its child elements; text between them is not kept.
     children: list[Element] = field(default_factory=list)
 

@@ -118,7 +118,7 @@ def _vanishing(boundary: ast.expr, parameters: Container[str]) -> Callable[[ast.
         try:
             value = lowered(tree)
             return agree_at(value, value.dag.zero, lowered(boundary))
-        except (ArithmeticError, ValueError):  # it has no value anywhere
+        except (ArithmeticError, ValueError):  # the expression is undefined everywhere
             return False
 
     return vanishes_there

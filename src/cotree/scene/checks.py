@@ -146,7 +146,7 @@ class Dimensions:
             case ast.Call(func=called, args=args) if table_of(called):
                 for arg in args:
                     self.of(arg)
-                return None  # a table has no unit
+                return None  # a table has no unit to check
             case ast.Call(func=ast.Name(id=function), args=args):
                 return self._call(function, args)
         return None

@@ -100,10 +100,10 @@ class SceneDescription(Reported):
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
     parts: dict[str, Part] = field(default_factory=dict)
-    ports: tuple[str, ...] = ()  # nodes that an outer scene connects if this scene is a part
+    ports: tuple[str, ...] = ()  # nodes at which an outer scene may connect this scene as a part
     defaults: Simulation = field(default_factory=Simulation)
     origin: Origin | None = None  # data from the file of another tool
-    allowed: tuple[str, ...] = ()  # findings of the linter that are allowed
+    allowed: tuple[str, ...] = ()  # rules of the linter whose findings are accepted
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
         # Not a dataclass, whose constructor would accept unchecked tables.
@@ -510,7 +510,7 @@ class Visual:
     """A shape fixed to a node, for drawings only."""
 
     node: str  # node to which the shape is attached
-    shape: str  # ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
+    shape: str  # kind of shape: ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
     #: Box: lengths along x, y, z; cylinder and capsule: radius, radius, length; sphere: the radius
     #: three times, [m]; mesh: scale factors.
     size: tuple[float, float, float]

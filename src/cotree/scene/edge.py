@@ -69,9 +69,9 @@ class Entry:
 
     name: str
     doc: str
-    takes: str  # kind of its value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
+    takes: str  # kind of value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
     unit: str = ""
-    required: bool = False  # whether every edge of the type needs it
+    required: bool = False  # whether the field must be given
     default: float | None = None  # default; None: the entry may be omitted
 
 
@@ -79,14 +79,14 @@ class Entry:
 class Usage:
     """The form in which edges of a component type are written."""
 
-    component: Component  # the type
+    component: Component  # component of the edge
     #: Node names in the order of the list; empty if each port has separate nodes.
     nodes: tuple[str, ...]
     n_needed: int  # number of required nodes
     #: Whether a list of nodes has one node for each port, with the ground as the other one.
     has_ports: bool
-    entries: tuple[Entry, ...]  # its ports and fields
-    initial: tuple[str, ...]  # variables whose initial values may be given
+    entries: tuple[Entry, ...]  # ports and fields of the component
+    initial: tuple[str, ...]  # variables for which initial values may be given
 
 
 def usage_of(name: str) -> Usage:

@@ -47,17 +47,17 @@ class ModePart(IntEnum):
 
     NONE = 0  # selects no mode
     SLIP = 2  # slip rate times the mode
-    FORWARD_LIMIT = 3  # distance of the friction force to its forward limit
+    FORWARD_LIMIT = 3  # forward limit: distance of the friction force to it
     BACKWARD_LIMIT = 4  # distance of the friction force to its backward limit
-    ENGAGED = 5  # positive while a clutch is engaged
+    ENGAGED = 5  # engaged: positive while a clutch is engaged
     TURN = 6  # angle by which the direction of sliding on a plane may still turn
     FIRST_IMPULSE = 7  # components of the friction impulse on a plane
     SECOND_IMPULSE = 8
     LOAD = 9  # load times the sign that the laws of its losses assume
-    UPPER_GAP = 10  # gap of a rigid stop at its upper limit
+    UPPER_GAP = 10  # upper gap: distance to a rigid stop at its upper limit
     LOWER_GAP = 11  # gap of a rigid stop at its lower limit
-    FORCE = 12  # contact force of a closed stop, positive away from its limit
-    REBOUND = 13  # rebound speed in excess of the rest threshold
+    FORCE = 12  # force: contact force of a closed stop, positive away from the limit
+    REBOUND = 13  # rebound: rebound speed minus the rest threshold
 
 
 @dataclass(frozen=True)

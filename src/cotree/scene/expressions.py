@@ -165,7 +165,7 @@ def shown(value: object) -> str:
     """Return a value for a message, shortened."""
     try:
         return brief(repr(value))
-    except ValueError:  # Python refuses to print integers of thousands of digits
+    except ValueError:  # Python does not print integers of thousands of digits
         return "an integer of thousands of digits"
 
 
@@ -175,7 +175,7 @@ def finite(value: object) -> float | None:
         return None
     try:
         number = float(value)
-    except (TypeError, OverflowError):  # durations of NumPy count as integers
+    except (TypeError, OverflowError):  # durations of NumPy are instances of integers
         return None
     return number if math.isfinite(number) else None
 
@@ -347,7 +347,7 @@ def fill(form: str, *trees: ast.expr) -> ast.expr:
 
 
 _LONGEST = 4000  # maximum number of characters; it bounds the recursion of the parser
-_UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 has an exponent and no unit
+_UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 is a number without unit
 _WITH_UNIT = re.compile(rf"\s*([-+]?\d[\d.eE+-]{{0,30}})\s*{_UNIT}\s*\Z")
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
@@ -363,7 +363,7 @@ _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
 class Expression:
     """A checked expression."""
 
-    text: str  # as the user wrote it
+    text: str  # the expression as the user wrote it
     where: str = field(repr=False)  # description of its owner for messages: "stiffness of edge 'k'"
     #: The parsed text.
     tree: ast.expr = field(compare=False, repr=False)  # determined by the text
@@ -447,7 +447,7 @@ def _vanishes(expression: Expression) -> bool:
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
     except ExpressionError:
-        return False  # reported when it is used
+        return False  # the error is reported where the expression is used
 
 
 def parse(value: object, where: str) -> Expression:

@@ -119,7 +119,7 @@ def _keeps(edge: Edge, n: int) -> bool:
     if edge.component.keeps_plane is None:
         return False
     if edge.component.role is Role.BODY and not edge.initial.keys() <= _PLANAR_NAMES:
-        return False  # it starts out of the plane, or has initial values of a free body
+        return False  # a free body starts out of the plane or has initial values
     for name in edge.component.keeps_plane.along:
         if name in edge.fields and not _is_normal(_vector(edge, name), n):
             return False

@@ -33,8 +33,8 @@ class Port:
     #: Name of the edge in the graph: that of the component, followed by that of the port if there
     #: are several.
     name: str
-    edge: Edge  # the component in the scene
-    terminal: Terminal  # its terminal equation
+    edge: Edge  # component of the scene
+    terminal: Terminal  # terminal equation of the component
     ends: PortEnds  # its nodes, or the joint or line of a multibody system on which the port acts
 
     @property

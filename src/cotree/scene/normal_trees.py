@@ -116,7 +116,7 @@ class CoupledTrees:
     ports: Mapping[str, Port]  # ports by edge name
     ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, distinct for each graph
     costs: Mapping[str, int]  # cost of each edge that may be a branch
-    couples: tuple[_Couple, ...]  # the ideal couplings
+    couples: tuple[_Couple, ...]  # ideal couplings of the graph
     swaps: Mapping[
         str, Swap
     ]  # the controlled sources that may determine their controlling variable
@@ -212,7 +212,7 @@ class CoupledTrees:
                 for row in couple.options
             ]
             made.append([found for found in tried if found is not None])
-            if len(made[-1]) < 2:  # no choice, or none at all
+            if len(made[-1]) < 2:  # the group has one tree or none: nothing to choose
                 return made[-1]
         # Branching on the coupling with the most expensive options narrows the search most.
         return max(made, key=lambda pair: sorted(found.cost for found in pair))
@@ -506,9 +506,9 @@ def _weight(port: Port) -> float:
     # The across variable of a branch, or the through variable of a chord, is a state. A storage
     # with an initial value is preferably placed so that the given variable is its state.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
-        return own - 0.25  # a branch
+        return own - 0.25  # preferred as a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
-        return own + 0.25  # a chord
+        return own + 0.25  # preferred as a chord
     if port.kind is Kind.SPRING:
         law = port.terminal.through
         if law is None or "across" in law.arguments:

@@ -48,9 +48,9 @@ _OF_SCENES = ("energy.kinetic", "energy.potential")
 class Renaming:
     """Renaming of names within a part to those of the outer scene."""
 
-    prefix: str  # prefix of names, with its dot: ``leg1.``
-    nodes: Mapping[str, str]  # nodes of the part that are nodes of the outer scene
-    scene: SceneDescription  # the scene of the part
+    prefix: str  # prefix of the part's names, with its dot: ``leg1.``
+    nodes: Mapping[str, str]  # nodes of the outer scene to which nodes of the part are connected
+    scene: SceneDescription  # scene that is the part
 
     def node(self, name: str) -> str:
         """Rename a node."""

@@ -298,7 +298,7 @@ def line_of(scene: SceneDescription, kind: str, name: str) -> int | None:
     try:
         status = os.stat(scene.file)
         lines = _lines(scene.file, status.st_mtime_ns, scene.section)
-    except (OSError, UnicodeDecodeError):  # the file has been removed or changed
+    except (OSError, UnicodeDecodeError):  # the file has been removed or changed since it was read
         return None
     return lines.get((kind, name))
 

@@ -69,7 +69,7 @@ class Row(NamedTuple):
     option: str = ""
     metavar: str | None = None  # placeholder for the value in the help text
     flag: str = ""  # name of the option; empty: the name of the setting
-    in_scenes: bool = True  # whether scene files may set it
+    in_scenes: bool = True  # whether scene files may contain the setting
 
 
 def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:

@@ -47,12 +47,12 @@ _BEYOND = ("hold", "extend")
 class LookupTable:
     """A function given by its points."""
 
-    name: str  # its name in expressions; "table" if it belongs to one field
+    name: str  # name in expressions; "table" if the table belongs to one field
     x: tuple[float, ...]  # ascending arguments, at least two
     y: tuple[float, ...]  # arguments along the second axis; empty for a table of one argument
     #: Values at the points, for two arguments row by row, one row for each ``x``.
     values: tuple[Expression, ...]
-    interpolation: str = "linear"  # ``linear`` (bilinear), or ``monotone``, cubic without overshoot
+    interpolation: str = "linear"  # ``linear`` (bilinear) or ``monotone`` (cubic)
     #: Extrapolation: ``hold`` keeps the last value, ``extend`` the last slope.
     beyond: str = "hold"
     doc: str = field(default="")  # description

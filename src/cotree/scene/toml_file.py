@@ -259,7 +259,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
     if isinstance(source, str) and source in known:
         return _read_shipped(known[source], source, scene_type)
-    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names that are too long
+    if not os.path.isfile(source):  # Path.is_file would raise an error for names that are too long
         raise SceneError(
             f"'{source}' is neither a file nor a shipped scene{nearest(source, known)}"
         )
@@ -300,7 +300,7 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
 
 
 _NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event|table) '([^']+)'")
-_DEEPEST = 20  # levels of nested parts
+_DEEPEST = 20  # maximum depth of nested parts
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ class _Reading:
         except tomllib.TOMLDecodeError as error:
             what = f"{error}{advice(str(error), self.text)}"
             raise SceneError(f"{self.where}: not valid TOML: {what}") from None
-        except ValueError:  # Python refuses to read integers of thousands of digits
+        except ValueError:  # Python does not read integers of thousands of digits
             raise SceneError(f"{self.where}: holds an integer of thousands of digits") from None
         except RecursionError:
             raise SceneError(f"{self.where}: nested too deeply") from None
@@ -418,9 +418,9 @@ class _Reading:
 class _Scenes:
     """Scenes that the tables of a file define for its parts, after those of outer tables."""
 
-    reading: _Reading  # the file
+    reading: _Reading  # the file that contains the tables
     section: str  # table that contains the scenes; empty at the top level
-    tables: Mapping[str, Any]  # the scenes, by name
+    tables: Mapping[str, Any]  # tables of the scenes, by name
     around: _Scenes | None = None  # scenes of the enclosing table
 
     def find(self, name: str) -> tuple[SceneDescription, str]:

@@ -58,7 +58,7 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
             _merge(old, tomlkit.parse(text), has_removed)
             kept = tomlkit.dumps(old)
             read = read_scene(kept, scene.name, SceneDescription)
-        except (ModelError, tomlkit.exceptions.TOMLKitError):  # the file has changed since
+        except (ModelError, tomlkit.exceptions.TOMLKitError):  # the file has changed
             continue
         orders = [[list(getattr(made, name)) for name in TABLES] for made in (read, scene)]
         if orders[0] == orders[1] and not _changed_field(read, scene):
@@ -272,7 +272,7 @@ def _value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):
-        return repr(value)  # the shortest digits that read back as the same number
+        return repr(value)  # repr gives the shortest digits that read back as the same number
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, Mapping):

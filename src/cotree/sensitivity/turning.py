@@ -37,7 +37,7 @@ class Turning(Frames):
     seed: Seed  # seed of the differentiation
     #: Clusters whose motion depends on the seed; the others move as in the first graph.
     reached: frozenset[int]
-    phi: tuple[Vector, ...]  # parametric rotation vector of each cluster, in its basis
+    phi: tuple[Vector, ...]  # derivative of each cluster's rotation, as a vector in its frame
     phi_inwards: tuple[Vector, ...]  # the same vectors in the basis of the parent
     #: Parametric rotation vector of each cluster's basis, which may be the basis of a parent.
     phi_basis: tuple[Vector, ...]
@@ -229,9 +229,9 @@ class Support:
 class Seed:
     """Tangents of symbols, and of the fields that depend on them."""
 
-    dag: Dag  # the arena
+    dag: Dag  # arena that holds the nodes
     symbols: Mapping[Node, Node]  # tangent of each symbol that changes, all nonzero
-    support: Support  # shared by all seeds of one system
+    support: Support  # values that all directions of one system share
 
     def of(self, node: Node) -> Node:
         """Differentiate a coordinate, or an expression of fields."""

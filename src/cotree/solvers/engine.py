@@ -163,7 +163,7 @@ class Engine:
     library: LoadedLibrary  # library that runs jobs
     #: A ``cotree_sundials`` structure with the functions that the stepper calls.
     functions: Any = None
-    sundials: Any = None  # keeps SUNDIALS loaded
+    sundials: Any = None  # reference to the library of SUNDIALS, which keeps it loaded
 
 
 def build_ahead(

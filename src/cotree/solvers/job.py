@@ -149,7 +149,7 @@ class Shared:
         idle = self._idle.get(kind)
         try:
             return idle.pop() if idle else None
-        except IndexError:  # another thread took it
+        except IndexError:  # another thread took the last job
             return None
 
     def release(self, job: Job) -> None:
@@ -245,7 +245,7 @@ class Job:
             c.crossings = self._callbacks.pointer(self._crossings)
             c.most_crossings = _MOST_CROSSINGS
         is_left = is_integrated(row, problem, is_extended=is_extended)
-        self.places = problem.integrated[is_left]  # positions in z
+        self.places = problem.integrated[is_left]  # indices in z of the integrated values
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self.places), problem.settings.atol

@@ -132,7 +132,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
     """Return why rates, or the algebraic unknowns in them, are undefined at a point."""
-    assert problem.undefined is not None  # checked by the caller
+    assert problem.undefined is not None  # the caller has checked that a place is undefined
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
         return why

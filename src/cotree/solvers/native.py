@@ -165,8 +165,8 @@ class Attempt:
     """An integration in C that has begun."""
 
     problem: Problem
-    row: Method  # the method
-    job: Job  # the job, which may have taken some steps
+    row: Method  # method that integrates
+    job: Job  # job of the run, which may have taken some steps
     is_extended: bool  # whether the job integrates algebraic unknowns
     compiling: float  # time to compile the method's C, [s]
     status: int = 0  # as of a trajectory

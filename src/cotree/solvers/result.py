@@ -408,10 +408,10 @@ class Trajectory:
     #: Times, [s]. After a failure, the last time is that of the last valid point, even if it is no
     #: output time.
     t: FloatArray
-    z: FloatArray  # states and sensitivities at these times
+    z: FloatArray  # states and sensitivities at the times
     status: int  # 0: success, -1: the integration failed, -2: a budget was exhausted
-    message: str  # one or two sentences
-    statistics: Statistics  # work done
+    message: str  # description of the end of the run, one or two sentences
+    statistics: Statistics  # counts of steps, evaluations and factorisations
     #: Residuals of the constraints during the run; None without constraints.
     drift: Drift | None = None
     #: Events in order, one row each: time, [s], event index, derivatives of the time by the

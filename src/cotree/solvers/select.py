@@ -332,7 +332,7 @@ class Probe:
             from cotree.solvers.stiffness import fastest_decay
 
             first = fastest_decay(problem, [start])
-            if not self._is_mild(first):  # no step is needed
+            if not self._is_mild(first):  # no trial step is needed
                 return self._by_eigenvalues([start], first)
         later = self._begin()
         bound = max([bound, *(bound_of_decay(problem, *point) for point in later)])

@@ -52,7 +52,7 @@ def observed(
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native, u = problem.native, problem.u
-    assert native is not None  # there is a compiler
+    assert native is not None  # the settings require a C compiler
     later: dict[str, Callable[[], Mapping[str, Any]]] = {
         "parameter_values": lambda: {"parameter_values": _parameter_values(model, native.p)},
         "events": lambda: {"events": _event_times(model, trajectory.events)},

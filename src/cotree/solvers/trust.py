@@ -76,7 +76,7 @@ def is_balanced(model: CompiledModel, problem: Problem) -> bool:
     small motions in their tenth digit.
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
-    assert native is not None  # there is a compiler
+    assert native is not None  # the settings require a C compiler
     p, u = native.p, problem.u(t)
     u = model.input_values(t, p) if u is None else u
     with suppress(Error):

@@ -57,7 +57,7 @@ class Solution:
 
     method: str
     rtol: float  # relative tolerance of the run
-    y: Array  # states
+    y: Array  # states at the times
     s: Array  # sensitivities of the states
 
     def distance(self, other: Solution | Result) -> tuple[float, float]:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 _GRAINS = 50_000  # resolution of rounded positions, in steps within the extent
-_TURN = 2e-5  # step to which entries of quaternions are rounded
+_TURN = 2e-5  # step to which components of quaternions are rounded
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 
 
@@ -233,7 +233,7 @@ def _text(name: str) -> str:
 
 
 _SUFFIXES = (".gif", ".html")
-_NOTEBOOK_HEIGHT = 520  # pixels
+_NOTEBOOK_HEIGHT = 520  # height of the figure in a notebook, [pixel]
 _LARGEST_PICTURE = 4000
 _FURTHEST = 1e12  # largest coordinate that is drawn, [m] or [rad]
 

@@ -120,7 +120,7 @@ def contact(draft: DrawingBuilder, edge: BoundEdge) -> None:
         draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
     else:
         size = 3.0 * draft.w
-        if own is None:  # a small ball marks a point, also on a body with visuals
+        if own is None:  # points are drawn as small balls, also on bodies with visuals
             marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
             draft.solid(edge.name, place.cluster, marker, label=True)
     if "normal" in edge.vectors:
@@ -351,14 +351,14 @@ def draft_scene(
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = LINE_FORCE  # a component registered by the user
+            show = LINE_FORCE  # the component was registered by the user
         is_hidden = edge.component.role is Role.JOINT and draft.is_hidden(edge)
         if show is not None and not is_hidden:
             show(draft, edge)
     for networked in first.scene.edges.values():
         if networked.component.geometry is not None:
-            continue  # the loop above draws its surfaces
+            continue  # the loop above draws the surfaces of contacts
         for ends in networked.ports:
-            if len(ends.acts_on) == 2:  # a hydraulic cylinder between two bodies, for example
+            if len(ends.acts_on) == 2:  # for example a hydraulic cylinder between two bodies
                 draft.strut(networked.name, *ends.acts_on, shapes.piston(1.1 * draft.w), DAMPER)
     return draft

@@ -79,14 +79,14 @@ class Drawing:
     #: Name of the scene, and a note about the run; untrusted text.
     title: str
     note: str
-    frames: Moments  # times of the frames
+    frames: Moments  # times and events of the frames
     poses: Poses  # poses of the tracks, which are the clusters, in each frame
     #: Shapes, struts and names.
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]
     up: Array  # axis that points up in the picture
-    towards: Array  # direction from the mechanism to the viewer: the normal of a plane, or chosen
+    towards: Array  # direction towards the viewer: the normal of a plane, or chosen
     is_flat: bool  # whether everything moves in a plane
     thickness: float  # thickness of bars, [m]
 
@@ -220,7 +220,7 @@ class DrawingBuilder:
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
-        if not self.solids and not self.struts:  # points are drawn as balls
+        if not self.solids and not self.struts:  # if nothing else is drawn, points become balls
             for name, place in self.places.items():
                 self.solid(name, place.cluster, shapes.sphere(self.w).placed(place.local))
         return Drawing(
@@ -308,7 +308,7 @@ class DrawingBuilder:
     def ground_symbol(self, name: str, place: Place) -> None:
         """Draw a symbol of the ground at a point, once."""
         if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
-            place = self.places["ground"]  # bars lead from there to the point
+            place = self.places["ground"]  # bars connect the ground to the point
         if (at := tuple(place.local)) in self._grounded:
             return
         self._grounded.add(at)
@@ -351,7 +351,7 @@ class DrawingBuilder:
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)
         apart, behind = 2.9 * self.w * along[:, 0], np.zeros(3)
-        if stage.is_flat:  # behind the bars
+        if stage.is_flat:  # drawn behind the bars
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind

@@ -37,7 +37,7 @@ _FEWEST = 100  # minimum limit of frames, even with many bodies
 # as the third.
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
-_PATIENCE = 86_400.0  # longest animation, [s]
+_PATIENCE = 86_400.0  # maximum duration of an animation, [s]
 
 
 class WatchedModel(Protocol):
@@ -141,7 +141,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
         np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
         for side in ("y_before", "y_after")
     ]
-    is_own = ~np.isin(result.t, when)  # points at events are replaced
+    is_own = ~np.isin(result.t, when)  # other points at the times of events are replaced
     near = np.abs(result.t[:, None] - when).argmin(axis=0)
     t = np.concatenate([result.t[is_own], when, when])
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)

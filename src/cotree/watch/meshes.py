@@ -67,7 +67,7 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
                     return place
                 outside = True
     except OSError:
-        pass  # the name is too long for a path
+        pass  # OSError: the name is too long for a path
     if outside:
         raise MeshError(
             f"'{name[:80]}' lies outside the robot's folder: give trust_paths=True to read it"
@@ -174,7 +174,7 @@ def _read_other(data: bytes, suffix: str) -> Mesh:
     try:
         found: Any = trimesh.load(BytesIO(data), file_type=suffix.lstrip("."), force="mesh")
         return Mesh(np.array(found.vertices, dtype=float), np.array(found.faces, dtype=np.int64))
-    except Exception as error:  # trimesh raises many types for invalid files
+    except Exception as error:  # trimesh raises errors of many types for invalid files
         raise ValueError(str(error) or type(error).__name__) from None
 
 
@@ -245,7 +245,7 @@ def visual_meshes(
             f"bars: {reason}; packages are searched above the robot's file and along "
             "ROS_PACKAGE_PATH",
             RuntimeWarning,
-            stacklevel=4,  # the call of `animate`
+            stacklevel=4,  # the warning points to the call of `animate`
         )
     return _bounded(found)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Reach = tuple[float, float, float]
 
-_HALF_ANGLE = np.deg2rad(13.0)  # half of the vertical field of view of a spatial scene
+_HALF_ANGLE = np.deg2rad(13.0)  # half of the vertical field of view in spatial scenes
 #: Size of the picture relative to its contents: room for a line of text at the top.
 MARGIN = 1.14
 
@@ -27,8 +27,8 @@ MARGIN = 1.14
 class Camera:
     """A camera, which projects points of the drawing onto the picture."""
 
-    axes: Array  # directions to the right, upwards and towards the viewer, as columns
-    centres: Array  # point in the middle of each frame, [m]
+    axes: Array  # columns: directions to the right, upwards and towards the viewer
+    centres: Array  # centre of the view in each frame, [m]
     half: tuple[float, float]  # half the width and height of the visible region there, [m]
     #: Distance from the viewer to that point, [m]; infinite for a parallel projection, in a plane.
     distance: float

@@ -26,7 +26,7 @@ _ROUND = 28  # number of sides of round shapes
 class Mesh:
     """Triangles, counter-clockwise from outside."""
 
-    points: Array  # corners
+    points: Array  # corner points of the mesh
     faces: Indices  # indices of corners, three per face
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:

@@ -53,7 +53,7 @@ class Stage:
     body: tuple[int, ...]  # index of each cluster among those with nodes
     shown: frozenset[int]  # clusters that have a block or a disc for a joint or a constraint
     reach: Mapping[int, float]  # longest arm of each cluster that has arms, [m]
-    spurs: frozenset[str]  # arms that only lead to a centre of mass
+    spurs: frozenset[str]  # names of arms that only lead to a centre of mass
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
@@ -196,7 +196,7 @@ class Place:
     """A node: a point of its cluster, and its axes in the cluster's."""
 
     cluster: int
-    local: Array  # position in the cluster, [m]
+    local: Array  # position in the cluster's frame, [m]
     turn: Array  # rotation from the node's axes to the cluster's
 
 

@@ -42,7 +42,7 @@ class Entities:
 
     #: Constants of the model, and parameters that only formulas use: parameters of the scene.
     parameters: Mapping[str, str]
-    states: Mapping[str, str]  # quantities that change with time: states of the model
+    states: Mapping[str, str]  # quantities that change with time and are states of the model
     #: Parameters of the scene that are the initial values of some of these states, as numbers.
     initial: Mapping[str, str]
     #: The entries of ``parameters`` and ``states`` without a value in the model.
@@ -54,7 +54,7 @@ class Entities:
 class Link(NamedTuple):
     """A run, with the values that its condition sets, by names in the scene."""
 
-    name: str  # in messages
+    name: str  # name of the quantity in messages
     parameters: dict[str, Setting]
     initial: dict[str, Setting]
 
@@ -141,7 +141,7 @@ class ConditionReader:
                 return value
             own = condition.cells.get(named)
             if own is None:
-                break  # the condition does not set it: it keeps the model's value
+                break  # the condition does not set the quantity, which keeps the model's value
             if not isinstance(own, str):
                 return own
             named = own
@@ -159,7 +159,7 @@ class ConditionReader:
         )
 
 
-_LONGEST = 4000  # characters, the limit of expressions in scenes
+_LONGEST = 4000  # maximum number of characters, as for expressions in scenes
 _TIME = "time"
 
 _TOKEN = re.compile(
@@ -450,7 +450,7 @@ def _names_in(text: str) -> tuple[str, ...]:
     try:
         return tuple(n for n in Formula(text).names if not PLACEHOLDER.match(n))
     except ModelError:
-        return ()  # the error is raised where the formula is used, with its row
+        return ()  # where the formula is used, the error is raised with its row
 
 
 def _values(tables: Tables) -> dict[str, float]:

@@ -38,8 +38,8 @@ Cell = float | str | None
 class Row:
     """A row of a table."""
 
-    line: SourceLine  # file and line, for messages
-    cells: Mapping[str, str]  # texts by column
+    line: SourceLine  # file and line of the row, for messages
+    cells: Mapping[str, str]  # texts of the row by column
 
     def error(self, message: str) -> SceneError:
         """Make an error whose message begins with the file and line of this row."""
@@ -168,9 +168,9 @@ class ConditionRow:
 class Tables:
     """All tables of a problem; rows of the first three by name."""
 
-    file: str  # the YAML file
-    model: Path  # the SBML file
-    measurement_files: Sequence[Path]  # the measurement tables, in order
+    file: str  # name of the YAML file
+    model: Path  # path of the SBML file
+    measurement_files: Sequence[Path]  # paths, in the order of the YAML file
     parameters: Mapping[str, ParameterRow]
     observables: Mapping[str, ObservableRow]
     conditions: Mapping[str, ConditionRow]
@@ -219,7 +219,7 @@ def as_number(text: str) -> float | None:
         value = math.nan if "_" in text else float(text)
     except ValueError:
         return None
-    is_beyond = math.isinf(value) and "n" not in text.lower()  # 1e999 in place of inf
+    is_beyond = math.isinf(value) and "n" not in text.lower()  # 1e999 is refused, inf is allowed
     return None if math.isnan(value) or is_beyond else value
 
 
@@ -314,7 +314,7 @@ def _prior(row: Row, column: str) -> PriorRow | None:
     kind = row.choice(f"{column}Type", _PRIORS)
     numbers = [value for value in given if not isinstance(value, str)]
     if kind == "parameterScaleUniform" and not given:
-        return None  # uniform within the bounds, as without a prior
+        return None  # a uniform prior on the whole range between the bounds equals no prior
     if len(numbers) != 2 or len(given) != 2:
         raise row.error(f"'{column}Parameters' of a {kind} prior must be two numbers, as in 0;1")
     first, second = numbers

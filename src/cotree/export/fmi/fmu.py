@@ -194,12 +194,12 @@ KINDS = ("ModelExchange", "CoSimulation")
 class FmuChoice:
     """Options of an FMU."""
 
-    version: int = 3  # 2 or 3, the version of the interface
+    version: int = 3  # version of FMI, 2 or 3
     kinds: tuple[str, ...] = KINDS
-    integrator: str | None = None  # of Co-Simulation; None for one that suits the model
+    integrator: str | None = None  # method of Co-Simulation; None for one that suits the model
     #: Inputs that the importer sets; None: those that are constant in the scene.
     inputs: tuple[str, ...] | None = None
-    platforms: tuple[str, ...] | None = None  # platforms of its libraries; None for this machine
+    platforms: tuple[str, ...] | None = None  # platforms to compile for; None for this machine
 
 
 def choose(
@@ -314,11 +314,11 @@ def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
 class Fmu:
     """A written FMU."""
 
-    path: Path  # the file
-    version: int  # 2 or 3
-    kinds: tuple[str, ...]  # its interface types
-    platforms: tuple[str, ...]  # platforms that it has libraries for
-    variables: tuple[str, ...]  # names of its variables, in the order of their value references
+    path: Path  # path of the FMU
+    version: int  # version of FMI, 2 or 3
+    kinds: tuple[str, ...]  # interface types, such as ``CoSimulation``
+    platforms: tuple[str, ...]  # platforms for which the FMU contains libraries
+    variables: tuple[str, ...]  # names of the variables, in the order of their value references
 
     def __repr__(self) -> str:
         where = names(list(self.platforms)) if self.platforms else "sources only"

@@ -57,17 +57,17 @@ _STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 class Description:
     """Contents of a model description."""
 
-    version: int  # 2 or 3
-    kinds: tuple[str, ...]  # ``ModelExchange``, ``CoSimulation``
+    version: int  # version of FMI, 2 or 3
+    kinds: tuple[str, ...]  # interface types: ``ModelExchange``, ``CoSimulation``
     name: str  # name of the model
-    identifier: str  # name in C and of libraries
-    token: str  # identifies description and library
+    identifier: str  # name of the C functions and the library
+    token: str  # instantiation token (FMI 2: GUID), which ties the library to the description
     variables: FmuVariables
     #: Of the default experiment.
     t_end: float
     rtol: float
     step: float  # communication interval, [s]
-    sources: tuple[str, ...]  # names of the ``.c`` files
+    sources: tuple[str, ...]  # names of the C source files
 
     def model_description(self) -> str:
         """Write ``modelDescription.xml``."""
@@ -241,7 +241,7 @@ def xml_text(root: ElementTree.Element) -> str:
 class FmuVariable:
     """A variable."""
 
-    reference: int  # its value reference
+    reference: int  # value reference of the variable
     #: Its name, unit in the spelling of cotree, and meaning.
     name: str
     unit: str
@@ -249,9 +249,9 @@ class FmuVariable:
     #: As in the standard.
     causality: str
     variability: str
-    initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty if the standard has no value
-    start: float | None = None  # its start value, if it has one
-    derivative_of: int | None = None  # value reference of the state that it is the derivative of
+    initial: str = ""  # FMI attribute ``initial``; empty if the standard requires none
+    start: float | None = None  # start value of the variable, if it has one
+    derivative_of: int | None = None  # for a derivative: value reference of its state
     is_reset: bool = False  # whether events may set the variable
     #: Value references of the knowns on which the variable depends: after and during
     #: initialization.
@@ -269,7 +269,7 @@ class FmuVariables:
         Number of states that have rates.
     """
 
-    time: FmuVariable  # the independent variable
+    time: FmuVariable  # the independent variable, time
     #: The blocks, in order; algebraic unknowns are the last of the states.
     states: tuple[FmuVariable, ...]
     rates: tuple[FmuVariable, ...]

@@ -71,7 +71,7 @@ class FmuKernels:
     #: Rates and residuals, outputs, event indicators and signals, by states, inputs of the
     #: importer, parameters and time.
     partials: Partials
-    initial: Partials  # initial states by parameters
+    initial: Partials  # derivatives of the initial states with respect to parameters
     #: Constraints, then conditions at the start, by the columns of ``partials``.
     constraints: Partials
     #: Upper bounds of the step size; then the first time and the period of each series of time
@@ -203,14 +203,14 @@ class TablesContext(KernelFile):
 class Facts:
     """Properties of an FMU that are not part of the program."""
 
-    token: str  # identifies description and library
-    integrator: str  # of Co-Simulation; empty without it
-    is_exchangeable: bool  # whether there is Model Exchange
-    has_sensitivities: bool  # whether sensitivities are integrated and are variables
-    is_strict: bool  # whether constraints are dependent
+    token: str  # instantiation token (FMI 2: GUID), which ties the library to the description
+    integrator: str  # method of Co-Simulation; empty if the FMU has only Model Exchange
+    is_exchangeable: bool  # whether the FMU offers Model Exchange
+    has_sensitivities: bool  # whether sensitivities are integrated and offered as variables
+    is_strict: bool  # whether the model has dependent (redundant) constraints
     outside: tuple[int, ...]  # inputs that the importer sets
     input_values: tuple[float, ...]  # values of these inputs until they are set
-    start: tuple[float, ...]  # states at the start
+    start: tuple[float, ...]  # values of the states at the start
     #: Whether states without a prescribed value start as in ``start``; whether all states do.
     is_found: bool
     is_at_rest: bool

@@ -67,7 +67,7 @@ class Network:
     solved: Solved  # values of all variables that states and outputs require
     #: Variables that are the rates of the states; residuals for algebraic unknowns.
     rates: tuple[Variable, ...]
-    guards: tuple[Guard, ...]  # conditions on parameter values
+    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     observed: Mapping[str, Variable]  # variables that outputs and other fields use, by name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
@@ -76,7 +76,7 @@ class Network:
     #: Symbols of the mechanism that only fields of dry friction on it use. They may be reactions,
     #: since the friction force is an unknown together with the accelerations.
     of_friction: frozenset[Node]
-    names: Names  # names of its variables in scenes
+    names: Names  # names of the network's variables in the scene
     holding: tuple[Holding, ...]  # friction and stops on the mechanism that have multipliers
 
     @property
@@ -306,7 +306,7 @@ def _bind_fields(
     for edge in {port.edge.name: port.edge for port in ports.values()}.values():
         for field, value in edge.law_fields.items():
             row = edge.component.field(field)
-            assert row is not None  # the scene accepted only fields of its component
+            assert row is not None  # the scene has checked that the component has this field
             # Constant fields may be used in preparations and starts, which know parameters only.
             resolver = system.of_parameters if row.constant else resolve
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
@@ -346,8 +346,8 @@ class Attached:
 
     network: Network | None  # the networks; None if the scene has none
     observed: Mapping[str, Node]  # values of the network variables that outputs and fields name
-    couplings: Mapping[str, Coupling]  # the ports that act on the multibody system
-    throughs: Mapping[str, Node]  # the symbols of their through variables
+    couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
+    throughs: Mapping[str, Node]  # symbols of the through variables of these ports
     #: Derivatives of through variables by accelerations, by index of the acceleration: inertia of
     #: storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]

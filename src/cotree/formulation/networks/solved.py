@@ -43,7 +43,7 @@ class Block:
     """Variables that depend on each other, and are solved for together."""
 
     unknowns: tuple[Variable, ...]  # unknowns, each with one equation
-    residuals: tuple[Variable, ...]  # the equations: residuals that must be zero
+    residuals: tuple[Variable, ...]  # residuals of the equations, which must be zero
     inner: tuple[Variable, ...]  # variables computed from the unknowns, in order; residuals last
 
 
@@ -147,7 +147,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
             return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
     raise AssertionError(
         "a component without a variable to tear"
-    )  # sums alone cannot depend on themselves
+    )  # a cycle consists of more than sums
 
 
 @dataclass(frozen=True)
@@ -363,9 +363,9 @@ class SolvedBlock:
 class Solved:
     """The values of a network's variables."""
 
-    dag: Dag  # the arena
-    plan: Plan  # the plan
-    values: dict[Variable, Node]  # their values
+    dag: Dag  # arena that holds the nodes
+    plan: Plan  # order in which variables are computed
+    values: dict[Variable, Node]  # values of the variables computed so far
     blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
     #: The remaining unknowns, with their symbols.
     algebraic: dict[Variable, Node] = field(default_factory=dict)

@@ -58,7 +58,7 @@ class _Use(IntEnum):
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
-    LAW = 2  # a terminal equation depends on it
+    LAW = 2  # law: the terminal equation depends on the variable
     NAMED = 3  # named by a field, an output or an event
     NONE = 4
 
@@ -251,7 +251,7 @@ def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
 class Redundant:
     """An initial value of a variable that states and sources determine."""
 
-    name: str  # the variable's name
+    name: str  # name of the variable
     variable: Variable
     given: Node  # initial value, a function of parameters
 

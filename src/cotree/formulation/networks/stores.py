@@ -107,7 +107,7 @@ def find_stores(
         elif name in through.branches:
             around = through.crossing(name)
         else:
-            around = {name: 1}  # its controlled source determines the inflow
+            around = {name: 1}  # the controlled source of the storage determines the inflow
         like = [n for n in around if n != name and n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
             found[name] = _store(ports, name, around, like)

@@ -55,17 +55,17 @@ if TYPE_CHECKING:
 class Terminals:
     """The topological and terminal equations of all networks, as the rule of each variable."""
 
-    ports: Mapping[str, Port]  # the edges of all scalar graphs
+    ports: Mapping[str, Port]  # edges of all scalar graphs, by name
     #: The graphs with their trees of across and of through variables, and of positions if the
     #: domain has any, by domain.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]  # symbols of the variables that are states
-    fields: Mapping[tuple[str, str], Node]  # fields of the components
+    fields: Mapping[tuple[str, str], Node]  # values of the components' fields, by edge and field
     measured: Mapping[Node, Variable]  # variables that the symbols in fields represent
-    time: Node  # the symbol of time
-    couplings: Mapping[str, Coupling]  # the motion of the ports that act on a multibody system
+    time: Node  # symbol of time in the program
+    couplings: Mapping[str, Coupling]  # motion of the ports that act on a multibody system
     #: Totals of contents that are states, by port.
     stores: Mapping[str, Store]
     contents: Mapping[str, Law]  # contents of storages, by port
@@ -160,7 +160,7 @@ class Terminals:
         if variable in self.states:
             return FieldRule(self.states[variable])
         if port.is_short:
-            return Sum(())  # an empty circuit
+            return Sum(())  # a circuit without other edges
         positions = self.positions[port.terminal.domain]
         if name not in positions.branches:
             # Positions are across variables, too: the f-circuit gives that of a chord.
@@ -195,7 +195,7 @@ class Terminals:
             # (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
-            return Sum(())  # an empty circuit
+            return Sum(())  # a circuit without other edges
         if self._is_swapped(name, "across"):
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
@@ -339,7 +339,7 @@ class Terminals:
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):
-                continue  # contents of storages do not jump with modes
+                continue  # contents of storages are continuous when modes change
             elif symbol.data[0] not in ("p", "t"):
                 is_known = False
         what = f"{field} of edge '{edge}'"
@@ -373,7 +373,7 @@ class Terminals:
         }
         if port.kind in (Kind.ACROSS_SOURCE, Kind.THROUGH_SOURCE) and None not in known.values():
             value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
-            if value not in known.values():  # otherwise it is a field, which is checked by itself
+            if value not in known.values():  # a field has its own check
                 what = f"{port.edge.component.name} '{port.edge.name}'"
                 self._require_continuity(port.edge.name, what, value)
         return rate_of(law)

@@ -36,8 +36,8 @@ class _Place:
 class Topology:
     """One scalar graph with its tree."""
 
-    domain: str  # the graph's domain
-    tree: Tree  # its normal tree, or that of its positions
+    domain: str  # physical domain of the graph, such as ``electrical``
+    tree: Tree  # normal tree of the graph, or tree of its positions
     #: Quantities that circuits sum along a single branch, and along several branches.
     across: str = "across"
     prefix: str = "path"

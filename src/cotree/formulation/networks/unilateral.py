@@ -36,7 +36,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
         if not port.kind.may_hold:
             continue
         if port.terminal.touch is not None:
-            continue  # a gap and the slips there are independent of each other
+            continue  # the gap and the slips at one contact are independent
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port.edge.name)
             if other != port.edge.name:
@@ -92,10 +92,10 @@ _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational
 class Holding:
     """A unilateral constraint on a mechanism, whose force is a multiplier while it holds."""
 
-    port: str  # the port
-    multiplier: Node  # its symbol
-    share: Node  # one while it holds, zero in the other modes
-    jump: Node  # in impacts the change of its across variable, otherwise zero
+    port: str  # name of the port
+    multiplier: Node  # symbol of the port's multiplier
+    share: Node  # one while the multiplier acts in the current mode, otherwise zero
+    jump: Node  # change of the port's across variable in an impact, otherwise zero
 
 
 def holding_ports(ports: Mapping[str, Port]) -> list[str]:

@@ -24,8 +24,8 @@ class Formula:
     """A formula of a model."""
 
     node: Any = field(repr=False)  # tree of the formula
-    at: SourceLine  # its file and line
-    what: str  # its description in messages: ``kinetic law of reaction 'R1'``
+    at: SourceLine  # file and line of the formula
+    what: str  # description of the formula in messages: ``kinetic law of reaction 'R1'``
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class Quantity:
     kind: str
     id: str
     title: str
-    at: SourceLine  # its file and line
-    value: float | None = None  # its initial value, if the file gives a number
-    is_constant: bool = False  # whether it is declared constant
-    compartment: str = ""  # compartment of a species
+    at: SourceLine  # file and line of the symbol
+    value: float | None = None  # initial value, if the file gives a number
+    is_constant: bool = False  # whether the symbol is declared constant
+    compartment: str = ""  # for a species: identifier of its compartment
     #: Whether the identifier of a species denotes an amount, not a concentration.
     is_amount: bool = False
-    gives_amount: bool = False  # whether ``value`` of a species is an amount
-    is_boundary: bool = False  # whether reactions do not change a species
+    gives_amount: bool = False  # for a species: whether ``value`` is an amount
+    is_boundary: bool = False  # for a species: whether reactions leave it unchanged
     #: Conversion factor of a species: the parameter that converts extents of reactions into
     #: amounts.
     conversion: str = ""
@@ -59,10 +59,10 @@ class Part:
     """A reactant or product of a reaction."""
 
     species: str  # identifier of the species
-    sign: int  # -1 for a reactant, 1 for a product
+    sign: int  # sign in the stoichiometry: -1 for a reactant, 1 for a product
     #: Its stoichiometry: a number, the identifier of a quantity, or a formula.
     stoichiometry: float | str | Formula
-    at: SourceLine  # its file and line
+    at: SourceLine  # file and line of the reference
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class SbmlEvent:
     id: str  # identifier, or a name made from the event's number
     trigger: Formula  # condition; the event occurs when it becomes true
     sets: dict[str, Formula]  # assigned formulas by identifier
-    is_initially_true: bool  # whether the trigger counts as true before the start
+    is_initially_true: bool  # whether the trigger is regarded as true before the start
     priority: float = 0.0  # simultaneous events occur in order of decreasing priority
     #: Whether the event occurs even if a simultaneous event makes its trigger false again.
     is_persistent: bool = True
@@ -94,10 +94,10 @@ class SbmlEvent:
 class SbmlContent:
     """The content of a model, by identifier."""
 
-    id: str  # the model's identifier
+    id: str  # identifier of the model
     #: Compartments, species, parameters, and stoichiometries with an identifier.
     quantities: dict[str, Quantity] = field(default_factory=dict)
-    functions: dict[str, Any] = field(default_factory=dict)  # trees of the function definitions
+    functions: dict[str, Any] = field(default_factory=dict)  # syntax trees by name
     #: Initial assignments, assignment rules and rate rules, by identifier of their target.
     initials: dict[str, Formula] = field(default_factory=dict)
     assignments: dict[str, Formula] = field(default_factory=dict)
@@ -105,7 +105,7 @@ class SbmlContent:
     #: The reactions and events.
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # elements that are ignored
+    notes: list[str] = field(default_factory=list)  # notes on ignored elements
     _document: Any = None  # keeps libsbml's trees alive
 
 
@@ -184,7 +184,7 @@ class _Reader:
         for c in model.getListOfCompartments():
             value = c.getSize() if c.isSetSize() else None
             if value is None and c.isSetVolume():
-                value = c.getVolume()  # in Level 2 the default is one
+                value = c.getVolume()  # the default volume of Level 2 is one
             add(Quantity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
         for s in model.getListOfSpecies():
             add(self._species(s))

@@ -165,9 +165,9 @@ def check_coincidences(
 class Crossing:
     """An expression that crosses zero where a condition becomes true."""
 
-    text: str  # the expression
-    direction: int  # 1 for a rising crossing, 0 for either direction
-    holds_at_zero: bool  # whether the condition is true at zero
+    text: str  # expression whose zero is the event
+    direction: int  # crossing direction: 1 for rising, 0 for both
+    holds_at_zero: bool  # whether the condition is true where the expression is zero
 
 
 def crossing_of(reader: FormulaReader, node: Any) -> Crossing:

@@ -34,7 +34,7 @@ _LARGEST, _HIGHEST = 50, 30
 class Term:
     """A partly built expression."""
 
-    tree: ast.expr  # the expression
+    tree: ast.expr  # syntax tree of the expression
     #: Number of nodes and levels.
     size: int = 1
     height: int = 1
@@ -116,11 +116,11 @@ def children(node: Any) -> list[Any]:
     return [node.getChild(i) for i in range(node.getNumChildren())]
 
 
-_DEEPEST = 200  # levels, with the functions of the model expanded
+_DEEPEST = 200  # maximum depth of a formula, with the functions of the model expanded
 # Limits of the nodes of one formula, and of all formulas: nested calls can grow exponentially when
 # expanded.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
-_AVOGADRO = 6.02214179e23  # 1/mol, the value that SBML Level 3 prescribes
+_AVOGADRO = 6.02214179e23  # Avogadro constant of SBML Level 3, [1/mol]
 
 #: Comparisons, by the name of the node in libsbml.
 RELATIONS = {"LT": "a < b", "LEQ": "a <= b", "GT": "a > b", "GEQ": "a >= b"}
@@ -163,7 +163,7 @@ _REFUSED = {
 class FormulaReader:
     """Reads formulas of a model."""
 
-    functions: Mapping[str, Any]  # the model's functions by id: the trees of their lambdas
+    functions: Mapping[str, Any]  # syntax trees of the model's functions, by identifier
     symbol: Callable[[str], Term]  # returns the term for an identifier
     time: Term  # time: ``t``, or zero at the start
     make: TermMaker  # creates terms
@@ -172,7 +172,7 @@ class FormulaReader:
     _bound: Mapping[str, Term] = field(default_factory=dict)
     _depth: int = 0
     _calls: tuple[str, ...] = ()
-    _count: list[int] = field(default_factory=lambda: [0])  # nodes of a formula, shared by copies
+    _count: list[int] = field(default_factory=lambda: [0])  # nodes of the formula; copies share it
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
@@ -269,7 +269,7 @@ class FormulaReader:
                 f"contains rateOf of an argument of function '{self._calls[-1]}', which is not "
                 "supported: write rateOf in the formula that calls the function"
             )
-        return number(0.0)  # a local parameter
+        return number(0.0)  # the name is a local parameter of the reaction
 
     def _piecewise(self, parts: list[Any]) -> Term:
         # Values and conditions alternate; the value of otherwise comes last.

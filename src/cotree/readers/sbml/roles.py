@@ -93,7 +93,7 @@ class Roles:
     of: dict[str, Role]  # roles by identifier
     #: Quantities of assignment rules that become outputs, in the order of their dependencies.
     order: tuple[str, ...]
-    reactions: dict[str, Reaction]  # the reactions by identifier
+    reactions: dict[str, Reaction]  # reactions by identifier
 
     @property
     def unnamed(self) -> frozenset[str]:

@@ -50,7 +50,7 @@ _Scene = TypeVar("_Scene", bound=SceneDescription)
 class SbmlSymbol:
     """A quantity of an SBML model in a scene."""
 
-    kind: str  # ``compartment``, ``species``, ``parameter``, ``stoichiometry`` or ``reaction``
+    kind: str  # kind of the quantity: ``compartment``, ``species``, ``parameter``, ...
     #: Parameter, mode or output of the scene that represents it, in the unit that formulas of the
     #: model use: the value of a species is an amount or a concentration.
     name: str
@@ -69,7 +69,7 @@ class SbmlModel(Generic[_Scene]):
     """A scene read from an SBML model, with the quantities of the model."""
 
     scene: _Scene
-    symbols: Mapping[str, SbmlSymbol]  # the model's quantities by identifier
+    symbols: Mapping[str, SbmlSymbol]  # quantities of the model by identifier
     #: Parameters of the scene by reaction and identifier of the local parameter.
     local: Mapping[tuple[str, str], str] = field(default_factory=dict)
     #: Quantities without a value in the model, whose value the caller gave.
@@ -403,7 +403,7 @@ class SceneWriter(Generic[_Scene]):
         return found
 
 
-_LARGEST_FILE = 50_000_000  # bytes; large networks of the literature have ten million
+_LARGEST_FILE = 50_000_000  # maximum file size, [byte]; large published networks have 10 MB
 
 
 def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:

@@ -310,7 +310,7 @@ def coupled_fields(
 
 #: Geometry for capacitances and leakage per area, which are not modelled.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
-_DEFAULT_SIZE = 1e-4  # m, the default of ngspice
+_DEFAULT_SIZE = 1e-4  # default length and width in ngspice, [m]
 
 
 def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:

@@ -25,8 +25,8 @@ class ModelParameter:
     """A parameter of a model."""
 
     default: float
-    field: str  # the component's field
-    area: str = ""  # operation with the area factor: ``*``, ``/`` or none
+    field: str  # field of the component
+    area: str = ""  # effect of the area factor on the value: ``*``, ``/`` or none
     unit: str = ""
 
 
@@ -156,7 +156,7 @@ class DeviceModel:
 
     letter: str  # letter of its elements
     component: str  # type of its edges
-    values: Mapping[str, Value]  # all parameters by name
+    values: Mapping[str, Value]  # values of the model's parameters by name
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:

@@ -29,9 +29,9 @@ _BETWEEN = re.compile(r"[\s(),]*")
 class Line:
     """A statement of a netlist."""
 
-    at: SourceLine  # its first line in the file
-    words: tuple[str, ...]  # its words as written
-    text: str = ""  # the whole statement, with joined continuation lines
+    at: SourceLine  # place in the file: first line of the statement
+    words: tuple[str, ...]  # words of the statement as written
+    text: str = ""  # text of the statement, with continuation lines joined
 
     @property
     def key(self) -> str:
@@ -136,7 +136,7 @@ def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, 
     return words[: max(at, 0)], words[max(at, 0) :]
 
 
-_LARGEST = 100_000  # statements
+_LARGEST = 100_000  # maximum number of statements
 _DEEPEST = 20  # maximum nesting of subcircuits
 
 #: Analyses and output statements, which are ignored.
@@ -194,12 +194,12 @@ class Circuit:
 class Netlist:
     """A netlist."""
 
-    circuit: Circuit  # the main circuit
+    circuit: Circuit  # main circuit of the netlist
     transient: Line | None = None  # statement ``.tran``
     held: list[Line] = field(default_factory=list)  # statements ``.ic``
     options: list[Line] = field(default_factory=list)  # statements ``.options`` and ``.temp``
     shared: list[str] = field(default_factory=list)  # nodes in ``.global``, in lower case
-    passed_over: list[str] = field(default_factory=list)  # ignored statements
+    passed_over: list[str] = field(default_factory=list)  # descriptions of ignored statements
 
 
 def parse_netlist(text: str, where: str) -> Netlist:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _MOST_ELEMENTS, _DEEPEST = 100_000, 20
-_ROOM_TEMPERATURE = 27.0  # degrees Celsius
+_ROOM_TEMPERATURE = 27.0  # default temperature of SPICE, [degC]
 
 
 def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:

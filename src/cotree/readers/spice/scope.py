@@ -31,8 +31,8 @@ class Sheet(Generic[_Scene]):
 
     def __init__(self, scene: _Scene, file: str) -> None:
         self.scene, self.file, self.times = scene, file, Times()
-        self.uses_initial = False  # whether ``uic`` starts the run at initial values
-        self.gmin = _GMIN  # conductance parallel to each junction, [S]
+        self.uses_initial = False  # whether ``uic`` is set: the run starts at given initial values
+        self.gmin = _GMIN  # conductance parallel to each p-n junction, [S]
         # An element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}

@@ -34,7 +34,7 @@ class Source:
     """Shape and fields of an independent source."""
 
     shape: str  # ``sine``, ``pulse`` or ``piecewise``; empty for a single value
-    fields: dict[str, Any]  # fields of the component; ``value`` is its voltage or current
+    fields: dict[str, Any]  # fields of the component; ``value`` is the voltage or current
     is_constant: bool = False  # whether the value is given, so that it may become a parameter
 
 

@@ -125,7 +125,7 @@ def _scaled(digits: str, letters: str) -> float:
     power = round(math.log10(_SUFFIXES[suffix])) if suffix != "mil" else 0
     if suffix == "mil" or "e" in digits.lower():
         return float(digits) * _SUFFIXES[suffix]
-    return float(f"{digits}e{power}")  # a single rounding: 1.1u is 1.1e-6
+    return float(f"{digits}e{power}")  # one conversion, hence one rounding: 1.1u is 1.1e-6
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Scope:
 
     #: Numbers or expressions, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
-    outer: Scope | None = None  # the enclosing scope
+    outer: Scope | None = None  # enclosing scope; None for the main circuit
     #: Functions of ``.func``, by name in lower case.
     functions: Mapping[str, UserFunction] = field(default_factory=dict)
     #: Notes about the file, stored in the outermost scope.

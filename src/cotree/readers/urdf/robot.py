@@ -232,8 +232,8 @@ class Inertial:
 
     #: Pose of the centre of mass, and axes of the moments, relative to the link.
     pose: Pose
-    mass: float  # [kg]
-    moments: tuple[float, ...]  # ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
+    mass: float  # mass of the link, [kg]
+    moments: tuple[float, ...]  # moments of inertia ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
 
 
 @dataclass(frozen=True)
@@ -262,14 +262,14 @@ class Joint:
     #: Name, and one of :data:`JOINT_TYPES`.
     name: str
     type: str
-    at: SourceLine  # its first line
+    at: SourceLine  # place in the file: first line of the element
     #: Names of its links.
     parent: str
     child: str
     pose: Pose  # pose of the child relative to the parent if the coordinate is zero
     axis: Vector  # direction in the child's axes
-    damping: float  # [N s/m] or [N m s/rad]
-    friction: float  # [N] or [N m]
+    damping: float  # viscous damping, [N s/m] or [N m s/rad]
+    friction: float  # dry friction, [N] or [N m]
     mimic: Mimic | None  # set if the coordinate follows that of another joint
 
 

@@ -70,8 +70,8 @@ def _cosine_and_sine(angle: float, snap: float) -> tuple[float, float]:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_STANDARD_GRAVITY = 9.81  # m/s^2, as in Pinocchio
-_FRICTION_SPEED = 0.01  # rad/s or m/s
+_STANDARD_GRAVITY = 9.81  # gravitational acceleration, [m/s^2], as in Pinocchio
+_FRICTION_SPEED = 0.01  # regularisation speed of dry friction, [rad/s] or [m/s]
 _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
 
@@ -79,7 +79,7 @@ _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 class UrdfOptions:
     """Options for reading a robot."""
 
-    base: str = "fixed"  # whether the root link is welded to the ground or free to move
+    base: str = "fixed"  # root link: ``fixed`` to the ground, or ``free`` to move
     #: Whether mimic joints follow other joints; otherwise they move independently.
     mimic: bool = True
     #: Angles of frames this close to a multiple of a quarter turn are rounded to it, [rad].
