@@ -41,15 +41,15 @@ typedef struct cotree_event {
     int n_prescribed;    /* the first targets, kept as set; later ones are speeds after an impact */
     int n_targets;
     const int *targets;  /* states that the event sets */
-    int branch;          /* of a kink: index of the branch that ends there */
-    int range;           /* index of the range; -1: the event function is linear */
+    int branch;          /* for a kink: index of the branch that ends there */
+    int range;           /* index of the range of the event function; -1: the function is linear */
 } cotree_event;
 
 /* The events of a model, and the data for the projection after them. */
 typedef struct cotree_hybrid {
     int n_events;     /* number of events; kinks of the rates are the last ones */
     int n_kinks;
-    int n_branches;   /* number of branches, the last prepared values, zero if not frozen */
+    int n_branches;   /* number of branches, the last prepared values, which are 0 if not frozen */
     int n_ranges;
     int n_quantities; /* number of arguments of the ranges */
     int n_jumps;      /* number of targets of all events */
@@ -74,17 +74,17 @@ typedef struct cotree_model {
     int n_prepared;
     int n_nonzeros; /* number of nonzeros of the Jacobian */
     int n_guards;
-    int n_constraints; /* including their time derivatives and the norms of quaternions */
-    int n_algebraic;   /* the last states; their rates are residuals */
+    int n_constraints; /* with time derivatives and norms of quaternions */
+    int n_algebraic;   /* number of the last states that are algebraic; their rates are residuals */
     const cotree_quantity *states;
     const cotree_quantity *parameters;
     const cotree_quantity *inputs;
     const cotree_quantity *outputs;
     const char *const *sensitivities;
-    const char *const *guards; /* the conditions on parameters, as sentences */
+    const char *const *guards; /* conditions on parameters, as sentences */
     const double *parameter_values;
-    const int *column_starts; /* n_states + 1: Jacobian in compressed columns */
-    const int *row_indices;   /* n_nonzeros */
+    const int *column_starts; /* n_states + 1: start of each column in row_indices */
+    const int *row_indices;   /* n_nonzeros: row of each entry of the Jacobian */
     /* The sensitivities that do not always vanish, compressed by parameters. */
     const int *sensitivity_starts; /* n_sensitivities + 1 */
     const int *sensitivity_rows;

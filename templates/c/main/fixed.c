@@ -63,7 +63,7 @@ static long step_of(long row, long n_points, long n)
 int main(int argc, char **argv)
 {
     static integrator d;
-    static cotree_arena arena; /* initially without memory */
+    static cotree_arena arena; /* static, so that it is initially empty */
     cotree_real steps;
     cotree_status status;
     long i, n, row = 0;

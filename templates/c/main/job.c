@@ -1,4 +1,4 @@
-static cotree_job job; /* initially all zero */
+static cotree_job job; /* static, so that it is initially zero */
 #if COTREE_MAIN_EVENTS
 #define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
 #endif
@@ -7,7 +7,7 @@ static cotree_job job; /* initially all zero */
 /* Print the times of events, with their sensitivities. */
 static void print_events(void)
 {
-    FILE *const to = job.n_wanted > 0 ? stderr : out; /* separate from the rows of values */
+    FILE *const to = job.n_wanted > 0 ? stderr : out; /* keeps messages out of the rows of values */
     static long counts[N_EVENTS];
     int i;
     for (i = 0; i < job.n_records; ++i) {
@@ -80,7 +80,7 @@ static int integrate(cotree_real t_end)
     job.n_corners = 2;
     job.corners = corners;
 #endif
-    if (job.n_wanted == 0) job.wanted = corners; /* unused */
+    if (job.n_wanted == 0) job.wanted = corners; /* not read, but must not be NULL */
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("there is no memory");
     while (result == COTREE_JOB_MORE) {

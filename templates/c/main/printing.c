@@ -18,7 +18,7 @@ static int refuse(const char *argument, const char *why)
 /* Compute states and sensitivities that satisfy all equations and keep the prescribed values. */
 static int find_start(void)
 {
-    static cotree_start_call call; /* initially all zero */
+    static cotree_start_call call; /* static, so that it is initially zero */
     int status;
     call.model = MODEL;
     call.tables = &start_tables;

@@ -269,7 +269,7 @@ static int take_steps(cotree_worker *w)
     cotree_job *const job = &w->job;
     long most = COTREE_BATCH_STEPS;
     int result, over;
-    job->records = w->records; /* may have been reallocated */
+    job->records = w->records; /* cotree_job may have reallocated the records */
     job->most_records = w->most_records;
     if (lacks_space(job)) return COTREE_BATCH_NO_SPACE;
     if (batch->max_steps > 0 && batch->max_steps - job->n_steps < most) {

@@ -82,7 +82,7 @@ typedef struct cotree_events {
     cotree_real *records; /* rows of COTREE_EVENTS_RECORD numbers; NULL: events are not recorded */
     int n_records;
     int event;                        /* index of the event that failed */
-    cotree_real failure_time, detail; /* time of the failure; detail: see cotree_events_status */
+    cotree_real failure_time, detail; /* time of the failure; detail of the status */
     int *has_fired;
     long n_evaluations; /* number of evaluations of the rates */
     /* The branches of piecewise functions frozen during a step: a separate copy of the last
@@ -123,10 +123,10 @@ typedef struct cotree_events {
     cotree_real *stack;              /* ends of the intervals that are still to be bisected */
     cotree_real *from_side;          /* sign of the function before its crossing */
     cotree_real *bracket_start;      /* the last time at which the function had that sign */
-    int *is_candidate, *is_excluded; /* 1: may cross zero in this step; 1: bounds exclude a zero */
+    int *is_candidate, *is_excluded; /* 1: may cross zero in this step; 1: bounds exclude zero */
 
     /* Arrays with one entry for each event function g. */
-    cotree_real *g;             /* values at the start of the step */
+    cotree_real *g;             /* values of the event functions at the start of the step */
     cotree_real *side;          /* sign of g: -1, 1, or 0 if unknown */
     cotree_real *value_scale;   /* largest |g| in the run so far */
     cotree_real *state_error;   /* steep kinks: error of g due to the tolerances of the states */
@@ -138,7 +138,7 @@ typedef struct cotree_events {
     cotree_real *root_time;
     cotree_real *event_times; /* ring buffer of the last COTREE_EVENT_CROWD times of each event */
     int *is_found, *is_near, *n_event_times;
-    int *is_continuous; /* of a jump: 1 if the rates on both sides agreed when last compared */
+    int *is_continuous; /* for a jump: 1 if the rates on both sides agreed when last compared */
 
     cotree_real *point, *other, *slope, *sum, *scratch, *narrowed; /* work space */
     cotree_real *both_sides; /* states and rates on both sides of a jump */
@@ -158,7 +158,7 @@ typedef struct cotree_events {
     cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
     cotree_real *saved_before;
     int kernel_status;        /* status of the last kernel evaluation */
-    cotree_real *zero_level;  /* of a force at its limit: |g| below this level counts as zero */
+    cotree_real *zero_level;  /* for a force at its limit: |g| below this level counts as zero */
     int *is_resticking;       /* 1: friction sticks again at the time at which its slip began */
     cotree_real *slide_start; /* time at which the slip began */
     cotree_real largest_rate; /* largest rate of a state in the last trial */
@@ -171,17 +171,17 @@ typedef struct cotree_events {
     cotree_real *gap_at_release; /* |gap| at the time at which the stop opened */
     cotree_real *closed_side;    /* 1 or -1: closed at the upper or lower limit; 0: open */
     cotree_real *gaps, *opening_speed, *later_acceleration;
-    cotree_real *largest_opening_speed, *largest_acceleration; /* in the run so far */
+    cotree_real *largest_opening_speed, *largest_acceleration; /* maxima in the run so far */
     cotree_real *speed_terms; /* magnitude of the terms whose sum is the gap rate, at the start */
     cotree_real *required_speed; /* gap rate that restitution requires after the impact */
     int n_contact_friction;
     int *contact_friction;   /* indices of contact friction among all friction constraints */
-    int *normal_stop;        /* of each friction constraint: its stop, or -1 if it is no contact */
+    int *normal_stop;        /* for each friction constraint: its stop, or -1 without contact */
     cotree_real *slip_speed; /* slip before the impact, two components for each contact */
     cotree_real *slip_sign;
     int n_discs; /* number of friction constraints on planes in space */
 #if COTREE_HAS_DISCS
-    int *disc;               /* of each friction constraint: index among those on planes, or -1 */
+    int *disc;               /* for each friction constraint: index among those on planes, or -1 */
     int *direction_states;   /* 2 n_discs: the states that store the directions of sliding */
     cotree_real *directions; /* 2 n_discs: directions of sliding in the present trial */
     cotree_real *saved_directions;

@@ -106,7 +106,7 @@ cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *
         const cotree_real impulse = e->samples[PLACE(k, CONTACT_FORCE)],
                           largest = largest_impulse(e);
         if (cotree_has_sticking_contact(e, k))
-            return COTREE_F(0.0); /* friction slides before the stop opens */
+            return COTREE_F(0.0); /* friction starts to slide before the stop opens */
         return impulse < -IMPULSE_RTOL * largest ? -impulse / largest : COTREE_F(0.0);
     }
     /* The gap rate must reach that of restitution. */

@@ -23,7 +23,7 @@
 #define FMU_CONTINUOUS 8
 #define FMU_STEP 16
 #define FMU_TERMINATED 32
-#define FMU_FAILED 64 /* after a discarded step of Co-Simulation, in FMI 2 */
+#define FMU_FAILED 64 /* FMI 2: status after a discarded step of Co-Simulation */
 #define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
 #define FMU_ANY (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING | FMU_TERMINATED | FMU_FAILED)
 #define FMU_SETTABLE (FMU_INSTANTIATED | FMU_INITIALIZATION | FMU_RUNNING)
@@ -65,8 +65,8 @@ typedef struct fmu_tables {
     int is_exchangeable; /* 1: offers Model Exchange */
     int is_implicit, is_strict, is_extended;
     int n_inputs;         /* number of inputs that the importer sets */
-    const int *inputs;    /* their indices among the model's inputs */
-    const double *values; /* their values until the importer sets them */
+    const int *inputs;    /* indices of these inputs in the model */
+    const double *values; /* values of these inputs until the importer sets them */
     const int *signals;   /* indices of the other inputs */
     const double *start;  /* states at the start, for the default parameters */
     int is_found;         /* 1: states without a prescribed initial value start from `start` */
@@ -83,7 +83,7 @@ typedef struct fmu_tables {
      * inputs of the importer, parameters and time (columns). */
     fmu_pattern partials;
     cotree_state_kernel find_partials;
-    fmu_pattern initial; /* derivatives of the initial states by the parameters */
+    fmu_pattern initial; /* derivatives of the initial states with respect to the parameters */
     cotree_parameter_kernel find_initial;
     fmu_pattern constraints; /* derivatives of the constraints, then of the conditions of the start,
                                 by all columns */

@@ -118,11 +118,11 @@ static int apply_events(fmu *m, fmu_event_info *news)
     int i, status;
     fmu_hold(m, 1);
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_restore(e, m->event_history); /* all zero before the first update */
+    cotree_events_restore(e, m->event_history); /* zero before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || cotree_is_breakpoint(&m->stops, t)) {
-        status = cotree_events_resume(e, t, w, NULL); /* speeds may have jumped */
+        status = cotree_events_resume(e, t, w, NULL); /* speeds may be discontinuous here */
     } else {
         status = cotree_events_apply_passed(e, t, w);
     }

@@ -54,7 +54,7 @@ enum fmu_number {
     FMU_BEGIN, /* start time */
     FMU_END,   /* stop time, or infinity */
     FMU_TOLERANCE,
-    FMU_LOW, /* times between which the rates have no kink */
+    FMU_LOW, /* interval in which the rates have no kink */
     FMU_HIGH,
     FMU_NEXT,       /* next time event, or infinity */
     FMU_IS_STARTED, /* 1: the states are those of the start for the present parameters */
@@ -80,9 +80,9 @@ struct fmu {
     const fmu_tables *tables;
     const cotree_model *model;
     fmu_importer importer;
-    int is_exchanged; /* 1: Model Exchange, 0: Co-Simulation */
+    int is_exchanged; /* interface type: 1 Model Exchange, 0 Co-Simulation */
     int returns_early;
-    int mode;             /* a copy of FMU_MODE in numbers */
+    int mode;             /* copy of numbers[FMU_MODE] */
     const char *function; /* name of the function called, for messages */
     /* may_discard: 1 if the present call may discard a value that cannot be computed, so that the
      * importer tries a smaller step. is_discarded: 1 if it did. */
@@ -95,9 +95,9 @@ struct fmu {
     size_t n_saved;
     double *saved;
     double *numbers;
-    double *z; /* states, then sensitivities */
+    double *z; /* values of the states, then of the sensitivities */
     double *p;
-    double *outside;    /* values of the inputs */
+    double *outside;    /* values of all inputs */
     double *own_values; /* initial values set by the importer */
     double *is_own;
 #if COTREE_HAS_ALGEBRAIC
@@ -139,7 +139,7 @@ struct fmu {
     double *atols;
 #if COTREE_HAS_BREAKPOINTS
     double *corners, *turn_tolerances;
-    size_t n_corners; /* allocated length of corners */
+    size_t n_corners; /* allocated length of the array corners */
 #else
     double corners[2];
 #endif
@@ -177,7 +177,7 @@ COTREE_PRIVATE int fmu_refresh(fmu *m, int what);
 COTREE_PRIVATE void fmu_invalidate(fmu *m);
 COTREE_PRIVATE int
 fmu_write_inputs(double t, double *u,
-                 void *context); /* writes the inputs that the importer has set */
+                 void *context); /* input function that writes the inputs set by the importer */
 
 /* Initialization. fmu_move_start computes the entries of a direction that are not prescribed from
  * those of states, inputs and parameters that are. */
@@ -190,7 +190,7 @@ COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
  * sets whether constraints are satisfied by projection, as they are while events are processed. */
 COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
 COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);
-COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop time, or the default */
-COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* processes the events at the start */
+COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop, or the default span */
+COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* process the events at the start of Co-Simulation */
 
 #endif

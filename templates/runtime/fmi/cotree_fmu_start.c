@@ -100,7 +100,7 @@ static int select_modes(fmu *m)
     const double t = m->numbers[FMU_NOW];
     int i, status;
     cotree_run_narrow(&m->run, t, m->z, m->work);
-    cotree_events_restore(e, m->event_history); /* removes the history of an earlier run */
+    cotree_events_restore(e, m->event_history); /* removes the event history of an earlier run */
     fmu_hold(m, 1);
     status = cotree_events_select_modes(e, t, m->work);
     fmu_hold(m, 0);

@@ -91,7 +91,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     set_up_events(m, job);
 #endif
     if (set_breakpoints(m, t, end, job) != 0) return 1;
-    job->wanted = job->corners; /* unused, since n_wanted is zero */
+    job->wanted = job->corners; /* not read, since n_wanted is zero, but must not be NULL */
     n_bytes = cotree_job_memory(job);
     if (n_bytes > m->n_job_memory) {
         free(m->job_memory);

@@ -61,12 +61,12 @@ typedef struct cotree_job {
     int n; /* number of integrated entries: without sensitivities that vanish or belong to algebraic
               unknowns */
     cotree_real rtol;
-    const cotree_real *atols; /* absolute tolerances of the n entries */
+    const cotree_real *atols; /* absolute tolerance of each of the n entries */
     cotree_real atol;         /* absolute tolerance of algebraic unknowns */
     cotree_real max_step;
     int n_corners; /* number of breakpoints: the start, time events, the end */
     const cotree_real *corners;
-    cotree_real scale; /* largest time in the computation of breakpoints, for their rounding */
+    cotree_real scale;                /* largest time used to compute breakpoints */
     int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
 #if COTREE_HAS_MOVING_CORNERS
     /* Derivatives of the breakpoint times by the parameters, one row each, and the largest
@@ -80,9 +80,9 @@ typedef struct cotree_job {
     int n_wanted;
     const cotree_real *wanted;
     cotree_real *times;  /* space for the number of steps plus one, or for n_wanted times */
-    cotree_real *values; /* one row for each time: all states and sensitivities */
+    cotree_real *values; /* one row for each stored time: all states and sensitivities */
     /* The present point. Before the first call, write z and set the other fields to zero. */
-    cotree_real *z; /* all states and sensitivities */
+    cotree_real *z; /* all states and sensitivities at the time t */
     cotree_real t;
     int corner; /* index of the last breakpoint passed */
     int is_begun;
@@ -107,7 +107,7 @@ typedef struct cotree_job {
     int most_records;
     int n_records;
     int most_events;          /* the job returns after this number of records; 0: no limit */
-    int event;                /* index of the event that ended the run, or failed */
+    int event;                /* index of the event that ended the run or failed */
     cotree_real event_time;   /* time at which the event failed */
     cotree_real event_detail; /* detail of the failure, see cotree_events_status */
     const int *has_fired;
@@ -116,7 +116,7 @@ typedef struct cotree_job {
      * is_changed: states or inputs may have changed there. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;   /* time span of the whole run if the job is part of it; 0: of the job */
+    cotree_real span;   /* time span of the whole run; 0: that of the job */
     cotree_real *own_k; /* copy of k with the branches frozen during a step; NULL: not needed */
 #endif
     void *memory; /* work space of cotree_job_memory() bytes */

@@ -22,11 +22,11 @@ typedef enum cotree_stretch {
 
 typedef struct cotree_singularity {
     cotree_assembly assembly;
-    cotree_stretch stretch, next; /* the present stretch, and the one that the last step requires */
+    cotree_stretch stretch, next; /* present stretch, and the one the last step requires */
     cotree_real end;              /* end time of the stretch */
     /* Lengths: longest ordinary steps, and the last short step at which constraints were tested. */
     cotree_real longest, longest_of_block, tested;
-    int n_ordinary, n_short; /* ordinary steps, and short steps since the last ordinary one */
+    int n_ordinary, n_short; /* ordinary steps; short steps since the last ordinary one */
     /* Tolerances of the job outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;

@@ -35,7 +35,7 @@ typedef struct cotree_engine {
 #if COTREE_HAS_CONSTRAINTS
     cotree_singularity *singularity; /* NULL: singular positions are not detected */
 #endif
-    cotree_real *w;     /* the present point, n entries */
+    cotree_real *w;     /* present point of the integration, n entries */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
     int is_running;     /* 1: the last step can be interpolated */
     int is_helped; /* 1: w has the algebraic unknowns after a breakpoint, computed by the helper */

@@ -29,7 +29,7 @@ typedef struct cotree_jumps {
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
     cotree_real *state_rates;
     cotree_real *before, *after; /* all states and sensitivities before and after the last event */
-    cotree_real *time_sensitivity; /* derivatives of the event time by the parameters */
+    cotree_real *time_sensitivity; /* derivatives of the event time by parameter */
     /* The rest is private. */
     cotree_real *value_slopes, *new_values;
     /* Work space for impacts. */
@@ -45,11 +45,11 @@ typedef struct cotree_impulse {
     int is_residual; /* 1: removes errors of speeds; impulse_states keep their values */
     int n_modes, stride;
     const int *places;        /* states of the modes: places[k * stride] for mode k */
-    const cotree_real *modes; /* the modes in the impact */
+    const cotree_real *modes; /* modes during the impact */
 #if COTREE_HAS_DISCS
     int n_directions; /* directions of sliding on planes in space */
     const int *direction_states;
-    const cotree_real *directions; /* the directions in the impact */
+    const cotree_real *directions; /* directions of sliding during the impact */
 #endif
     int n_edges, n_stops;      /* edges: stops, friction at their contacts, its second components */
     const int *impulse_states; /* states that are set to the change of speed */

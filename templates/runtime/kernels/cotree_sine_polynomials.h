@@ -16,7 +16,7 @@ SINE_QUALIFIERS void NAMED(cotree_reduced_sine)(const VECTOR *x, BITS *quarter, 
         6755399441055744.0; /* 1.5 * 2^52: adding this number rounds to an integer */
     VECTOR turns, k, whole, part, y, tail, z, w, half, near, low, high, sine;
     turns = *x * 6.36619772367581382433e-01 + rounder;
-    *quarter = (BITS)turns; /* only the last two bits are used */
+    *quarter = (BITS)turns; /* only the last two bits of the quarter number are used */
     k = turns - rounder;
     whole = *x - k * 1.57079632673412561417e+00;
     part = k * 6.07710050630396597660e-11;

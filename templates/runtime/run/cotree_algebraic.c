@@ -437,7 +437,7 @@ static void eliminate(cotree_run *run, cotree_real *matrix)
             }
         }
         if (is_zero) continue;
-        (void)cotree_solve_linearised(run, g, slope); /* -g_z^-1 g_x */
+        (void)cotree_solve_linearised(run, g, slope); /* derivatives of the unknowns, -g_z^-1 g_x */
         for (k = 0; k < N_ALGEBRAIC; ++k) {
             for (i = starts[N_RATES + k]; i < starts[N_RATES + k + 1]; ++i) {
                 if (rows[i] < N_RATES) matrix[rows[i] * N_RATES + j] += run->nonzeros[i] * slope[k];

@@ -31,8 +31,8 @@ typedef struct cotree_iteration {
     /* Move x from the last point with a new matrix by a fraction of its step. NULL: no damping;
      * then step itself moves x. */
     int (*move)(const struct cotree_iteration *a, cotree_real share);
-    void *context;     /* argument of the callbacks */
-    cotree_real t, *x; /* time and unknowns */
+    void *context;     /* argument that is passed to the callbacks */
+    cotree_real t, *x; /* time; unknowns, updated at each step */
     const cotree_newton_limits *limits;
     cotree_real size; /* size of the last step with a new matrix */
 } cotree_iteration;

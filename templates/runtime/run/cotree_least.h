@@ -17,13 +17,13 @@ COTREE_BEGIN_DECLS
 
 typedef struct cotree_least {
     int n_columns;
-    int n_rows, rank;     /* size and rank of the matrix factorised last */
-    int stride;           /* length of the rows of U and R, at least the largest number of rows */
-    cotree_real *rows;    /* stride rows of n_columns: the matrix, which is overwritten */
-    cotree_real *basis;   /* Q: rank rows of n_columns */
-    cotree_real *lower;   /* U: n_rows rows of stride */
-    cotree_real *upper;   /* R: rank rows of stride */
-    cotree_real *weights; /* stride numbers of work space */
+    int n_rows, rank;  /* size and rank of the matrix factorised last */
+    int stride;        /* length of the rows of U and R, at least the largest number of rows */
+    cotree_real *rows; /* the matrix, rows of n_columns numbers; overwritten by the factorisation */
+    cotree_real *basis;   /* Q: orthonormal rows of n_columns numbers, as many as the rank */
+    cotree_real *lower;   /* U: n_rows rows of stride numbers */
+    cotree_real *upper;   /* R: upper triangle, rank rows of stride numbers */
+    cotree_real *weights; /* work space of stride numbers */
 } cotree_least;
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena);

@@ -46,7 +46,7 @@ int cotree_lu_factorise(const cotree_lu *a)
             return 1;
         inverse = COTREE_F(1.0) / column[pivot];
         column[pivot] = column[j];
-        column[j] = inverse; /* the inverse pivot */
+        column[j] = inverse; /* the diagonal stores the inverse of the pivot */
         for (i = j + 1; i <= last; ++i) column[i] *= inverse;
         for (k = j + 1; k <= right; ++k) {
             cotree_real *const COTREE_RESTRICT other = a->first + k * a->stride;

@@ -11,12 +11,12 @@ typedef int MASK; /* result of a comparison */
 #define HOLDS 1
 #define NOT(mask) (!(mask))
 #define LANE(numbers, lane) (numbers)
-#define ALL(number) (number) /* a vector with this number in each lane */
+#define ALL(number) (number) /* vector with the number in each lane; here the number */
 #define ZERO COTREE_F(0.0)
 
 #define cotree_any(mask) (mask)
-#define cotree_either(mask, a, b) ((mask) ? (a) : (b)) /* selects between masks */
-#define cotree_choose(mask, a, b) ((mask) ? (a) : (b)) /* selects between numbers */
+#define cotree_either(mask, a, b) ((mask) ? (a) : (b)) /* selects one of two masks */
+#define cotree_choose(mask, a, b) ((mask) ? (a) : (b)) /* selects one of two numbers */
 #define cotree_fused(a, b, c) ((a) * (b) + (c))
 #define cotree_over(a, b) ((a) / (b))
 #define cotree_inverse(x) (COTREE_F(1.0) / (x))

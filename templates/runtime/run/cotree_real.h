@@ -22,46 +22,46 @@
 #define COTREE_HAS_INPUTS 1
 #endif
 #ifndef COTREE_HAS_ALGEBRAIC
-#define COTREE_HAS_ALGEBRAIC 1 /* algebraic unknowns */
+#define COTREE_HAS_ALGEBRAIC 1 /* the model has algebraic unknowns */
 #endif
 #ifndef COTREE_HAS_CONSTRAINTS
 #define COTREE_HAS_CONSTRAINTS 1
 #endif
 #ifndef COTREE_HAS_EVENTS
-#define COTREE_HAS_EVENTS 1 /* events, and kinks of rates at times that depend on states */
+#define COTREE_HAS_EVENTS 1 /* the model has events, or kinks at times that depend on states */
 #endif
 #ifndef COTREE_HAS_MODES
-#define COTREE_HAS_MODES 1 /* events of dry friction, loads and rigid stops */
+#define COTREE_HAS_MODES 1 /* the model has events of dry friction, loads or rigid stops */
 #endif
 #ifndef COTREE_HAS_DISCS
-#define COTREE_HAS_DISCS 1 /* friction on planes in space */
+#define COTREE_HAS_DISCS 1 /* the model has friction on planes in space */
 #endif
 #ifndef COTREE_HAS_MOVING_CORNERS
-#define COTREE_HAS_MOVING_CORNERS 1 /* time events that depend on parameters of sensitivity */
+#define COTREE_HAS_MOVING_CORNERS 1 /* time events depend on parameters of sensitivity */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
-#define COTREE_HAS_IMPLICIT 1 /* an implicit method */
+#define COTREE_HAS_IMPLICIT 1 /* an implicit method is compiled */
 #endif
 #ifndef COTREE_HAS_HELPER
-#define COTREE_HAS_HELPER 1 /* solvers provided by the caller, used if iterations fail */
+#define COTREE_HAS_HELPER 1 /* the caller may provide a solver, used if iterations fail */
 #endif
 #ifndef COTREE_HAS_MENDING
 #define COTREE_HAS_MENDING 1 /* prescribed initial values may change to satisfy constraints */
 #endif
 #ifndef COTREE_HAS_SUNDIALS
-#define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS */
+#define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS are used */
 #endif
 #ifndef COTREE_HAS_START
-#define COTREE_HAS_START 1 /* FMU: conditions at the start (constraints, modes) */
+#define COTREE_HAS_START 1 /* FMU: the start must satisfy conditions (constraints, modes) */
 #endif
 #ifndef COTREE_HAS_BREAKPOINTS
-#define COTREE_HAS_BREAKPOINTS 1 /* FMU: time events, or upper bounds of steps */
+#define COTREE_HAS_BREAKPOINTS 1 /* FMU: the model has time events, or upper bounds of steps */
 #endif
 #ifndef COTREE_HAS_EXCHANGE
-#define COTREE_HAS_EXCHANGE 1 /* FMU: Model Exchange */
+#define COTREE_HAS_EXCHANGE 1 /* FMU: offers Model Exchange */
 #endif
 #ifndef COTREE_HAS_STEPS
-#define COTREE_HAS_STEPS 1 /* FMU: Co-Simulation */
+#define COTREE_HAS_STEPS 1 /* FMU: offers Co-Simulation */
 #endif
 
 /* COTREE_F(x): a literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b

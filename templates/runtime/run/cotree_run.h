@@ -102,9 +102,9 @@ typedef struct cotree_run {
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: w contains algebraic unknowns */
     int is_solving;  /* 1: unknowns are solved for at each point, even if w contains them */
-    int n_far;       /* counts points far from the algebraic solution, minus the other points */
+    int n_far; /* number of points far from the algebraic solution, minus that of other points */
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
-    cotree_real bend; /* last correction divided by the radius of near-linearity of the equations */
+    cotree_real bend;         /* last correction over the radius of near-linearity */
     cotree_real *newton, *found, *times;
     cotree_lu matrix; /* matrix of the algebraic equations */
     int n_found;
@@ -123,7 +123,7 @@ typedef struct cotree_run {
 typedef struct cotree_corner_sensitivity {
     cotree_real *w, *left, *right,
         *work; /* run->n numbers each: a point, the rates before and after the event, work */
-    const cotree_real *slopes;     /* t_p: derivatives of the event time by the parameters */
+    const cotree_real *slopes;     /* derivatives of the event time by parameter */
     const cotree_real *spreads;    /* largest difference of slopes among coinciding events */
     const cotree_real *tolerances; /* absolute tolerances of the sensitivities to each parameter */
     cotree_real rtol;              /* relative tolerance of the sensitivities */

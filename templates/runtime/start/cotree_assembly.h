@@ -35,16 +35,15 @@ typedef struct cotree_assembly {
     int column;         /* index of the sensitivity that is undefined */
     /* The rest is private. */
     int n_own, *places, *is_free;
-    int level; /* 0: coordinates, 1: speeds */
-    cotree_real left,
-        smallest; /* largest residual at the present point, and the smallest value of it so far */
+    int level;                  /* level of the present assembly: 0 coordinates, 1 speeds */
+    cotree_real left, smallest; /* largest residual at the present point; its minimum so far */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
     cotree_real *values, *step, *change, *best, *trial, *aside, *parts;
     cotree_real longest; /* norm of the longest gradient factorised last */
     cotree_least least;
 #if COTREE_HAS_MENDING
     /* Prescribed values that may change if the constraints cannot be satisfied otherwise. */
-    cotree_start_report *report; /* NULL: prescribed values may not change */
+    cotree_start_report *report; /* reports changes; NULL: prescribed values may not change */
     int is_mended[2];            /* 1: prescribed values of this level have changed */
     int is_probe;                /* 1: evaluates a point next to the start, without a report */
     int has_way, n_chosen;

@@ -131,7 +131,7 @@ int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
     if (status == 0) status = find_smallest(a, t, x, &here);
-    if (here > NEARLY) return 0; /* all singular values are at most 1 */
+    if (here > NEARLY) return 0; /* no singular value exceeds 1 */
     if (status == 0) status = find_weakest(a, t, x, &weakest);
     return status != 0 || here <= weakest;
 }

@@ -157,7 +157,7 @@ static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned
             cotree_real *const move = move_of(a, i);
             cotree_real sum = COTREE_F(0.0);
             if (!is_of(a, i, value)) continue;
-            for (k = 0; k < 2 * *n_spanned; ++k) { /* twice, as in cotree_least.c */
+            for (k = 0; k < 2 * *n_spanned; ++k) { /* orthogonalises twice, see cotree_least.c */
                 const cotree_real *const q = a->spanned + k % *n_spanned * a->n_own;
                 cotree_real along = COTREE_F(0.0);
                 for (r = 0; r < a->n_own; ++r) along += q[r] * move[r];
@@ -311,7 +311,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
             has_way = choose(a, level, -1);
-        } else { /* no prescribed value changes, and all conditions hold */
+        } else { /* all conditions hold without a change of prescribed values */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
                 has_way = has_way || a->is_giving[i];
@@ -381,7 +381,7 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     if (seed >= 0 && !is_left) report_following(a, column, allowed);
     keep_all(a);
     cotree_assembly_list_rows(a, level, has_conditions);
-    cotree_assembly_factorise(a, &largest); /* restores the factors for other sensitivities */
+    cotree_assembly_factorise(a, &largest); /* restores the factors */
     return is_left;
 }
 #endif

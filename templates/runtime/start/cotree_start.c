@@ -232,7 +232,7 @@ static int is_agreed(const cotree_start *start, int row, const cotree_real *valu
     int i;
     for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
         const int state = tables->redundant_states[i];
-        if (start->is_set[state]) return 1; /* redundant values follow a value set for the run */
+        if (start->is_set[state]) return 1; /* not compared with values set for the run */
         size = COTREE_FMAX(size, COTREE_FABS(parameter * x[state]));
     }
     return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;

@@ -16,12 +16,12 @@
 COTREE_BEGIN_DECLS
 
 /* Statuses in addition to those of kernels. Each comment states what culprit and column are. */
-#define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: a row of the assembly */
-#define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* also column: the sensitivity */
-#define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
-#define COTREE_START_UNSOLVED 104  /* the algebraic equations have no solution */
-#define COTREE_START_REVERSED 105  /* culprit: an event whose jump reverses its own condition */
-#define COTREE_START_UNDEFINED 106 /* culprit: a state without a finite value */
+#define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: the violated row */
+#define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* culprit: a row; column: a sensitivity */
+#define COTREE_START_CONTRADICTED 103 /* culprit: a redundant value that disagrees */
+#define COTREE_START_UNSOLVED 104     /* the algebraic equations have no solution */
+#define COTREE_START_REVERSED 105     /* culprit: an event whose jump reverses its own condition */
+#define COTREE_START_UNDEFINED 106    /* culprit: a state without a finite value */
 #define COTREE_START_NO_MEMORY 107
 #define COTREE_START_ON_JUMP 109      /* culprit: an event whose jump depends on a parameter */
 #define COTREE_START_UNDETERMINED 108 /* the algebraic equations do not determine all unknowns */
@@ -36,7 +36,7 @@ typedef struct cotree_start_call {
     int n_replaced; /* inputs that replace the model's, except in constraints */
     const cotree_table_input *replaced;
 #endif
-    const cotree_real *guess, *initial; /* see cotree_start */
+    const cotree_real *guess, *initial; /* as the fields of cotree_start */
     int n_set;
     const int *set;
     const cotree_real *values;
@@ -46,7 +46,7 @@ typedef struct cotree_start_call {
     int is_chosen;
     int is_dependent; /* 1: constraints are (nearly) dependent at the start */
 #if COTREE_HAS_MENDING
-    cotree_start_report *report; /* NULL: prescribed values may not change */
+    cotree_start_report *report; /* reports changes; NULL: prescribed values may not change */
     /* Results: 1 for redundant values, then for their derivatives by each parameter, that
      * contradict the states; or NULL. */
     int *contradictions;
@@ -70,7 +70,7 @@ typedef struct cotree_start {
     const cotree_real *initial;
     /* Initial values that replace the model's; by default none. */
     int n_set;
-    const int *set;            /* n_set state indices */
+    const int *set;            /* n_set indices of states whose initial values are set */
     const cotree_real *values; /* n_set initial values */
     int culprit, column;       /* cause of a failure; -1: unknown */
     int is_chosen;             /* 1: the projection is ambiguous; one of several was chosen */
@@ -78,7 +78,7 @@ typedef struct cotree_start {
     int is_trusted; /* 1: unknowns are assumed to be determined */
 #endif
 #if COTREE_HAS_MENDING
-    int *contradictions; /* as of a call */
+    int *contradictions; /* as in cotree_start_call */
 #endif
     cotree_assembly assembly;
     /* The rest is private. */

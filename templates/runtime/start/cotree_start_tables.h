@@ -28,7 +28,7 @@ typedef struct cotree_assembly_tables {
 typedef struct cotree_start_tables {
     const cotree_assembly_tables *assembly; /* NULL: no constraints and no conditions */
     const int *given; /* n_states: 1 if the model prescribes the initial value of the state */
-    const int *seeds; /* n_sensitivities: parameter i, or -1 - i for the initial value of state i */
+    const int *seeds; /* n_sensitivities: parameter i as i, initial value of state i as -1 - i */
     /* States of storage elements, each of which is computed from an algebraic unknown. */
     int n_contents;
     const int *contents; /* n_contents states, then as many algebraic unknowns */
@@ -37,7 +37,7 @@ typedef struct cotree_start_tables {
     int n_redundant;
     const cotree_quantity *redundant;
     const int *redundant_starts; /* n_redundant + 1 offsets into redundant_states */
-    const int *redundant_states; /* the states that determine each redundant value */
+    const int *redundant_states; /* indices of the states that determine each redundant value */
 } cotree_start_tables;
 
 /* Report on prescribed values that had to change to satisfy the constraints. The prescribed values
@@ -46,9 +46,9 @@ typedef struct cotree_start_report {
     const int *ranks; /* for each value: the highest rank changes first; 0 changes last */
     /* Results. */
     int is_moved;       /* 1: a value changed noticeably, or its change depends on a parameter */
-    int level, column;  /* of a failure: 0 coordinates, 1 speeds; index of the sensitivity */
+    int level, column;  /* after a failure: 0 coordinates, 1 speeds; index of the sensitivity */
     cotree_real length; /* characteristic length of the mechanism, [m] */
-    cotree_real *before, *after; /* n_states: as prescribed, and after the projection */
+    cotree_real *before, *after; /* n_states: values as prescribed, and after the projection */
     /* Dimensionless changes of the prescribed states, then of all rows. */
     cotree_real *changes;
     cotree_real *left; /* dimensionless residuals of all rows after a failure */

@@ -214,7 +214,7 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
     for (j = 0; j < n; ++j) {
         for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
             if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX))
-                return 1; /* assume full rank: it cannot be determined */
+                return 1; /* full rank is assumed, since the rank cannot be determined */
             if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
         }
     }

@@ -182,7 +182,7 @@ static int status_of(cotree_job *job, int flag)
     job->flag = flag;
 #if !COTREE_IDA
     if (flag == NO_CONVERGENCE && (job->kernel_status > 0 || job->entry >= 0 || job->row >= 0)) {
-        return COTREE_RATE_FAILED; /* with any step size */
+        return COTREE_RATE_FAILED; /* the rates fail with any step size */
     }
 #endif
     switch (flag) {
@@ -268,7 +268,7 @@ static int make_parts(cotree_job *job)
     const cotree_sundials *const s = c->sundials;
     int i;
     if (s->SUNContext_Create(0, &c->context) != 0) return COTREE_NO_MEMORY;
-    s->SUNContext_ClearErrHandlers(c->context); /* the default handlers print */
+    s->SUNContext_ClearErrHandlers(c->context); /* the default handlers print messages */
     for (i = 0; i < N_HANDLES; ++i) {
         c->handles[i] = s->N_VMake_Serial(VECTOR(job), vector_of(job, i), c->context);
         if (c->handles[i] == NULL) return COTREE_NO_MEMORY;
@@ -286,7 +286,7 @@ static void close(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     int i;
-    if (c == NULL) return; /* never opened */
+    if (c == NULL) return; /* the structure was never opened */
     if (c->integrator != NULL) c->sundials->OF(Free)(&c->integrator);
     if (c->solver != NULL) c->sundials->SUNNonlinSolFreeEmpty(c->solver);
 #if COTREE_SENSITIVITIES

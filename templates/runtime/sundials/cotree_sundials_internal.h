@@ -133,7 +133,7 @@ static inline cotree_bdf *bdf_of(const cotree_job *job)
 static inline size_t entries_of_jacobian(const cotree_model *model)
 {
     const int n = BLOCK(model);
-    const int is_dense_one = n < model->n_states; /* algebraic unknowns are eliminated */
+    const int is_dense_one = n < model->n_states; /* without algebraic unknowns */
     return is_dense_one ? (size_t)n * (size_t)n : (size_t)model->n_nonzeros;
 }
 
@@ -217,7 +217,7 @@ typedef struct cotree_system {
     double t;
     const double *start;
     const double *slopes;
-    double factor; /* coefficient of the slopes */
+    double factor; /* coefficient of slopes in the equations above */
     cotree_shares shares;
 } cotree_system;
 

@@ -375,7 +375,7 @@ COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const co
         sum += share * share;
     }
     if (sum <= COTREE_MAX_PROJECTION * COTREE_MAX_PROJECTION * n) return 0;
-    run->correction = known; /* the step is rejected */
+    run->correction = known; /* keeps the old value, since the step is rejected */
     return NOT_CONVERGED;
 }
 
@@ -411,7 +411,7 @@ static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
     const int n = length_of(job, solved_of(job));
     int i, status;
     cotree_run_narrow(run, job->t, cotree_engine_of(job)->w,
-                      w); /* guesses from the present point */
+                      w); /* guesses for the unknowns from the present point */
     for (i = 0; i < run->n_rates; ++i) w[i] = s->start[i];
     if (cotree_run_complete(run, s->t, w) != 0) return NOT_CONVERGED;
     cotree_bdf_set_zero(e, n);
@@ -458,7 +458,7 @@ COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system 
 static int solver_type(void *solver)
 {
     (void)solver;
-    return 0; /* type of a root-finding solver */
+    return 0; /* SUNNONLINEARSOLVER_ROOTFIND */
 }
 
 static int solver_take_system(void *solver, void *system)
