@@ -163,7 +163,7 @@ def test_loops_through_networks_are_solved():
         (
             "A.ax",
             None,
-            "accelerations and reactions can be used in fields of dry friction on joints only",
+            "reactions can be used in fields of friction and dampers on joints only",
         ),
         ("__import__('os')", None, "not a known function"),
         ("t", {"k": 1.0}, "no tunable parameter 'k'"),

@@ -64,7 +64,8 @@ class Touch:
 
     spot: int  # index of the contact point, from 0 on
     #: ``gap``; ``slip1`` or ``slip2``: one of two perpendicular directions of slip; ``part1`` to
-    #: ``part3``: the part of an axis that is tangential to a ball.
+    #: ``part3``: the part of an axis that is tangential to a ball; ``spin1`` to ``spin3``: an axis
+    #: of the first node of a spherical joint.
     quantity: str
 
 

@@ -44,6 +44,7 @@ from cotree.formulation.system import System, bind
 from cotree.formulation.through import Balance, Loads, balance, loads_of, mass_matrix
 from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
+from cotree.scene.ball_joints import with_ball_joints
 from cotree.scene.events import Event, ModePart
 from cotree.scene.expressions import entries
 from cotree.scene.graphs import Trees, motion_spaces
@@ -233,7 +234,7 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
-    whole = with_stops(with_friction(scene))
+    whole = with_stops(with_friction(with_ball_joints(scene)))
     scene = whole.mechanics
     # Bodies in the tree start at positions given by the joints, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
@@ -360,7 +361,7 @@ def _measured(
             raise ExpressionError(
                 f"{_place(name, scene)} uses '{name}', which is not a coordinate, "
                 "position, velocity or orientation of this scene; accelerations and reactions can "
-                "be used in fields of dry friction on joints only"
+                "be used in fields of friction and dampers on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
     # Reactions include the forces of friction, which are represented by symbols.

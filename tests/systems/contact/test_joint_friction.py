@@ -179,7 +179,9 @@ def test_a_closed_chain_whose_crank_rubs_with_its_load():
 def test_reactions_in_other_fields_are_refused_with_where_they_may_be():
     scene = pendulum("c*load", c=0.1)
     scene.edge("T", "torque_source", joint="h", torque="0.1*load")
-    with pytest.raises(ExpressionError, match=r"'h.fx'.*in fields of dry friction on joints only"):
+    with pytest.raises(
+        ExpressionError, match=r"'h.fx'.*in fields of friction and dampers on joints only"
+    ):
         scene.compile()
     scene = pendulum("c*h.fq", c=0.1)
     with pytest.raises(ExpressionError, match="edge 'h' has no variable 'fq'"):

@@ -10,11 +10,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
+from cotree.dag import vector
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.contact import touching
 from cotree.formulation.laws import Applied, JointElement, joint_measure
-from cotree.formulation.measures import Distance, Ends, Pull
+from cotree.formulation.measures import (
+    Distance,
+    Ends,
+    Pull,
+    Spin,
+    carried_by,
+    chord_ends,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -61,9 +69,14 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
 
 
 def _measure(port: Port, motion: Motion) -> Measure:
-    if port.terminal.touch is not None:
+    touch = port.terminal.touch
+    if touch is not None and touch.quantity.startswith("spin"):
+        ends = chord_ends(motion, motion.system.edges[port.ends.acts_on[0]])
+        axis = vector.identity(motion.system.dag)[int(touch.quantity[-1]) - 1]
+        return Spin(ends, carried_by(motion, ends, 0, axis))
+    if touch is not None:
         _check_nodes(port, motion)
-        return touching(motion, motion.system.edges[port.edge.name], port.terminal.touch)
+        return touching(motion, motion.system.edges[port.edge.name], touch)
     # Two nodes: the port acts along the line between them.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)

@@ -73,8 +73,8 @@ class Network:
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
     #: Fields whose rates jump at unknown times, and the symbols on which these times depend.
     corners: Mapping[str, frozenset[Node]]
-    #: Symbols of the mechanism that only fields of dry friction on it use. They may be reactions,
-    #: since the friction force is an unknown together with the accelerations.
+    #: Symbols of the mechanism that only fields of friction and dampers on it use. They may be
+    #: reactions, since such a field is an unknown together with the accelerations.
     of_friction: frozenset[Node]
     names: Names  # names of the network's variables in the scene
     holding: tuple[Holding, ...]  # friction and stops on the mechanism that have multipliers
@@ -351,7 +351,7 @@ class Attached:
     #: Derivatives of through variables by accelerations, by index of the acceleration: inertia of
     #: storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
-    #: Names that only fields of dry friction on the mechanism use; they may be reactions.
+    #: Names that only fields of friction and dampers on the mechanism use; they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property

@@ -73,14 +73,17 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
-    """List the symbols of the mechanism that only fields of dry friction on it use."""
-    frictional = {
-        port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
-    }
+    """List the symbols of the mechanism that only fields of friction and dampers on it use."""
+    frictional = _edges(ports, Kind.FRICTION, Kind.DISSIPATOR)
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
         used[edge in frictional].update(s for s in symbols_in([node]) if s.data[0] == MEASURED)
     return frozenset(used[True] - used[False])
+
+
+def _edges(ports: Mapping[str, Port], *kinds: Kind) -> set[str]:
+    """Return the edges with ports of some kinds on the mechanism."""
+    return {port.edge.name for port in ports.values() if port.kind in kinds and port.is_coupling}
 
 
 _HOLDS = {Kind.FRICTION: "sticks", Kind.STOP: "holds at its limits"}
@@ -116,15 +119,19 @@ def reacting_fields(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> frozenset[tuple[str, str]]:
-    """List the fields of holding ports that name forces or accelerations.
+    """List the fields of holding ports and of dampers that name forces or accelerations.
 
-    ``measured`` are symbols of variables of networks in fields; ``is_motion`` returns whether a
-    symbol of the mechanism is a position or a velocity.
+    Fields of dampers may use forces of networks as other fields do. ``measured`` are symbols of
+    variables of networks in fields; ``is_motion`` returns whether a symbol of the mechanism is a
+    position or a velocity.
     """
     edges = {ports[name].edge.name for name in holding}
+    dampers = _edges(ports, Kind.DISSIPATOR)
 
-    def is_reacting(symbol: Node) -> bool:
+    def is_reacting(edge: str, symbol: Node) -> bool:
         if symbol in measured:
+            if edge in dampers:
+                return False
             quantity, name = measured[symbol]
             return not (quantity in ("across", "stretch") and ports[name].is_coupling)
         return symbol.data[0] == MEASURED and not is_motion(symbol)
@@ -132,7 +139,8 @@ def reacting_fields(
     return frozenset(
         key
         for key, node in fields.items()
-        if key[0] in edges and any(is_reacting(symbol) for symbol in symbols_in([node]))
+        if key[0] in edges | dampers
+        and any(is_reacting(key[0], symbol) for symbol in symbols_in([node]))
     )
 
 

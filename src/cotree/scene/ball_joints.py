@@ -1,0 +1,73 @@
+"""Dampers and smooth friction on spherical joints.
+
+A spherical joint has no angle. A component with the law f(w) of an angular velocity acts on it with
+the torque f(|w|) w/|w|, whose components along the axes of the first node have a port each.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cotree.components import Kind
+from cotree.components.law import Law, law_symbol
+from cotree.components.terminal import Touch
+from cotree.scene.networks import scalar_ports
+
+if TYPE_CHECKING:
+    from cotree.components.terminal import Terminal
+    from cotree.scene.description import SceneDescription
+
+    _Scene = TypeVar("_Scene", bound=SceneDescription)
+
+#: Added to the magnitude of an angular velocity, whose slope is infinite at zero, [rad/s].
+_SLOWEST = 1e-8
+
+_NAMES = ("turn1", "turn2", "turn3")
+
+
+def with_ball_joints(scene: _Scene) -> _Scene:
+    """Replace the ports of dampers on spherical joints by three each."""
+    made = scene
+    for port in scalar_ports(scene).values():
+        joint = scene.edges.get(port.ends.acts_on[0]) if len(port.ends.acts_on) == 1 else None
+        if joint is None or joint.component.name != "spherical":
+            continue
+        edge, is_damper = port.edge, port.kind is Kind.DISSIPATOR
+        if not is_damper or port.terminal.domain != "rotational" or len(edge.ports) > 1:
+            continue
+        if made is scene:
+            made = copy.copy(scene)
+            made.edges = dict(scene.edges)
+        component = replace(edge.component, ports=_turns(port.terminal))
+        ports = (edge.ports[0],) * len(_NAMES)
+        made.edges[edge.name] = replace(edge, component=component, ports=ports)
+    return made
+
+
+def _turns(terminal: Terminal) -> tuple[Terminal, ...]:
+    """Make the ports of the components of the torque."""
+
+    def law_of(name: str) -> Law:
+        return Law.formed_by(lambda: component(name))
+
+    def component(name: str) -> Any:
+        import sympy
+
+        assert terminal.through is not None
+        squares = sum(law_symbol(f"across_{other}") ** 2 for other in _NAMES)
+        speed = sympy.sqrt(squares + _SLOWEST**2)
+        law = terminal.through.expression.subs(law_symbol("across"), speed)
+        return sympy.expand(law / speed) * law_symbol(f"across_{name}")
+
+    return tuple(
+        replace(
+            terminal,
+            port=name,
+            through=law_of(name),
+            is_passive=False,
+            touch=Touch(0, f"spin{i + 1}"),
+        )
+        for i, name in enumerate(_NAMES)
+    )
