@@ -199,10 +199,10 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     trees = trees_to_try(scene, None)
     try:
         alternatives = choose_first_graph(scene, trees, ())[1]
-    except Error:
+    except (Error, ArithmeticError):  # also a constant beyond the range of doubles
         return ()
     for pair in separate_trees(scene.mechanics):
-        with suppress(Error):
+        with suppress(Error, ArithmeticError):
             alternatives += choose_first_graph(scene, [pair], ())[1]
     cheapest: dict[str, Alternative] = {}
     for row in alternatives:

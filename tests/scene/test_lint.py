@@ -284,3 +284,10 @@ def test_check_lists_findings(tmp_path):
     shown = CliRunner().invoke(app, ["check", str(file), "-s", "R", "--t-end", "0.1"])
     assert "[unused-parameter:spare]" in shown.output
     assert shown.exit_code == 0
+
+
+def test_an_unknown_name_in_an_inertia_is_reported():
+    scene = cotree.Scene("arm")
+    scene.revolute("h", "ground", "A", axis=[0, 0, 1])
+    scene.rigid_body("b", "ground", "A", mass=1.0, inertia=["q", 1.0, 1.0])
+    assert [row.rule for row in scene.lint() if "'q'" in row.message] == ["refused"]

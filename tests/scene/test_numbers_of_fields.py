@@ -118,6 +118,7 @@ def test_the_edge_and_the_field_are_named(type, fields, culprit):
             scene.edge("B", "rigid_body", "ground", "b", mass=1.0)
         if type == "damper":
             scene.edge("j", "prismatic", "ground", "b", axis=[1, 0, 0])
+        scene.graph()  # has no equations, whose constants overflow
         evaluate(scene)
 
     assert culprit in run_or_refuse(act, type)
