@@ -27,7 +27,7 @@ from cotree.model.start import Start, scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.pipeline import text_of
-from cotree.solvers.problem import HeldConstraints, ModelEvents
+from cotree.solvers.problem import HeldConstraints
 from cotree.tolerances import RANK, loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
@@ -222,15 +222,3 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "
             f"{integrator} cannot hold: take dopri5, rkf45 or dop853"
         )
-
-
-def check_start(evaluated: Evaluated, start: Start | None) -> None:
-    """Raise SolveError for sensitivities if an expression jumps exactly at the start."""
-    layout = evaluated.program.layout
-    is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
-    # Otherwise the start may be at a jump.
-    if start is None or is_apart or not evaluated.is_possible:
-        return
-    model = evaluated.model
-    events = ModelEvents(model, model.default_parameters, lambda t: None)
-    events.check_start(0.0, start.z)

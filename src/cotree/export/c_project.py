@@ -31,7 +31,7 @@ from cotree.codegen.tableaus import FIXED, FixedStep, RosenbrockTableau, Tableau
 from cotree.codegen.targets import BY_REAL, DOUBLE, Target
 from cotree.dag.nodes import Node, symbols_in
 from cotree.dag.switching_times import value_of
-from cotree.errors import CodegenError, nearest
+from cotree.errors import CodegenError, SolveError, nearest
 from cotree.export.c_checks import (
     Evaluated,
     check_loops,
@@ -39,7 +39,6 @@ from cotree.export.c_checks import (
     check_numbers,
     check_prefix,
     check_range,
-    check_start,
     check_step,
 )
 from cotree.files import target_path
@@ -379,7 +378,8 @@ def write_c_project(
     if implicit:
         check_loops(program, implicit[0], is_dependent)
     found = evaluated.found_start() if start is None else start
-    check_start(evaluated, found)
+    if found is not None and found.on_jump:
+        raise SolveError(found.on_jump)
     numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
     sizes = [] if found is None else evaluated.sizes(found)
     main = main_context(

@@ -52,6 +52,8 @@ class Start:
         A sentence on the given values that change with a parameter; empty if none does.
     is_mended : bool
         Whether given values had to change.
+    on_jump : str
+        Why no sensitivities exist if an expression jumps exactly at the start; else empty.
     """
 
     y: Array
@@ -59,6 +61,7 @@ class Start:
     is_chosen: bool = False
     note: str = ""
     is_mended: bool = False
+    on_jump: str = ""
 
     @cached_property
     def z(self) -> Array:

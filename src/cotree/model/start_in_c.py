@@ -68,7 +68,8 @@ _REVERSED = 105
 #: All states are found; but redundant values may contradict each other, a value may not be finite,
 #: or the start may be at a jump whose time depends on a parameter.
 _REDUNDANT = 103
-_COMPLETE = (0, _REDUNDANT, 106, 109)
+_ON_JUMP = 109
+_COMPLETE = (0, _REDUNDANT, 106, _ON_JUMP)
 
 #: Kernels of a start that may solve linear systems.
 _LINEAR = (
@@ -273,11 +274,21 @@ class StartCall(CObjects):
             self.fail(status)
         if status == _REDUNDANT:
             raise contradiction(at, y, s, self._contradictions > 0)
+        on_jump = self._jump_at_start() if status == _ON_JUMP else ""
         if report is None:
-            return Start(y, s, bool(c.is_chosen))
+            return Start(y, s, bool(c.is_chosen), on_jump=on_jump)
         note = report.note(is_warning=not self._initial)
         report.warn()
-        return Start(y, s, bool(c.is_chosen), note, report.is_mended)
+        return Start(y, s, bool(c.is_chosen), note, report.is_mended, on_jump)
+
+    def _jump_at_start(self) -> str:
+        """Return why there are no sensitivities: an expression jumps exactly at the start."""
+        name, by = self._ffi.string(self.c.culprit), self._at.model.sensitivities[self.c.column]
+        return (
+            f"'{name.decode()}' occurs exactly at the start, t = {self._at.t:.6g}, and '{by}' "
+            "moves the start to either side of it: there is no derivative; start away from the "
+            "jump, or compile without this sensitivity"
+        )
 
     def fail(self, status: int) -> NoReturn:
         """Raise the error of a status."""

@@ -349,10 +349,9 @@ class Preparation:
             values |= self._corners(p, signals)
         if self._size_of:
             values["scales"] = self._scales(p)
-        problem = filled(Problem, values)
-        if problem.events is not None:
-            problem.events.check_start(t_span[0], z0)
-        return problem
+        if start.on_jump:
+            raise SolveError(start.on_jump)
+        return filled(Problem, values)
 
     def projection(self, p: FloatArray) -> HeldConstraints | None:
         """Return the constraints of a run; None if there are none."""

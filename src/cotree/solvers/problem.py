@@ -412,10 +412,6 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     )
 
 
-# Rates on both sides of a jump are equal if their relative difference is below this.
-_SAME_RATE = 1e-12
-
-
 # A contact jams if friction increases its normal force by more than this factor.
 _JAMMED = 100.0
 
@@ -447,26 +443,6 @@ class ModelEvents:
     def values(self, t: float, z: FloatArray) -> FloatArray:
         """Return the event functions, shape (n_events,), a fresh array."""
         return self._at(t).event_values(*self._parts(z))
-
-    def check_start(self, t: float, z: FloatArray) -> None:
-        """Raise SolveError if an expression jumps at a start that a parameter moves."""
-        wanted = self._model.sensitivities
-        if not wanted or not any(row.is_jump for row in self.rows):
-            return
-        values = self.values(t, z)
-        # One row of derivatives of the event functions for each parameter.
-        along = self._at(t).call("event_sensitivity", *self._parts(z)).reshape(len(wanted), -1)
-        for i, row in enumerate(self.rows):
-            moving = np.flatnonzero(along[:, i])
-            # The rates on both sides matter only if a parameter moves the start off a jump.
-            if not row.is_jump or values[i] != 0.0 or not moving.size:
-                continue
-            if self._has_jump(row.targets[0], t, z):
-                raise SolveError(
-                    f"'{row.name}' occurs exactly at the start, t = {t:.6g}, and "
-                    f"'{wanted[int(moving[0])]}' moves the start to either side of it: there is no "
-                    "derivative; start away from the jump, or compile without this sensitivity"
-                )
 
     def jammed(self, t: float, z: FloatArray) -> str:
         """Return a sentence on contacts that jam at the end of a failed run; empty if none does.
@@ -502,22 +478,6 @@ class ModelEvents:
             f"Sliding at {', '.join(found)} jams: with such strong friction the normal force grows "
             "without bound (Painleve's paradox): reduce the friction."
         )
-
-    def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
-        """Return whether rates depend on the mode of a jump."""
-        from cotree.model.unknowns import solve_states
-
-        at, (y, s), rates = self._at(t), self._parts(z), []
-        new = at.call("jumps", y, s)
-        for row in self.rows:
-            # The events that set this mode are the two directions of the jump.
-            if row.targets == (mode,):
-                other = y.copy()
-                other[mode] = new[row.results.start]
-                other = solve_states(at, other)
-                rates.append(at.call("rhs", other))
-        spread = np.ptp(rates, axis=0)
-        return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))
 
 
 # Edges that contribute more than this fraction to a dependent combination of constraints are named.

@@ -377,6 +377,7 @@ int cotree_start_once(cotree_start_call *call)
     if (memory == NULL) return COTREE_START_NO_MEMORY;
     status = cotree_start_find(&start, call->t, call->z);
     call->culprit = cotree_start_culprit(&start, status);
+    call->column = start.column;
     call->is_chosen = start.is_chosen;
     call->is_dependent = status == 0 && call->tables->assembly != NULL &&
                          cotree_assembly_is_dependent(&start.assembly, call->t, call->z);

@@ -160,14 +160,15 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
         status = MODEL->event_sensitivity(t, z, z + N_STATES, run->u, run->p, run->k,
                                           start->event_slopes);
     for (i = 0; i < h->n_events && status == 0; ++i) {
-        int is_moved = 0;
+        int moving = -1;
         if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
-        for (j = 0; j < N_SENSITIVITIES; ++j) {
+        for (j = N_SENSITIVITIES - 1; j >= 0; --j) {
             /* A nan counts as dependence. */
-            if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) is_moved = 1;
+            if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) moving = j;
         }
         start->culprit = i;
-        if (is_moved) status = compare_sides(start, t, z, h->events[i].targets[0]);
+        start->column = moving;
+        if (moving >= 0) status = compare_sides(start, t, z, h->events[i].targets[0]);
     }
     return status;
 }
