@@ -49,7 +49,7 @@ class Result(RunRecord):
         with both sides of each jump. The result itself is returned if it has 400 points or its run
         failed, took more than 4000 steps or had Python functions as inputs, and if it has no model.
         """
-        from cotree.solvers.simulate import at_more_times
+        from cotree.plot.smooth import at_more_times
 
         kernels = getattr(self.model, "kernels", None)
         if kernels is None or self.settings is None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree import ParameterError, load
-from cotree.model import kernels
+from cotree.model import columns
 
 # Scenes with inputs, outputs, algebraic unknowns, constraints, and sensitivities that vanish.
 SCENES = ["slider-pendulum", "bridge-rectifier", "motor-linkage", "battery-cell"]
@@ -22,7 +22,7 @@ def model(request):
 def way(request, monkeypatch):
     """Points in one call, and one by one, as where there is no compiler."""
     if request.param == "points":
-        monkeypatch.setattr(kernels, "_load", lambda: None)
+        monkeypatch.setattr(columns, "_load", lambda: None)
 
 
 @pytest.fixture

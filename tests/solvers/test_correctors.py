@@ -20,10 +20,11 @@ from cotree.errors import SolveError
 from cotree.methods import METHODS as ROWS
 from cotree.pipeline import formulate
 from cotree.solvers import engine, integrate, job
-from cotree.solvers import engine as sundials_library
-from cotree.solvers.engine import library_path, load_engine, version_of
+from cotree.solvers import sundials as sundials_library
+from cotree.solvers.engine import load_engine
 from cotree.solvers.native import check_available, is_available
 from cotree.solvers.problem import Tolerances
+from cotree.solvers.sundials import library_path, version_of
 
 METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")
 

@@ -20,7 +20,7 @@ from cotree.codegen.c_files import sundials_functions
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
 from cotree.solvers import callbacks, engine, problem
-from cotree.solvers import engine as sundials_library
+from cotree.solvers import sundials as sundials_library
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
 

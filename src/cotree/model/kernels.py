@@ -1,8 +1,7 @@
 """Kernels of compiled C as functions of Python.
 
 Arguments and results are contiguous arrays of doubles. A result is the buffer of its kernel: copy
-it to keep it. Each thread has its own buffers and prepared parameters. At many points, which are
-columns as in trajectories, a kernel is evaluated in one call; without a compiler one by one.
+it to keep it. Each thread has its own buffers and prepared parameters.
 
 The kernels of implicit methods, a ``cotree_newton``, are built when the first of them is used.
 """
@@ -12,18 +11,16 @@ from __future__ import annotations
 import contextlib
 import threading
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
 from cotree.build.cache import cached
-from cotree.errors import BuildError, Error, ParameterError, SolveError
-from cotree.model.arrays import Array, as_array, is_many, pointer_to
+from cotree.errors import BuildError, SolveError
+from cotree.model.arrays import Array, pointer_to
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
-from cotree.scene.expressions import check_number
 from cotree.sharing import forming, locked_cache
 from cotree.version import ABI_VERSION
 
@@ -31,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from cotree.codegen.context import KernelFile
-    from cotree.model.model import CompiledModel
     from cotree.program.layout import Layout
     from cotree.program.program import Program
     from cotree.program.text import ModelText
@@ -349,120 +345,3 @@ def build_engine(code: SharedCode) -> LoadedLibrary | None:
     except BuildError:
         return None
     return loaded
-
-
-_NONE = np.zeros(0)
-
-
-@locked_cache
-def _load() -> LoadedLibrary | None:
-    return build_engine(shared_code("columns"))
-
-
-def in_columns(
-    model: CompiledModel, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None
-) -> Array:
-    """Evaluate a kernel at m points; the result has shape (n_results, m).
-
-    t has shape (m,) or is a number, y (n_states, m), s (n_states, n_sensitivities, m) if the kernel
-    takes it; p and u may have columns, too. Raises ParameterError if an array has the wrong shape
-    or parameters are refused. Errors of the evaluation at one point name the column.
-    """
-    points = _Points(model, t, y, p, u, s)
-    library = _load() if model.backend == "C" else None
-    results = np.zeros((points.n, model.traits.n_results.get(name, 0)))
-    done = 0 if library is None else _in_c(model, library, name, points, results)
-    if KERNELS[name].is_packed:
-        whole = np.zeros((points.n, points.s.shape[1]))
-        whole[:, points.places] = results
-        results = whole
-    # Evaluate the remaining points in Python, either without a compiler or because C failed: the
-    # Python error names the cause.
-    for j in range(done, points.n):
-        results[j] = _at(model, name, points, j)
-    return results.T.copy()
-
-
-class _Points:
-    """Points with a row each, in the layout of C."""
-
-    def __init__(self, model: CompiledModel, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
-        n, n_s, self.n = len(model.states), len(model.sensitivities), np.shape(y)[1]
-        self.places = np.array(model.layout.sensitivity_places, dtype=np.intp)
-        self.u: Array | None = None
-        self.s = np.zeros((self.n, 0))
-        self.x = _rows(y, (n,), self.n, "the states")
-        self.t = (
-            np.full(self.n, check_number(t, "t"))
-            if np.ndim(t) == 0
-            else _rows(t, (), self.n, "the times")
-        )
-        for j in np.flatnonzero(~np.isfinite(self.t))[:1].tolist():
-            raise ParameterError(f"column {j}: t is {self.t[j]}: give a finite number")
-        # One row for each point, or a single row.
-        self.has_own = is_many(p)
-        if self.has_own:
-            self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
-            for j in np.flatnonzero(~np.isfinite(self.p).all(axis=1))[:1].tolist():
-                _at(model, "rhs", self, j)  # where C returns nan, Python raises an error
-        else:
-            self.p = model.parameter_array(p)[None, :]
-            model.set_parameters(self.p[0])
-        if u is not None and is_many(u):
-            self.u = _rows(u, (len(model.inputs),), self.n, "inputs")
-        elif u is not None:
-            self.u = np.tile(as_array(u, (len(model.inputs),), "inputs"), (self.n, 1))
-        # Sensitivities are ordered by parameter.
-        if s is not None:
-            whole = as_array(s, (n, n_s, self.n), "the sensitivities")
-            self.s = np.ascontiguousarray(whole.transpose(2, 1, 0)).reshape(self.n, n * n_s)
-
-
-def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
-    """Return an array whose last axis is the points as an array with a row for each point."""
-    return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
-
-
-def _in_c(
-    model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
-) -> int:
-    """Evaluate points in C until one fails; return their number."""
-    ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
-    address = model.address(name)
-    if native is None or address is None or not points.n:
-        return 0
-    kernel = ffi.cast(spec.type, address)
-    s = np.ascontiguousarray(points.s[:, points.places]) if spec.is_packed else points.s
-    inputs = np.zeros((points.n, len(model.inputs))) if points.u is None else points.u
-    is_of_states = spec.type == "cotree_state_kernel"
-
-    pointer = partial(pointer_to, ffi)
-    return int(
-        library.lib.cotree_columns(
-            ffi.cast("cotree_model *", native.address),
-            kernel if is_of_states else ffi.NULL,
-            ffi.NULL if is_of_states else kernel,
-            points.n,
-            pointer(points.t),
-            pointer(points.x),
-            pointer(s),
-            s.shape[1],
-            pointer(points.p),
-            points.p.shape[1] if points.has_own else 0,
-            pointer(native.k),
-            points.u is not None,
-            pointer(inputs),
-            pointer(results),
-            results.shape[1],
-        )
-    )
-
-
-def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:
-    """Evaluate one point in Python; errors name its column."""
-    try:
-        p = points.p[j if points.has_own else 0]
-        u = None if points.u is None else points.u[j]
-        return model.bound(name, p)(float(points.t[j]), points.x[j], points.s[j], u)
-    except Error as error:
-        raise type(error)(f"column {j}: {error}") from None

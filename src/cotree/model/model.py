@@ -472,7 +472,7 @@ class CompiledModel:
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
         if is_many(y):
-            from cotree.model.kernels import in_columns
+            from cotree.model.columns import in_columns
 
             return in_columns(self, name, t, y, p, u, s)
         self._prepare(p)

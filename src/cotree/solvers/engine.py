@@ -1,8 +1,5 @@
 """The C engine of a stepper: built once on a machine, loaded, and given jobs.
 
-CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
-environment variable COTREE_SUNDIALS names a library that replaces both.
-
 In: a name in ``codegen.c_files.STEPPERS``. Out: the library that runs jobs, with the functions
 of SUNDIALS that it calls; or the reason of a failure.
 """
@@ -10,22 +7,17 @@ of SUNDIALS that it calls; or the reason of a failure.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import importlib.util
-import os
-import re
-import sys
 import threading
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from cotree.build import LoadedLibrary, abandon
 from cotree.errors import BuildError, Error, SolveError
-from cotree.methods import METHODS, SUNDIALS, SUNDIALS_VERSION, WITH_SENSITIVITIES
+from cotree.methods import METHODS, SUNDIALS
 from cotree.model.arrays import pointer_to
 from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
@@ -37,117 +29,9 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Environment variable that contains the path of a SUNDIALS library.
-VARIABLE = "COTREE_SUNDIALS"
-
-# Oldest version of Python that sundials4py supports.
-_LEAST_PYTHON = (3, 12)
-
-
-def check_installed(method: str) -> None:
-    """Raise SolveError if the package with "cvode" or "ida" is not installed."""
-    try:
-        # Imported, not only searched for, since a part of the package may be missing.
-        importlib.import_module(f"sksundae.{method}")
-    except ImportError as error:
-        raise SolveError(
-            f"The method '{method}' needs SUNDIALS: run `pip install scikit-sundae`, or use "
-            "'rodas5'."
-        ) from error
-
-
 def has_sundials() -> bool:
     """Return whether the package with CVODE and IDA is installed."""
     return importlib.util.find_spec("sksundae") is not None
-
-
-class LibraryPath(NamedTuple):
-    """The file of a library, or why it is missing, without a capital and a full stop."""
-
-    path: str
-    why_not: str = ""
-
-
-def library_path(library: str) -> LibraryPath:
-    """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
-    named = os.environ.get(VARIABLE, "")
-    # A library named by the user is never replaced by another one.
-    if named:
-        if os.path.isfile(named):
-            return LibraryPath(os.path.abspath(named))
-        return LibraryPath("", f"{VARIABLE} names '{named}', and there is no such file")
-    if library in WITH_SENSITIVITIES:
-        return _in_sundials4py(library)
-    name = f"_cy_{library}"
-    try:
-        module = importlib.import_module(f"sksundae.{name}")
-    except ImportError:
-        return LibraryPath("", f"scikit-sundae has no module '{name}'")
-    return LibraryPath(str(module.__file__))
-
-
-def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
-    """Open a library of SUNDIALS and find the functions that an engine calls.
-
-    Returns a ``cotree_sundials`` and the opened library; or the reason of a failure, without a
-    capital and a full stop. ``ffi`` is the engine's and declares these functions.
-    """
-    # cotree's own methods do not need the modules that print C.
-    from cotree.codegen.c_files import sundials_functions
-
-    try:
-        # Lazy binding, since the module's Python functions are not needed.
-        opened = ffi.dlopen(path, ffi.RTLD_LAZY)
-        # Functions of another version may have other arguments.
-        version = version_of(ffi, opened, path)
-        if version != SUNDIALS_VERSION:
-            here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
-            return f"SUNDIALS is of version {here}, not {known}"
-        functions = ffi.new("cotree_sundials *")
-        for function in sundials_functions(library):
-            setattr(functions, function, ffi.addressof(opened, function))
-    except (OSError, AttributeError) as error:
-        return f"SUNDIALS' functions cannot be found ({error})"
-    return functions, opened
-
-
-def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
-    """Return the major and minor version of an opened library; empty if unknown.
-
-    sundials4py lacks the function that returns it; the package has the version of SUNDIALS, which
-    the name of its metadata contains.
-    """
-    try:
-        get_version = library.SUNDIALSGetVersionNumber
-    except AttributeError:
-        for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
-            found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
-            if found:
-                return int(found[1]), int(found[2])
-        return ()
-    major, minor, patch = (ffi.new("int *") for _ in range(3))
-    failed = get_version(major, minor, patch, ffi.new("char[32]"), 32)
-    return () if failed else (major[0], minor[0])
-
-
-def _in_sundials4py(library: str) -> LibraryPath:
-    """Find the module, which is a library itself; it need not be imported."""
-    try:
-        spec = importlib.util.find_spec("sundials4py")
-    except (ImportError, ValueError):
-        spec = None
-    if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
-        return LibraryPath(spec.origin)
-    version = ".".join(map(str, SUNDIALS_VERSION))
-    least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
-    install = "run `pip install sundials4py` (the extra cotree[sundials])"
-    if sys.version_info[:2] < _LEAST_PYTHON:
-        install = f"take Python {least} or later, here it is {here}, and {install}"
-    why = (
-        f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
-        f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
-    )
-    return LibraryPath("", why)
 
 
 # Threads that build engines ahead of runs.
@@ -212,6 +96,8 @@ def load_engine(stepper: str, *, has_events: bool = True) -> Engine | str:
     """
     if stepper not in SUNDIALS:
         return _opened(stepper, "", has_events)
+    from cotree.solvers.sundials import library_path
+
     found = library_path(stepper)
     # The path is part of the key, since the environment may change.
     return found.why_not or _opened(stepper, found.path, has_events)
@@ -230,6 +116,8 @@ def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
         return "no compiler can build its engine"
     if not path:
         return Engine(stepper, has_events, library)
+    from cotree.solvers.sundials import open_sundials
+
     opened = open_sundials(library.ffi, stepper, path)
     return opened if isinstance(opened, str) else Engine(stepper, has_events, library, *opened)
 

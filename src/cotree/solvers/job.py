@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from cotree.model.arrays import pointer_to
+from cotree.errors import Error
+from cotree.model.arrays import CObjects, pointer_to
 from cotree.sharing import RecentCache
 from cotree.solvers.budgets import Thinning, most_rows
-from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
 from cotree.solvers.problem import (
     Problem,
     Tolerances,
@@ -25,12 +25,87 @@ from cotree.solvers.problem import (
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable, Hashable, Mapping
 
     from cotree.methods import Method
     from cotree.model.kernels import Newton
     from cotree.solvers.engine import Engine
     from cotree.solvers.result import FloatArray
+
+
+class Callbacks(CObjects):
+    """The functions and other objects of one job, which stay alive with it."""
+
+    def __init__(self, ffi: Any, rescue: Rescue, *kept: Any) -> None:
+        super().__init__(ffi, *kept)
+        self._rescue = rescue
+
+    def input_function(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
+        """Return a C function that evaluates inputs in Python."""
+        errors = self.errors
+
+        def evaluate(t: float, u: Any, context: Any) -> int:
+            if errors:  # C may first try a shorter step
+                return -1
+            for place, function in functions.items():
+                u[place] = function(t)
+            return 0
+
+        return self.callback("cotree_input_function", evaluate)
+
+    def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
+        """Return a C function that is called at the start of each segment."""
+        ffi = self._ffi
+
+        def call(t: float, z: Any, context: Any) -> int:
+            reach(t, np.frombuffer(ffi.buffer(z, 8 * size)))
+            return 0
+
+        return self.callback("cotree_reach", call)
+
+    def helper(self, n_states: int) -> Any:
+        """Return C functions that search for points if the iterations in C fail."""
+        rescue, ffi = self._rescue, self._ffi
+
+        def find_unknowns(t: float, x: Any, context: Any) -> int:
+            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
+            return int(not rescue.find_unknowns(t, point))
+
+        helper = self.new("cotree_helper *")
+        helper.find_unknowns = self.callback("cotree_find_unknowns", find_unknowns)
+        return helper
+
+
+class Rescue:
+    """Search for points of one integration that the iterations in C do not find.
+
+    ``reason`` states why the last point was not found, without a capital and a full stop.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.reason = ""
+
+    def find_unknowns(self, t: float, y: FloatArray) -> bool:
+        """Solve for the algebraic unknowns in place; store the reason of a failure."""
+        from cotree.model.algebraic import Algebraic
+
+        problem = self.problem
+        assert problem.state_rhs is not None  # a compiled model has both
+        assert problem.jacobian is not None
+        unknowns = Algebraic(
+            problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
+        )
+
+        try:
+            # A copy, since C continues with the old point after a failure.
+            found = y.copy()
+            unknowns.solve(t, found)
+        except Error as error:
+            self.reason = str(error).rstrip(".")
+            return False
+        y[:], self.reason = found, ""
+        return True
 
 
 # Initial number of rows, and number of rows copied at a time when stored steps are thinned out.
@@ -257,6 +332,8 @@ class Job:
         if newton is not None:
             c.aid = self._ffi.cast("void *", newton.address)
         elif engine.functions is not None:
+            from cotree.solvers.sundials import SundialsAid
+
             self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
         # Memory of SUNDIALS and Python functions belong to one run.

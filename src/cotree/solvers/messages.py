@@ -16,8 +16,8 @@ import numpy as np
 from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
 from cotree.errors import Error, listed
 from cotree.model.kernels import SINGULAR
-from cotree.solvers.callbacks import Rescue
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
+from cotree.solvers.job import Rescue
 from cotree.solvers.native import ROUNDING_LEVEL
 from cotree.solvers.problem import describe_entry, turning
 from cotree.solvers.result import BUDGET_SPENT

@@ -13,7 +13,7 @@ from cotree.errors import SolveError
 from cotree.methods import METHODS, Method
 from cotree.records import changed, filled
 from cotree.solvers.budgets import Progress, events_spent, steps_spent, time_spent
-from cotree.solvers.engine import check_installed, load_engine
+from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job, job_kind
 from cotree.solvers.problem import RTOL_FLOOR, beyond_scipy, refusal, tested_rtol
 from cotree.solvers.result import BUDGET_SPENT, FAILED, Drift, FloatArray, Statistics, Trajectory
@@ -127,6 +127,8 @@ def check_available(method: str) -> None:
     """Raise SolveError if the library of a SUNDIALS method is missing or of a wrong version."""
     row = METHODS[method]
     if row.family == "sundials":
+        from cotree.solvers.sundials import check_installed
+
         check_installed(method)
     if row.family != "correctors":
         return

@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import replace
-from numbers import Number
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.errors import Error, SolveError
+from cotree.errors import SolveError
 from cotree.model.arrays import derived_values
-from cotree.model.signals import read_signals
-from cotree.quiet import level_of_user, without_warnings
+from cotree.quiet import level_of_user
 from cotree.records import deferred, filled
 from cotree.solvers.engine import sweep
 from cotree.solvers.prepare import Preparation, prepared
@@ -182,83 +180,3 @@ def _left_out(model: CompiledModel) -> list[int]:
             stacklevel=level_of_user(),
         )
     return found
-
-
-# Minimum number of points of a smooth curve, divisions of each interval between points, and maximum
-# number of steps of a run that is repeated for it.
-_SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
-
-# Distances of points next to a jump, as fractions of the span, less than a tenth of a pixel. An
-# event is located to a tolerance, so the nearer point may be on the other side.
-_ASIDE = np.array([[1e-5], [1e-4]])
-
-# Maximum difference of a repeated run, as a fraction of a state's range: the width of a line.
-_LINE_WIDTH = 2e-3
-
-
-def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
-    """Repeat a run of few points at more times, or return the record itself if that cannot be done.
-
-    Runs that failed, have many points, took many steps, or have functions of Python as inputs are
-    not repeated.
-    """
-    t = record.t
-    is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
-    is_known = all(map(_is_known, settings.inputs.values()))
-    if record.status != 0 or not (is_short and is_known):
-        return record
-    jumps = _jumps(record, model, settings)
-    wanted = _times(t, jumps)
-    try:
-        with without_warnings():
-            found = simulate(model, replace(settings, t_eval=wanted, throw=False))
-    except Error:
-        return record
-    return found if _agrees(record, found, jumps) else record
-
-
-def _is_known(value: object) -> bool:
-    """Return whether an input is the same at each run: a number, an expression or a table."""
-    parts = value if isinstance(value, (tuple, list)) else [value]
-    return not any(map(callable, parts)) and isinstance(
-        value, (str, Number, tuple, list, np.ndarray)
-    )
-
-
-def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
-    """Return the times within a run at which a value may jump, unsorted."""
-    span = (float(record.t[0]), float(record.t[-1]))
-    signals = read_signals(settings.inputs, model.inputs)
-    p = model.arguments_of(record.parameter_values)
-    corners = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
-    return np.concatenate([corners, *(e.t for e in record.events.values())])
-
-
-def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
-    """Divide each interval evenly, and add both sides of jumps."""
-    shares = np.arange(1, _PARTS) / _PARTS
-    inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
-    # At late times a fixed distance would be below the rounding error.
-    aside = np.maximum(_ASIDE * abs(t[-1] - t[0]), 8 * np.spacing(np.abs(jumps)))
-    sides = np.concatenate([(jumps - aside).ravel(), (jumps + aside).ravel()])
-    even = np.linspace(t[0], t[-1], _SMOOTH)
-    times = np.concatenate([t, inside, even, sides])
-    low, high = min(t[0], t[-1]), max(t[0], t[-1])
-    found = np.unique(times[(times >= low) & (times <= high)])
-    return found if t[-1] >= t[0] else found[::-1]
-
-
-def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
-    """Return whether a repetition passes through the points of the run, to the width of a line."""
-    if found.status != 0:
-        return False
-    # At a jump, the value on either side may be stored.
-    is_smooth = ~np.isin(record.t, jumps)
-    here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
-    y = record.y[:, is_smooth]
-    if len(here) != y.shape[1]:
-        return False
-    size = np.ptp(record.y, axis=1, keepdims=True)
-    # A constant state has no range.
-    size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
-    return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))

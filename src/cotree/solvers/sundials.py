@@ -1,0 +1,178 @@
+"""Libraries of SUNDIALS, and what its steppers need of a problem.
+
+CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
+environment variable COTREE_SUNDIALS names a library that replaces both.
+
+The Newton matrix of SUNDIALS' methods is factorised by cotree's own C, once for the states and all
+their sensitivities.
+
+CVODE and IDA integrate states and sensitivities as one vector. In CVODES and IDAS each parameter
+has a vector, so that the error test and the iteration use the largest norm, not the mean. Two
+correctors (W. F. Feehery, J. E. Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997,
+for the first; T. Maly and L. R. Petzold, ibid. 20, 1996, for the second):
+
+- staggered: the states are solved for and tested, then their sensitivities;
+- simultaneous: one iteration solves for all.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cotree.errors import SolveError
+from cotree.methods import SUNDIALS_VERSION, WITH_SENSITIVITIES
+
+if TYPE_CHECKING:
+    from cotree.methods import Method
+    from cotree.solvers.engine import Engine
+    from cotree.solvers.problem import Problem
+
+
+#: Environment variable that contains the path of a SUNDIALS library.
+VARIABLE = "COTREE_SUNDIALS"
+
+# Oldest version of Python that sundials4py supports.
+_LEAST_PYTHON = (3, 12)
+
+
+def check_installed(method: str) -> None:
+    """Raise SolveError if the package with "cvode" or "ida" is not installed."""
+    try:
+        # Imported, not only searched for, since a part of the package may be missing.
+        importlib.import_module(f"sksundae.{method}")
+    except ImportError as error:
+        raise SolveError(
+            f"The method '{method}' needs SUNDIALS: run `pip install scikit-sundae`, or use "
+            "'rodas5'."
+        ) from error
+
+
+class LibraryPath(NamedTuple):
+    """The file of a library, or why it is missing, without a capital and a full stop."""
+
+    path: str
+    why_not: str = ""
+
+
+def library_path(library: str) -> LibraryPath:
+    """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
+    named = os.environ.get(VARIABLE, "")
+    # A library named by the user is never replaced by another one.
+    if named:
+        if os.path.isfile(named):
+            return LibraryPath(os.path.abspath(named))
+        return LibraryPath("", f"{VARIABLE} names '{named}', and there is no such file")
+    if library in WITH_SENSITIVITIES:
+        return _in_sundials4py(library)
+    name = f"_cy_{library}"
+    try:
+        module = importlib.import_module(f"sksundae.{name}")
+    except ImportError:
+        return LibraryPath("", f"scikit-sundae has no module '{name}'")
+    return LibraryPath(str(module.__file__))
+
+
+def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
+    """Open a library of SUNDIALS and find the functions that an engine calls.
+
+    Returns a ``cotree_sundials`` and the opened library; or the reason of a failure, without a
+    capital and a full stop. ``ffi`` is the engine's and declares these functions.
+    """
+    # cotree's own methods do not need the modules that print C.
+    from cotree.codegen.c_files import sundials_functions
+
+    try:
+        # Lazy binding, since the module's Python functions are not needed.
+        opened = ffi.dlopen(path, ffi.RTLD_LAZY)
+        # Functions of another version may have other arguments.
+        version = version_of(ffi, opened, path)
+        if version != SUNDIALS_VERSION:
+            here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
+            return f"SUNDIALS is of version {here}, not {known}"
+        functions = ffi.new("cotree_sundials *")
+        for function in sundials_functions(library):
+            setattr(functions, function, ffi.addressof(opened, function))
+    except (OSError, AttributeError) as error:
+        return f"SUNDIALS' functions cannot be found ({error})"
+    return functions, opened
+
+
+def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
+    """Return the major and minor version of an opened library; empty if unknown.
+
+    sundials4py lacks the function that returns it; the package has the version of SUNDIALS, which
+    the name of its metadata contains.
+    """
+    try:
+        get_version = library.SUNDIALSGetVersionNumber
+    except AttributeError:
+        for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
+            found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
+            if found:
+                return int(found[1]), int(found[2])
+        return ()
+    major, minor, patch = (ffi.new("int *") for _ in range(3))
+    failed = get_version(major, minor, patch, ffi.new("char[32]"), 32)
+    return () if failed else (major[0], minor[0])
+
+
+def _in_sundials4py(library: str) -> LibraryPath:
+    """Find the module, which is a library itself; it need not be imported."""
+    try:
+        spec = importlib.util.find_spec("sundials4py")
+    except (ImportError, ValueError):
+        spec = None
+    if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
+        return LibraryPath(spec.origin)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
+    install = "run `pip install sundials4py` (the extra cotree[sundials])"
+    if sys.version_info[:2] < _LEAST_PYTHON:
+        install = f"take Python {least} or later, here it is {here}, and {install}"
+    why = (
+        f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
+        f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
+    )
+    return LibraryPath("", why)
+
+
+# Number of multiplications of a banded factorisation above which a sparse one is better.
+_MOST_MULTIPLICATIONS = 3e7
+
+
+class SundialsAid:
+    """The ``cotree_sundials_aid`` of a job, with the arrays that it points to.
+
+    ``is_wide``: a sparse factorisation would be much cheaper than the banded one.
+    """
+
+    def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:
+        ffi, n = engine.library.ffi, problem.n_states
+        c = self.address = ffi.new("cotree_sundials_aid *")
+        c.sundials, c.corrector = engine.functions, row.corrector
+        # Residuals of sensitivities change with the states. Without an error test of sensitivities,
+        # the iteration makes at least a given number of corrections.
+        c.are_followed = (
+            problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
+        )
+        if problem.n_algebraic and not row.keeps_algebraic:
+            # The reduced Jacobian is dense.
+            c.lower = c.upper = n - problem.n_algebraic - 1
+        else:
+            # If no rate depends on a state, there are no arrays.
+            n_nonzeros = model.n_nonzeros
+            starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
+            rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
+            from cotree.linear.elimination import narrow_band
+
+            c.lower, c.upper, order = narrow_band(n, starts, rows)
+            if order is not None:
+                self._order = c.places = ffi.new("int[]", order.tolist())
+        # A banded factorisation takes about n l (l + u) multiplications.
+        self.is_wide = bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)
