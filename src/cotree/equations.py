@@ -112,9 +112,9 @@ class State:
     is_given: bool = (
         True  # whether the scene prescribes it; otherwise it may change to satisfy constraints
     )
-    #: Whether an algebraic equation 0 = g determines it; its initial value is then a guess.
+    #: Whether the state is determined by an algebraic equation 0 = g; its initial value is a guess.
     is_algebraic: bool = False
-    #: For a state that is the content of a storage: the algebraic unknown that is computed from it.
+    #: For the content of a storage: name of the algebraic unknown that is computed from it.
     follower: str = ""
 
 
@@ -208,7 +208,7 @@ class EventRow:
     targets: tuple[int, ...]
     watched: int  # index of the event function among :attr:`Equations.output_values`
     new_values: range  # indices of the expressions there, in the order of their targets
-    #: Index of the coefficient of restitution there; None without an impact.
+    #: Index of the coefficient of restitution in the new values; None without an impact.
     restitution: int | None
     results: range  # indices of the new values of all targets among those of all events
     #: Whether it sets the mode of a jump inside an expression; its new value is relative to that
@@ -261,7 +261,7 @@ class Equations:
     name: str  # name of the scene
     dag: Dag  # arena of all nodes
     states: tuple[State, ...]  # x: coordinates, speeds, states of networks, algebraic unknowns
-    #: p, u and y, in the order of their symbols.
+    #: Parameters p, inputs u and outputs y, in the order of their symbols.
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
@@ -278,14 +278,13 @@ class Equations:
     forcing: tuple[Node, ...]  # right-hand side b of ``A w = b``
     is_safe: tuple[bool, ...]  # whether the pivot of each unknown is positive at every state
     holding: tuple[HeldUnknown, ...]  # last unknowns: multipliers of friction and stops
-    #: The links of the tree, if elimination along it costs less than that of the matrix; otherwise
-    #: empty.
+    #: Links of the tree, if elimination along it costs less than elimination of the matrix.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' as functions of x and w
     balances: tuple[Node, ...]  # ``A w - b`` as formulated, for printing
     constraints: ConstraintSet  # their multipliers follow the accelerations in w
-    #: y; then the function of each event; then the new values and the restitution, event by event.
+    #: Values of outputs y, of event functions, then new values and restitution, event by event.
     output_values: tuple[Node, ...]
     # Derivatives along directions, with the same A and M but different right-hand sides: along each
     # requested parameter together with the sensitivities of the states, and along each state.
@@ -305,7 +304,7 @@ class Equations:
     direction: Derivative | None = None
     #: Ends of the branches that are frozen during steps; see :mod:`cotree.program.surfaces`.
     corners: tuple[CornerRow, ...] = ()
-    #: The present number of each of these branches; zero for signs.
+    #: Present numbers of these branches; zero for signs.
     pieces: tuple[Node, ...] = ()
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
     #: Names of the initial values of coordinates and rates that the scene prescribes, in its order.
@@ -354,7 +353,7 @@ class Equations:
 class DerivedParameter:
     """A parameter that follows from others."""
 
-    #: In terms of other parameters.
+    #: Name, unit and description of the parameter.
     name: str
     unit: str
     doc: str

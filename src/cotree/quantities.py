@@ -28,7 +28,7 @@ class RedundantRow:
 class PositionRow:
     """A position that is not a state: the sum of the states along its f-circuit."""
 
-    #: Name and unit of the position.
+    #: Name and unit of the position variable.
     name: str
     unit: str
     terms: tuple[tuple[int, int], ...]  # signs and indices of the states that are added

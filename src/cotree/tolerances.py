@@ -24,7 +24,7 @@ FARTHEST_CORRECTION = 10.0
 #: types it is the same fraction of the range.
 TINY = 1e-290
 
-#: Time events closer than this fraction of their magnitude are one: a few rounding errors.
+#: Relative distance within which time events are regarded as one: a few rounding errors.
 SAME = 8 * 2.0**-52
 
 #: Gradients of constraints whose singular values or pivots are below this fraction of the largest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
-#: Layout of the structure in ``cotree_abi.h``; a change there changes this number.
+#: Version of the structures in ``cotree_abi.h``, increased with each change of their layout.
 ABI_VERSION = 10
 
 try:

@@ -222,7 +222,7 @@ def _at_once(text: str) -> None:
     sys.stdout.flush()
 
 
-#: The methods that C projects and FMUs have.
+#: Names of the methods available in C projects and FMUs.
 _EXPLICIT, _IMPLICIT = names_of("cotree", implicit=False), names_of("cotree", implicit=True)
 
 _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
@@ -286,8 +286,7 @@ _ORDER = (
     "scenes"
 )
 
-#: Functions of commands. Each module is imported when its command is called, or when all are
-#: listed.
+#: Functions of commands, imported when their command is called or all commands are listed.
 _LATER = {
     "sweep": "sweep.sweep_scene",
     "optimise": "fitting.optimise_scene",

@@ -15,7 +15,7 @@ from cotree.report import Report, Table
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-#: Short names of shipped scenes to start from.
+#: Names of shipped scenes that serve as templates, by short name.
 TEMPLATES = {
     "mechanism": "spring-mass-damper",
     "pendulum": "slider-pendulum",

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import CExpression, Form, FunctionPart, Statement, Temporary
 
 
-#: Bytes of one number; of a vector, the widest that a machine has.
+#: Size of a number, and of a vector on the machine with the widest vectors, [byte].
 NUMBER, VECTOR = 8, 64
 
 #: The return address and the frame pointer of the caller; the size of a word, of pointers and of
@@ -65,9 +65,9 @@ _MOST_WAITING = 3
 #: Elimination in loops, and table lookups.
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
-#: Several sines at once, with the function that selects them by processor.
+#: Stack size of the function that computes several sines, [byte].
 _SINES = 1632
-#: Elimination of one to three unknowns without loops.
+#: Stack size of the elimination of one to three unknowns without loops, [byte].
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
@@ -207,7 +207,7 @@ class Crossing:
 #: no faster; shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: The caller's status, passed as a pointer; the name includes the asterisk.
+#: Name of the caller's status, which is passed as a pointer, hence the asterisk.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 
-#: Comments, strings, words, and the text between them.
+#: Tokens of C text: comments, strings, words, and the text between them.
 _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTALL)
 
 #: Qualifier of functions that other programs call.
 _EXPORT = "COTREE_EXPORT"
-#: Macros around the declarations of headers for C++ compilers.
+#: Macros at the begin and end of the declarations in headers, for C++ compilers.
 _FRAME = ("COTREE_BEGIN_DECLS\n", "COTREE_END_DECLS\n")
 
 

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
-#: Kind of an event that only friction on planes in space has, see ``cotree_event_kinds.h``.
+#: Kind of the event at which the direction of friction on a plane in space changes.
 _TURN = 6
 
 

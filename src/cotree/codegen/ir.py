@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 
-#: A temporary: its prefix and its number.
+#: A temporary variable: its prefix and its number.
 Temporary = tuple[str, Any]
 
 #: Precedence of names, calls and array elements, the highest.
@@ -39,8 +39,7 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "not": (3, (_ATOM,)),
     "fails": (0, (1,)),
 }
-#: Type of the number that a leaf contains: a constant, a whole number, an index, or the number of
-#: a temporary.
+#: Number stored in a leaf: real (r), whole (w), index (i), or number of a temporary (t).
 _SLOTS = {
     **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
     **{"name": "", "zero": "", "tolerance": ""},
@@ -276,7 +275,7 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
 #: be a vector of numbers; ``SCALAR`` is one number.
 REAL, SCALAR, WHOLE = "real", "scalar", "whole"
 
-#: Temporaries that are whole numbers, by their prefix; all others are real.
+#: Prefixes of temporary variables that are integers; all others are real.
 _WHOLE_PREFIXES = frozenset({"rank", "accepted"})
 
 

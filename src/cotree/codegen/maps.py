@@ -225,8 +225,7 @@ _SKIPPED = 0.15
 #: Maximum number of operations in a block. With gcc 12, a map of 2261 operations in blocks of 500
 #: compiles with a third of the instructions and runs a fifth faster in vectors of four.
 _LONGEST_BLOCK = 500
-#: Maximum for maps limited by latency: two vectors are interleaved in each block, which hides the
-#: latency.
+#: Maximum number of operations in a block if two vectors are interleaved, to hide latency.
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # statements; with fewer, too many values cross between blocks
 
@@ -236,7 +235,7 @@ _TURNING = 8 * 4
 #: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24
 
-#: Names in statements, as arguments of a function.
+#: Names of the values in statements, as arguments of a function.
 _ARGUMENTS = {
     argument.name: argument
     for argument in (

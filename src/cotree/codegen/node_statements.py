@@ -190,12 +190,12 @@ def symbol(kind: str, position: int) -> CExpression:
 class Printed:
     """Statements that compute some values."""
 
-    #: Statements with comments, in one part or in the requested parts.
+    #: Statements with comments: one list, or one for each requested part.
     parts: list[list[Statement]]
     values: list[CExpression]  # C expression of each requested value
     n_statements: int  # number of values that have a statement
     uses_status: bool  # whether a statement may set ``status``
-    #: Arrays that are read by maps only.
+    #: Names of arrays that only maps read.
     filled: list[str] = field(default_factory=list)
 
     @property

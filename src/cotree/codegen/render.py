@@ -124,7 +124,7 @@ class Features:
     #: are time events or upper bounds of the step size.
     start: bool = True
     breakpoints: bool = True
-    #: FMU: whether it offers Model Exchange, and Co-Simulation.
+    #: For FMUs: whether they offer Model Exchange, and Co-Simulation.
     exchange: bool = True
     steps: bool = True
 
@@ -135,7 +135,7 @@ class Features:
         }
 
 
-#: Features of Python's engine.
+#: All features, as compiled for Python.
 ALL = Features()
 
 

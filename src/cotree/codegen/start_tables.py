@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 class StartTables:
     """Tables of a model's start; the attributes are named as the fields in C."""
 
-    #: Counts.
+    #: Numbers of coordinates, speeds, constraints and results.
     n_coordinates: int
     n_speeds: int
     n_values: int
     n_rows: int
     n_start: int
     n_groups: int
-    #: Index arrays.
+    #: Arrays of indices, as in cotree_start_tables.h.
     value_rows: tuple[int, ...]
     quaternions: tuple[int, ...]
     is_rate: tuple[int, ...]
@@ -40,7 +40,7 @@ class StartTables:
     #: Concatenated lists of the states that determine each redundant value.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
-    #: Names and units.
+    #: Names and units of the rows.
     rows: tuple[Quantity, ...]
     redundant: tuple[Quantity, ...]
 

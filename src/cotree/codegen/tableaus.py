@@ -271,7 +271,7 @@ class RosenbrockTableau:
     + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
     """
 
-    #: See :class:`cotree.codegen.tableaus.Tableau`.
+    #: Name, order and other data as in :class:`cotree.codegen.tableaus.Tableau`.
     name: str
     title: str
     source: str

@@ -14,7 +14,7 @@ from cotree.tolerances import TINY
 if TYPE_CHECKING:
     from cotree.codegen.ir import Argument
 
-#: Operations of C that are not operations of programs.
+#: C text of operations that exist only in C.
 _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 
 
@@ -154,9 +154,9 @@ class Target:
         return text.replace("double", self.scalar).replace("0.0", f"0.0{self.suffix}")
 
 
-#: Kernels: one number at a time.
+#: Target of kernels: scalar numbers in double precision.
 DOUBLE = Target()
-#: The same in single precision.
+#: Target of kernels in single precision.
 SINGLE = Target(
     real="float",
     scalar="float",

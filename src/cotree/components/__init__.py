@@ -55,7 +55,7 @@ class Catalogue(MutableMapping[str, Component]):
     """Component types by name; the module of a family is imported on first use."""
 
     def __init__(self) -> None:
-        #: The row of each type, or the module that contains it.
+        #: Component of each type, or the module that contains it.
         self._rows: dict[str, Component | str] = {
             name: family for family, names in FAMILIES.items() for name in names.split()
         }

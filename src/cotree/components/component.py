@@ -94,7 +94,7 @@ class Freedom:
     #: that of the first node.
     axis: str
     rate: str = ""  # name of the rate of the coordinate; ``<name>_dot`` if empty
-    #: For a screw: field of the translation along the axis per radian.
+    #: For a screw: name of the field with the translation along the axis per radian.
     pitch: str = ""
 
     @property

@@ -92,7 +92,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Fields of the shapes that may touch, which the laws of contact do not use.
+#: Fields of the shapes that may touch; the contact laws do not use them.
 SHAPES = (
     Field("normal", "1", "normal of the first node's plane, towards the second node", Shape.VECTOR),
     Field("ball", "m", "radius of the first node's sphere, instead of a plane", sign="positive"),
@@ -120,7 +120,7 @@ SHAPES = (
     ),
 )
 
-#: Fields of friction.
+#: Fields of dry friction at the contact.
 FRICTION = optional(
     "friction", "1", "coefficient of friction; no friction if omitted", None, "nonnegative"
 )
@@ -214,7 +214,7 @@ def geometry_of(given: Given) -> Component:
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
-#: Added to depths under a root, [m].
+#: Length added to depths under a root, [m], to keep derivatives finite.
 _OFFSET = 1e-30
 
 

@@ -214,7 +214,7 @@ NULLOR = scalar(
 )
 
 
-#: Longer than any run, [s]: the period of a single pulse.
+#: Period of a single pulse: longer than any run, [s].
 _NEVER = 1e30
 
 VOLTAGE_SOURCE = across_source(

@@ -78,7 +78,7 @@ class Friction:
     :class:`Terminal`.
     """
 
-    #: The through variable if across is positive, and if it is negative.
+    #: Law of the through variable while across is positive, and while it is negative.
     forward: Law
     backward: Law
     #: The limits of through while friction sticks; beyond them it starts to slide forwards or
@@ -88,8 +88,8 @@ class Friction:
     #: Positive while friction is engaged; otherwise through is zero. None if friction is always
     #: engaged.
     grip: Law | None = None
-    #: The value whose sign is the argument ``side`` of the sliding laws. The laws are continuous
-    #: at its zero.
+    #: Value whose sign is the argument ``side`` of the sliding laws, which are continuous at its
+    #: zero.
     load: Law | None = None
     #: Port of the same component whose rigid stop provides the normal force. Friction is
     #: disengaged while the stop is open, and takes part in its impacts. Empty if there is none.
@@ -157,14 +157,14 @@ class Terminal:
     #: flux linkage of current, volume of pressure. The rate of the content plus ``through`` or
     #: ``across`` is the other variable; ``storage`` is then None.
     content: Law | None = None
-    #: Whether its linear equations are symmetric and positive definite.
+    #: Whether the linear equations of the terminal are symmetric and positive definite.
     is_passive: bool = True
     #: If ports of the component share nodes: the terminals at head and tail. ``ground`` is the
     #: reference; other names are nodes inside the component.
     between: tuple[str, str] = ("", "")
-    #: The state ``stretch``; by default the integral of across, if the domain has a name for it.
+    #: State ``stretch``: by default the integral of across, if the domain has a name for it.
     integral: Integral | None = None
-    #: Whether its tail must be the ground, the reference of motion and concentrations.
+    #: Whether the tail must be the ground, the reference of motion and concentrations.
     is_absolute: bool = False
     #: Laws of dry friction. The field ``mode``, which :mod:`cotree.scene.unilateral` adds,
     #: selects one.

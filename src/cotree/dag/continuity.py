@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Compared values: nodes of parameters, or numbers.
+#: Type of the compared values: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
 
 # Operations that may jump if their argument is zero, or an integer.

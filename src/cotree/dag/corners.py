@@ -19,7 +19,7 @@ class RestartTimes:
 
     times: FloatArray
     slopes: FloatArray  # derivatives of the times along each direction
-    #: Largest difference of these derivatives among coinciding time events.
+    #: Largest difference of the derivatives among coinciding time events.
     spreads: FloatArray
     #: Largest magnitude of the first time of a periodic event, [s]; it determines the rounding
     #: errors.

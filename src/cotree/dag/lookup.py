@@ -42,10 +42,10 @@ class CubicTable:
     y: tuple[float, ...]
     slopes: tuple[float, ...]
 
-    #: The function in C, and the names of its results.
+    #: Name of the function in C, and names of its results.
     function = "cotree_cubic"
     results = ("", "slope", "curvature", "third")
-    #: For each result its partial derivatives, other results, by the place of the argument.
+    #: For each result: partial derivatives, which are also results, by index of the argument.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {0: 2}, {0: 3}, {})
 
     @property

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cotree.dag.lookup import Table
 
 
-#: Operations of which columns may consist; divisions by shared values become products.
+#: Operations allowed in columns; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that are finite for all finite arguments except for overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
@@ -315,7 +315,7 @@ class Function:
     n_results: int  # number of results of the function
     #: The same function in Python: sequence of floats to sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
-    #: Returns the partial derivatives, row by row (n_results rows of n_arguments).
+    #: Function that returns the partial derivatives, row by row (n_results rows of n_arguments).
     partials: Function | None = None
 
 
@@ -507,7 +507,7 @@ def results(node: Node, n_results: int) -> tuple[Node, ...]:
 class Several:
     """An operation with several results."""
 
-    #: (data, argument values) to result values.
+    #: Function that maps (data, argument values) to result values.
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
     n_results: Callable[[Any], int]  # number of results, from data
 

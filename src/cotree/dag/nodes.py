@@ -481,19 +481,19 @@ TIME = "t"
 STATE = "x"
 INPUT = "u"
 PARAMETER = "p"
-#: Derivative of state i by parameter or initial value j; its index is j n + i for n states.
+#: Symbol of the derivative of state i by parameter or initial value j; its index is j n + i.
 SENSITIVITY = "s"
-#: The corresponding derivatives that do not always vanish, in the same order.
+#: Symbols of the same derivatives without those that always vanish, in the same order.
 PACKED_SENSITIVITY = "packed"
-#: Rate of a state, in derivatives along the motion.
+#: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
-#: A direction of the states, along which a kernel differentiates.
+#: Symbol of a component of the direction along which a kernel differentiates.
 DIRECTION = "v"
 #: The branch of a piecewise function that is frozen during a step, or zero if none is: a sign, or
 #: the index of an interval of a table. Kernels read it from the prepared values.
 PIECE = "piece"
 
-#: A bound of a quantity, or of its rate, over a part of a step.
+#: Symbol of a bound of a quantity, or of its rate, over a part of a step.
 RANGE = "range"
 
 #: Kernel argument that contains the values of each kind of symbol.
@@ -510,29 +510,29 @@ ARGUMENT_OF = {
     PIECE: "k",
 }
 
-#: Change of a state, and of the parameter of sensitivity j, along a common direction.
+#: Symbol of the change of a state, and of sensitivity parameter j, along a common direction.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
-#: Change of an input, and of a tunable parameter, along a direction of a linearisation.
+#: Symbol of the change of an input, and of a tunable parameter, in a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: The explicit change due to a parameter, at constant states, along that direction.
+#: Symbol of the explicit derivative with respect to the parameter, at constant states.
 SOURCE = "source"
-#: An acceleration or a multiplier, and its derivative along a direction.
+#: Symbol of an acceleration or multiplier, and of its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
 #: An entry of a right-hand side, or a result, for which a map or a sparsity pattern is formed.
 ENTRY = "own"
-#: An argument of a law.
+#: Symbol of an argument of a law.
 ARGUMENT = "argument"
-#: Newton's step of an algebraic unknown.
+#: Symbol of Newton's correction of an algebraic unknown.
 STEP = "step"
-#: An across variable that occurs in a field.
+#: Symbol of an across variable that occurs in a field.
 MEASURED = "measured"
-#: A value common to all columns of a map, and a value of one column.
+#: Symbol of a value common to all columns of a map, and of a value of one column.
 SHARED = "shared"
 COLUMN = "column"
-#: Change of the inputs of one column of a map, or weight of its results.
+#: Symbol of the change of an input of a column, or of the weight of a result.
 CHANGE = "change"
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Ends of an unbounded range. They are finite, because constants of a program are.
+#: Bounds of an unbounded range, finite because constants of a program must be finite.
 ENDLESS = 1e300
 
 Range = tuple["Node", "Node"]

@@ -35,7 +35,7 @@ _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 #: Steps per period of such a sine. A rectifier conducts for a twentieth of the period or more.
 _SHARES = 32.0
 
-#: Values with more linear pieces than this are left to the error test.
+#: Maximum number of linear pieces; kinks of values with more are left to the error test.
 _MOST_PIECES = 16
 
 

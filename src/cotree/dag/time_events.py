@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: The largest number of time events in a run: a period far below the span is an error in units.
+#: Maximum number of time events in a run; more indicate an error in units.
 _MOST = 10_000_000
 
 

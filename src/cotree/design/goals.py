@@ -45,13 +45,13 @@ QUANTITIES = {
     "time": 1,
 }
 
-#: Those that integrate over the run, so that jumps of the integrand do no harm.
+#: Quantities that integrate over the run, so that jumps of the integrand are allowed.
 SUMMED = ("integral", "mean")
 
 #: Discontinuous functions, whose derivative is useless to a gradient-based search.
 _JUMPING = {"sign", "floor", "mod"}
 
-#: Prefix of placeholder names. No scene has such names, since those are valid C identifiers.
+#: Prefix of placeholder names; scenes have only C identifiers, which lack this character.
 _MARK = "quantity_ö"
 
 _LONGEST = 4000  # maximum number of characters, as in expressions

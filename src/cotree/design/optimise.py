@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.design.evaluation import Point
     from cotree.scene.settings import Settings, SettingsDict
 
-#: Fields of a scenario.
+#: Keys of a scenario.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")
 
 

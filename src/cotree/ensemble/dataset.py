@@ -243,7 +243,7 @@ def plain(value: Any) -> Any:
     return [plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
 
 
-#: Suffixes of files that can be written.
+#: Suffixes of the file formats that can be written.
 SUFFIXES = (".nc", ".zarr", ".csv")
 
 

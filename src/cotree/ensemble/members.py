@@ -141,7 +141,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     return made
 
 
-#: The dimension of members that are not a grid.
+#: Name of the dimension of members that are not a grid.
 MEMBER = "member"
 
 _FORMS = (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, RunRecord
 
 
-#: Ensembles with fewer members than this compile no code of lanes, unless lanes are requested.
+#: Minimum number of members for compiling code with lanes, unless lanes are requested.
 FEW = 100
 
 
@@ -31,8 +31,7 @@ class Plan:
     #: Settings of each run, including ``t_eval`` and ``method``. The values of a member replace
     #: parameters and initial values here.
     settings: Settings
-    #: The parameters, and the states by their initial values, that members set, in the order of a
-    #: row.
+    #: Names of the parameters and states whose values members set, in the order of a row.
     columns: tuple[str, ...]
     outputs: tuple[str, ...] = ()  # names of the outputs that are evaluated
     #: Number of members per vector: 1 disables vectors, None selects the width of the processor.
@@ -50,7 +49,7 @@ class Plan:
 #: Status of a member that was not run because the ensemble was stopped.
 NOT_RUN = -3
 
-#: The message of such a member.
+#: Message of a member that was not run.
 NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 

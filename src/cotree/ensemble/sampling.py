@@ -127,7 +127,7 @@ class Samples(Mapping[str, "FloatArray"]):
     """Members that were drawn; a mapping of names to arrays of shape (n,)."""
 
     columns: Mapping[str, FloatArray]  # sampled values by name
-    #: Method, seed and distributions; stored in the results.
+    #: Method, seed and distributions of the sample; stored in the results.
     origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:

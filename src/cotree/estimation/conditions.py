@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
 
 
-#: Distributions of the difference, with the standard deviation, or the scale, of ``noise``.
+#: Distributions of the difference, with standard deviation (or scale) ``noise``.
 DISTRIBUTIONS = ("normal", "laplace")
 
 

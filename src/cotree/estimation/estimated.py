@@ -17,10 +17,10 @@ from cotree.scene.expressions import check_number
 
 Array = npt.NDArray[np.float64]
 
-#: Scales: "lin" is the value itself, the others are its natural and its decimal logarithm.
+#: Scales of estimated parameters: linear, natural logarithm and decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
-#: Derivative of the natural logarithm of a value by its value on the scale.
+#: Derivative of the natural logarithm of a value with respect to the scaled value.
 LOGARITHMS = {"lin": 1.0, "log": 1.0, "log10": math.log(10.0)}
 
 

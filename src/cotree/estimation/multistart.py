@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
-    #: Additional residuals and their Jacobian as a function of ``theta``.
+    #: Function that returns additional residuals at ``theta`` and their Jacobian.
     Rows = Callable[[Array], tuple[Array, Array]]
 
 
@@ -217,7 +217,7 @@ class Search:
     #: ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
     optimiser: str = "trf"
     loss: str = "linear"  # ``linear``, or a robust loss, which requires a given noise
-    #: The residual, in standard deviations, beyond which values count as outliers.
+    #: Residual, in standard deviations, beyond which a value counts as an outlier.
     f_scale: float = 1.0
     #: Termination tolerances: relative change of the objective, relative step, and gradient.
     ftol: float = 1e-12

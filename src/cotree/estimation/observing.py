@@ -43,16 +43,16 @@ class Observed:
     experiment: Experiment
     name: str
     model: Model = field(init=False)  # the model, set when it has been compiled
-    #: The state or output that each column measures.
+    #: Name of the state or output that each column measures.
     outputs: dict[str, str] = field(default_factory=dict)
-    #: The output that is the standard deviation of a column, if that is an expression.
+    #: Name of the output that is the standard deviation of a column, if given by an expression.
     noise: dict[str, str] = field(default_factory=dict)
-    #: The estimated parameter that is the standard deviation of a column.
+    #: Name of the estimated parameter that is the standard deviation of a column.
     deviations: dict[str, str] = field(default_factory=dict)
     #: Inputs given as numbers, tables or functions.
     inputs: dict[str, Any] = field(default_factory=dict)
     expressions: dict[str, str] = field(default_factory=dict)  # expressions of inputs, by name
-    #: Parameters in expressions that the scene does not have.
+    #: Names of parameters in expressions that the scene does not have.
     new: set[str] = field(default_factory=set)
 
 
@@ -206,7 +206,7 @@ class Observer:
             return compile_spec(given.spec.of(scene, names))
 
 
-#: Prefix of automatically named standard deviations: that of column ``v`` is ``noise[v]``.
+#: Prefix of names of estimated standard deviations: ``noise[v]`` for column ``v``.
 NOISE = "noise"
 
 # Bounds of estimated standard deviations, in multiples of the range of the data. The lower one is

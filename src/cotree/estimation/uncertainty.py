@@ -61,11 +61,11 @@ _N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
 class Split:
     """Determined and undetermined directions of the parameter space at a point."""
 
-    #: Unit of change of each parameter on its scale: to first order, a change by its own value.
+    #: Unit of change of each parameter on its scale, which to first order doubles the value.
     sizes: Array
     values: Array  # corresponding changes of the unscaled values
     open: Array  # undetermined directions in these units, as orthonormal columns
-    #: Whether the unit is the parameter's value; it is not if that is zero.
+    #: Whether the unit is the parameter's value, which requires a nonzero value.
     is_relative: npt.NDArray[np.bool_]
 
     @property

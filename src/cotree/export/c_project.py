@@ -74,7 +74,7 @@ class Numbers:
     """The default numbers of a run."""
 
     t_end: float  # end time of the run, [s]
-    #: Tolerances.
+    #: Relative and absolute tolerances of the run.
     rtol: float
     atol: float
     step: float | None = None  # step size for methods with a fixed step, [s]
@@ -88,7 +88,7 @@ class MainContext:
     integrator: str  # name of the default method
     methods: list[str]  # all methods that are compiled
     implicit: list[str]  # names of the methods that need a Jacobian
-    #: C literals.
+    #: End time and tolerances as C literals.
     t_end: str
     rtol: str
     atol: str

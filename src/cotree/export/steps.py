@@ -53,7 +53,7 @@ class Term:
     #: Symbol and owner: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a cluster.
     letter: str
     place: str
-    #: One entry of a scalar, three of a vector, nine of a matrix, row by row.
+    #: Nodes of the components: one for a scalar, three for a vector, nine for a matrix by rows.
     nodes: tuple[Node, ...]
     note: str = ""  # frame in which the variable is resolved, if not the ground frame
     edge: str = ""  # name of the edge whose terminal equation this is; empty for other terms
@@ -265,7 +265,7 @@ _LARGEST_WRITTEN = 20_000
 _HELD = "\N{NO-BREAK SPACE}"
 _COMPONENTS = {1: ("",), 3: (".x", ".y", ".z"), 9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
 
-#: Through and across letters of the graphs of multibody systems.
+#: Letters of through and across variables in the graphs of multibody systems.
 _LETTERS = {"translation": ("F", "r"), "rotation": ("T", "ω")}
 
 _LIKEWISE = {"r": ", likewise v and a", "ω": ", likewise α; orientations follow one another"}

@@ -119,7 +119,7 @@ def _call_name(_: Node, position: int) -> str:
     return str(position + 1)
 
 
-#: Names of the results of nodes that have several.
+#: Names of the results of nodes with several results.
 _SEVERAL: dict[str, Callable[[Node, int], str]] = {
     "solve": _solve_name,
     "table": _table_name,
@@ -239,7 +239,7 @@ def symbolic_events(
     return found
 
 
-#: A name, or a state's name with the parameter that it is differentiated with respect to.
+#: Name of a value, or of a state and the parameter with respect to which it is differentiated.
 Key = str | tuple[str, str]
 
 # Entries of the mass matrix with more operations than this are not expanded.

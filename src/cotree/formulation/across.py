@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 class Circuits:
     """Sums of an across variable along paths of the tree, each formed once."""
 
-    #: Topology and bases.
+    #: Topology and bases of the clusters.
     clusters: Clusters
     frames: Frames
-    #: Returns the across variable of a branch, in the basis of its parent.
+    #: Function that returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
     #: The circuits of the first graph if this is a sensitivity graph, for values that do not
     #: change.
@@ -144,7 +144,7 @@ class Accelerations:
     #: between the ends of the arm.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
-    #: Of each moving branch, from the parent's origin to the child's, in the parent's basis.
+    #: Vector of each moving branch from the parent's origin to the child's, in the parent's basis.
     across: tuple[Vector, ...]
     rates: tuple[Node, ...]  # accelerations: derivatives of the speeds
 

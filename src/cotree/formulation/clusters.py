@@ -104,7 +104,7 @@ class EdgeEntry:
     """The branches of an edge that lead a tree from one cluster to another."""
 
     sign: int  # +1 if the edge points away from the ground, else -1
-    #: Clusters of the innermost and the outermost of its branches.
+    #: Clusters of the innermost and outermost branches of the edge.
     first: int
     last: int
 

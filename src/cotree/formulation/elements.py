@@ -65,14 +65,14 @@ class Action:
     """Force and torque of an element on its second node; the first gets the reaction."""
 
     edge: BoundEdge  # edge of the force element
-    #: Its nodes.
+    #: End points of the element.
     first: Point
     second: Point
     ancestor: int  # cluster in whose basis the vectors are resolved
     arms: tuple[Vector, Vector]  # positions of the two nodes relative to their clusters' origins
     reach: Vector  # vector from the first node to the second
     arguments: Mapping[str, Node]  # arguments of its scalar law
-    #: On the second node.
+    #: Force on the second node.
     force: Vector
     torque: Vector
     is_central: bool = False  # whether the force acts along the line between the nodes

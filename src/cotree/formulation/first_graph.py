@@ -196,7 +196,7 @@ class FirstGraph:
     #: Whether storages of the networks are coupled to joints, so that they contribute to the mass
     #: matrix.
     has_far_inertia: bool = False
-    #: The tree, if the unknowns are to be eliminated along it; see :func:`tree_links`.
+    #: Links of the tree, if the unknowns are eliminated along it; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 

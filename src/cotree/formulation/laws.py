@@ -49,7 +49,7 @@ class Applied:
     pull: Pull  # wrenches and efforts per unit of the through variable
     magnitude: Node  # value of the through variable
     formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
-    #: Each symbol represents a measure: its value, or its rate if true.
+    #: Measure that each symbol represents; if the flag is true, the rate of the measure.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
     potential: Node | None = None  # stored energy of a linear spring; None for other laws
 

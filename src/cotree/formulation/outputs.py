@@ -353,7 +353,7 @@ class Outputs:
     #: The outputs in terms of states and unknowns; then the expressions of the events, in the order
     #: of :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
-    #: Positions and velocities of nodes that they use, by ``node.variable``.
+    #: Positions and velocities of nodes that outputs use, by ``node.variable``.
     across: Mapping[str, Node]
     networks: Mapping[str, Node]  # values of the network variables that outputs use, by name
     #: Initial values of the modes that represent jumps inside expressions, by name.

@@ -52,7 +52,7 @@ _DRIVEN = (
 class Coordinate:
     """A generalized coordinate of a branch."""
 
-    #: ``edge.coordinate`` and its unit.
+    #: Name of the coordinate, ``edge.coordinate``, and its unit.
     name: str
     unit: str
     symbol: Node  # symbol of the coordinate in the program
@@ -63,14 +63,14 @@ class Coordinate:
 class Speed:
     """A generalized speed: the rate of motion along one direction of a branch's motion space."""
 
-    #: Name, ``edge.coordinate_dot`` or another one, and unit.
+    #: Name of the speed, usually ``edge.coordinate_dot``, and its unit.
     name: str
     unit: str
     index: int  # index among the speeds
     edge: str  # name of the branch
-    #: The coordinate of which it is the rate; None for angular velocities, which have none.
+    #: Coordinate whose rate the speed is; None for angular velocities.
     coordinate: Coordinate | None
-    #: The speed and its rate as arguments of the program.
+    #: Symbols of the speed and of its rate in the program.
     symbol: Node
     acceleration: Node
     initial: Node  # initial value as a function of parameters

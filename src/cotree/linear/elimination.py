@@ -46,12 +46,12 @@ class Remainder:
     #: Columns of the entries in each row, and rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
-    #: Rows and columns that were coupled with the last pivot.
+    #: Rows with an entry in the last pivot's column; columns with an entry in its row.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
 
-#: Returns the next pivot, or None at the end of the elimination.
+#: Function that returns the next pivot, or None at the end of the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 

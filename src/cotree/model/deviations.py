@@ -68,14 +68,14 @@ class Slopes:
 class Reduced:
     """A linear system in independent deviations z, dx = basis z."""
 
-    #: z' = A z + B u, y = C z + D u.
+    #: Matrices of z' = A z + B u and y = C z + D u.
     A: Array
     B: Array
     C: Array
     D: Array
     basis: Array  # deviations of all states for a unit of each z
     rates: Array  # time derivatives of the motion, along each z
-    #: The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
+    #: Names of z: states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
     from cotree.program.program import Program
 
-#: The most names in a message.
+#: Maximum number of names in a message.
 _MOST_NAMES = 6
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
@@ -121,7 +121,7 @@ def _name(layout: Layout, symbol: Node) -> str:
     return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"
 
 
-#: Largest number of coordinates of a singular position in a message.
+#: Maximum number of coordinates of a singular position in a message.
 _MOST_COORDINATES = 8
 
 

@@ -82,7 +82,7 @@ def load_kernels(
 class StepWork:
     """Operation counts of the parts of a step."""
 
-    #: Operations to evaluate the rates, the rates with sensitivities, and the Jacobian.
+    #: Operation counts of the rates, the rates with sensitivities, and the Jacobian.
     rates: int
     augmented: int
     jacobian: int
@@ -134,10 +134,10 @@ class NativeModel:
     library: LoadedLibrary  # loaded library; the reference keeps its code in memory
     layout: Layout
     can_extend: bool  # whether the library can compute rates of the algebraic unknowns
-    #: Returns factors and second derivatives, which the first call builds; None if that is
+    #: Function that returns factors and second derivatives, built at the first call; None if
     #: impossible.
     newton: Callable[[], Newton | None]
-    #: Returns the operation counts of implicit steps, which the first call computes.
+    #: Function that returns the operation counts of implicit steps; None if impossible.
     work: Callable[[], StepWork | None]
 
 

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: A full matrix, or one of SciPy's compressed ones.
+#: A dense matrix, or a compressed matrix of SciPy.
 Matrix = Any
 
-#: Rounding errors of the equations change unknowns by this fraction of their scale.
+#: Relative change of the unknowns due to rounding errors of the equations.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 #: Steps below this fraction of an unknown that no longer halve are rounding errors, since Newton's
@@ -47,8 +47,7 @@ _PROBES = 16
 #: nonzero.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Rounding error of singular values, in units in the last place of the largest; larger for larger
-#: matrices.
+#: Rounding error of singular values, in units in the last place of the largest one.
 _WEAK = 10
 
 #: Entries below this fraction of the largest are not involved in a singular direction.

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 #: present point, each step squares the error.
 _FEW = 3
 
-#: The least fraction of the decrease predicted by the linear model: Armijo's rule.
+#: Minimum fraction of the decrease predicted by the linear model (Armijo's rule).
 _ARMIJO = 1e-4
 
 #: Numbers of neighbouring points and distances in the test for rounding of residuals.
@@ -375,13 +375,13 @@ _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
 _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 
-#: Full steps, which converge from a point next to a root.
+#: Limits near a root: full steps only.
 NEXT = NewtonLimits(20, WholeSteps)
 
-#: Close to a root little damping is needed; otherwise the search ends after a few steps.
+#: Limits close to a root: little damping; the search ends after a few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Continuation: if a root is not found in few steps, the advance is halved.
+#: Limits in continuation: if a root is not found in few steps, the advance is halved.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 

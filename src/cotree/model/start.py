@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Both values may be given if they agree to this relative tolerance.
+#: Relative tolerance for the agreement of two given values that determine each other.
 _AGREE = 1e-6
 
 

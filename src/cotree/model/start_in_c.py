@@ -56,13 +56,13 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Statuses of C: prescribed values contradict the constraints, or cannot change with a parameter.
+#: Statuses in C: prescribed values contradict the constraints, or cannot change with a parameter.
 _CONTRADICTIONS = (100, 102)
 
-#: The algebraic equations have no solution near the guess, or leave unknowns undetermined.
+#: Statuses in C: no solution of the algebraic equations near the guess; unknowns undetermined.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
-#: The modes of jumps contradict the states that result from them.
+#: Status in C: the modes of jumps contradict the states that result from them.
 _REVERSED = 105
 
 #: All states are found; but redundant values may contradict each other, a value may not be finite,
@@ -378,7 +378,7 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
 #: below the second number count as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
-#: Largest number of residuals, and of changes, in a message.
+#: Maximum number of residuals, and of changes, in a message.
 _MOST_NAMED = 6
 
 _LEVELS = ("positions", "velocities")

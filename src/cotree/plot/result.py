@@ -29,7 +29,7 @@ _MOST_UNNAMED = 4
 
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
 
-#: A name given by a user: a state, output, input or title of a column, or (name, parameter).
+#: Name given by the user: a state, output, input or column title, or (name, parameter).
 Name = str | tuple[str, str]
 
 
@@ -38,7 +38,7 @@ class Curves:
     """Curves to draw."""
 
     values: tuple[str, ...]  # names of states, outputs and inputs
-    #: States and outputs with the parameters that their sensitivities are to.
+    #: Names of states and outputs, each with the parameter of its sensitivity.
     sensitivities: tuple[tuple[str, str], ...]
 
 

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from cotree.program.solved import SolvedSystem
 
 
-#: Operations to move one nonzero value into a vector, or out of it.
+#: Number of operations to move one nonzero value into a vector, or out of it.
 _MOVE = 2
 #: Number of sweeps in which exchanges of all pairs of columns are tried, and maximum number of
 #: columns.
@@ -530,7 +530,7 @@ _ALONG = KernelSpec(
 class Curvature:
     """Both kernels."""
 
-    #: Kernels whose ``k`` contains prepared values, and the values that ``at`` computes.
+    #: Kernels; ``k`` contains prepared values, and for ``along`` the values that ``at`` computes.
     at: Kernel
     along: Kernel
     places: tuple[int, ...]  # places of the results of ``along`` among the rates of sensitivities

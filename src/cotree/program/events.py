@@ -57,7 +57,7 @@ _CONSTANT, _LINEAR, _CURVED = range(3)
 class EventRanges:
     """Ranges of event functions and switching functions."""
 
-    #: Index of the range of each event, then of each kink; -1: the function is linear.
+    #: Index of the range of each event function, then of each kink; -1: the function is linear.
     places: tuple[int, ...]
     quantities: tuple[Node, ...]  # quantities on which the functions depend
     #: For each nonlinear function, four values: bounds of its value, then of its rate.

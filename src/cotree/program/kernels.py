@@ -32,7 +32,8 @@ class KernelSpec:
     #: Whether its argument ``s``, and the sensitivities among its results, omit sensitivities that
     #: always vanish.
     is_packed: bool = False
-    #: Suffix of its name in the model structure, if a number or array there has the same name.
+    #: Suffix of the kernel's name in the model structure, if a number or array there has the same
+    #: name.
     of: str = ""
 
     @property

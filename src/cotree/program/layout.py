@@ -78,7 +78,7 @@ class Layout:
     #: For each event, then each kink: its index in the kernel ``event_ranges``, or -1 if it is
     #: linear.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities on which these depend, the last results of the kernel ``events``.
+    #: Number of quantities on which the ranges depend: the last results of the kernel ``events``.
     n_quantities: int = 0
     #: Initial values of coordinates and rates that the scene prescribes, in its order.
     given_names: tuple[str, ...] = ()

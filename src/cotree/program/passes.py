@@ -330,7 +330,7 @@ class PassReport:
     """Effect of one pass on a program."""
 
     name: str  # name of the pass
-    #: The program before and after it.
+    #: Program before the pass, and after it.
     earlier: Program
     later: Program
 

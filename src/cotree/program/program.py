@@ -35,7 +35,7 @@ class Kernel:
 
     spec: KernelSpec  # kind of the kernel
     results: tuple[Node, ...]  # values that the kernel writes
-    #: Values that the kernel reads from ``k`` instead of computing them, with their index there.
+    #: Values that the kernel reads from ``k`` instead of computing them, with the index in ``k``.
     prepared: Mapping[Node, int]
     #: Whether statements are ordered by the needs of the longest path, not as they were formed.
     is_by_need: bool = False

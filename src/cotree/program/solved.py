@@ -29,7 +29,7 @@ class Along:
     """Derivatives along one direction, in terms of states, inputs and parameters only."""
 
     unknowns: tuple[Node, ...]  # unknowns w' of the differentiated equations
-    #: By index; missing entries are zero.
+    #: Rates by index of the state; missing ones are zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 

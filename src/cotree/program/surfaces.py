@@ -67,7 +67,7 @@ _MOST_POINTS = 1000
 #: users of a branch.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
-#: Sums of more terms than this are compared without expansion.
+#: Maximum number of terms of sums that are compared by expansion.
 _MOST_TERMS = 64
 
 
@@ -124,7 +124,7 @@ def strip_switching_surfaces(program: Program) -> Program:
 class _Found:
     """Conditions and tables whose branches steps freeze."""
 
-    #: For each condition, as :class:`_Keys` writes it, the sides on which branches are frozen.
+    #: For each condition, in the form of :class:`_Keys`: sides on which branches are frozen.
     conditions: dict[_Key, frozenset[int]]
     tables: set[Node]  # tables whose intervals are frozen
     steep: SteepRoots
@@ -438,7 +438,7 @@ def _wild(order: Sequence[Node]) -> set[Node]:
     return found
 
 
-#: A sum: the numbers of its terms, with coefficients scaled so that the first one is one.
+#: A sum: numbers of the terms with coefficients, scaled so that the first one is one.
 _Key = tuple[tuple[int, float], ...]
 
 

@@ -146,7 +146,7 @@ FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
 }
 
-#: The conditional function: its second argument if the first one holds, otherwise the third.
+#: Name of the conditional function ``where(condition, then, else)``.
 WHERE = "where"
 
 #: Comparisons: whether the left side is the larger one, and whether equality is accepted.
@@ -157,7 +157,7 @@ COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
     ast.GtE: (True, True),
 }
 
-#: Binary operators.
+#: Binary operators that expressions may contain.
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 
 
@@ -337,7 +337,7 @@ def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
     return map_tree(tree, change)
 
 
-#: Parses a text once, to a tree that must not be changed.
+#: Cached parser: equal texts share one tree, which must not be changed.
 shared_tree = lru_cache(maxsize=1024)(read_tree)
 
 
@@ -365,7 +365,7 @@ class Expression:
 
     text: str  # the expression as the user wrote it
     where: str = field(repr=False)  # description of its owner for messages: "stiffness of edge 'k'"
-    #: The parsed text.
+    #: Syntax tree of the text.
     tree: ast.expr = field(compare=False, repr=False)  # determined by the text
     #: Names that occur: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)

@@ -178,7 +178,7 @@ _GRAPHS = ("translation", "rotation")
 class Trees:
     """The trees of the translation and of the rotation graph."""
 
-    #: The tree of each graph; both graphs have the same nodes.
+    #: Trees of the graphs of translation and rotation, which have the same nodes.
     translation: Tree
     rotation: Tree
 

@@ -109,7 +109,7 @@ class _Rewriting:
         self._old = scene
         self._modes: dict[str, Mode] = {}
         self._events: dict[str, Event] = {}
-        #: Mode of each text, shared by equal texts.
+        #: Name of the mode of each text, shared by equal texts.
         self._known: dict[str, str] = {}
         self.scene = copy.copy(scene)
         self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 class Port:
     """An edge of a scalar graph: one port of a component."""
 
-    #: Name of the edge in the graph: that of the component, followed by that of the port if there
-    #: are several.
+    #: Name of the edge in the graph: name of the component, and of the port if there are several.
     name: str
     edge: Edge  # component of the scene
     terminal: Terminal  # terminal equation of the component
@@ -114,7 +113,7 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     return graphs
 
 
-#: The variable that a source prescribes, by its kind.
+#: Variable that a source prescribes, by kind of source.
 GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
 
 #: Kinds whose through variable may be determined by the law of a source that they control. The

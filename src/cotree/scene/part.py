@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cotree.scene.tables import LookupTable
 
 
-#: Keys of tables in fields that are words, not expressions.
+#: Keys of tables in fields whose values are words, not expressions.
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
 #: Totals of a whole scene, which are undefined for parts.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
@@ -186,7 +186,7 @@ def _joint_fields(edge: Edge) -> set[str]:
 class Rows:
     """Declarations that parts add to an outer scene, by table and name."""
 
-    #: Tables, as in a scene.
+    #: Tables of the part, as in a scene.
     tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)

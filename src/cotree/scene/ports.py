@@ -33,7 +33,7 @@ def acts_on_multibody(port: Terminal) -> bool:
 class PortEnds:
     """End nodes of a port's edge; its across variable is the head's minus the tail's."""
 
-    #: The nodes; empty if the port acts on a multibody system.
+    #: Nodes of the port; empty if it acts on a multibody system.
     tail: str
     head: str
     #: The coordinate of a joint, or the two nodes along whose line the port acts; otherwise empty.

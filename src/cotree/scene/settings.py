@@ -63,7 +63,7 @@ class Row(NamedTuple):
     """Documentation, check and option of a setting."""
 
     doc: str  # documentation of the setting
-    #: ``check(value, name)`` returns the stored value, or raises an error.
+    #: Function ``check(value, name)`` that returns the stored value, or raises an error.
     check: Callable[[Any, str], Any]
     #: Help text of the command-line option; ``{}`` is replaced by the default. Empty: no option.
     option: str = ""

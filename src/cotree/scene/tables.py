@@ -259,7 +259,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
     return made
 
 
-#: The largest size of a file of points, in bytes.
+#: Maximum size of a file of points, [byte].
 LARGEST_POINTS = 20_000_000
 
 

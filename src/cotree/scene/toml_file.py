@@ -239,7 +239,7 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     scene.edge(name, rest.pop("type"), *nodes, initial=rest.pop("initial", None), **rest)
 
 
-#: The longest scene file, in bytes.
+#: Maximum size of a scene file, [byte].
 LARGEST_FILE = 50_000_000
 
 

@@ -45,7 +45,7 @@ class Engine:
     stepper: str  # name of the stepper in ``STEPPERS``
     has_events: bool  # whether its jobs may have events
     library: LoadedLibrary  # library that runs jobs
-    #: A ``cotree_sundials`` structure with the functions that the stepper calls.
+    #: Structure ``cotree_sundials`` with the functions that the stepper calls.
     functions: Any = None
     sundials: Any = None  # reference to the library of SUNDIALS, which keeps it loaded
 

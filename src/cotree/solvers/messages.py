@@ -166,8 +166,7 @@ def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
 
 
-#: Sentences by the name of a status,: ``t`` is the time,
-#: ``detail`` a further time, a duration or a count.
+#: Sentences by status name; ``t`` is the time, ``detail`` a further time, duration or count.
 EVENT_MESSAGES = {
     "EVENTS_NOT_FINITE": "the function of event {event} is not finite",
     "EVENTS_SET_NOT_FINITE": "a new value of event {event} is not finite",

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Augmented systems longer than this are factored block by block, not as one dense matrix.
+#: Maximum size of augmented systems for dense factorisation; larger ones are factorised by blocks.
 DENSE_LIMIT = 100
 
-#: SciPy's limit; below it the error test measures rounding only.
+#: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
 #: Absolute tolerance of sensitivities outside the error test. Infinite weights would turn norms of

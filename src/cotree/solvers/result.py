@@ -417,7 +417,7 @@ class Trajectory:
     #: Events in order, one row each: time, [s], event index, derivatives of the time by the
     #: parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    #: Whether it failed because equations could not be solved with any step size.
+    #: Whether the run failed because equations could not be solved with any step size.
     is_unsolved: bool = False
 
 

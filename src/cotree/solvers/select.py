@@ -111,10 +111,9 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
 class MethodSwitch:
     """The switch of one run to a method for stiff problems."""
 
-    #: ``solve(problem, method)`` integrates with a named method.
+    #: Function ``solve(problem, method)`` that integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]
-    #: The first step that is tested for stiffness; the steps before decided the choice of the
-    #: method.
+    #: Index of the first step tested for stiffness; earlier steps decided the choice of the method.
     first_step: int = 0
     note: str = ""  # the outcome as a sentence; empty if no other method was tried
     _has_failed: bool = False

@@ -53,15 +53,15 @@ _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 class PageContext:
     """Variables of the page's template."""
 
-    #: Untrusted text.
+    #: Title of the page and note on the run, untrusted texts.
     title: str
     note: str
-    #: Content security policy of the page, and the program that wrote the file.
+    #: Content security policy of the page; name of the program that wrote the file.
     policy: str
     generator: str
     last: int  # index of the last frame
     speeds: tuple[tuple[str, str], ...]  # labels and factors of speeds
-    #: Text that is already escaped.
+    #: Style sheet, script and data of the page, already escaped.
     style: Markup
     script: Markup
     data: Markup

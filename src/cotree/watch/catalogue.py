@@ -213,7 +213,7 @@ def strut(
     draft.strut(edge.name, edge.first, edge.second, mesh(width * draft.w), color)
 
 
-#: A force along a line: a thin red line.
+#: Drawing of a force along a line: a thin red line.
 LINE_FORCE = partial(strut, mesh=shapes.rod, width=0.3, color=FORCE)
 
 

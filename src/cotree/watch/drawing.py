@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.watch.stage import MotionValues, Place, Poses, Stage
 
 
-#: The camera follows a mechanism that travels more than this many times its own size.
+#: Distance, in sizes of the mechanism, beyond which the camera follows its motion.
 FAR = 15.0
 
 
@@ -81,7 +81,7 @@ class Drawing:
     note: str
     frames: Moments  # times and events of the frames
     poses: Poses  # poses of the tracks, which are the clusters, in each frame
-    #: Shapes, struts and names.
+    #: Shapes, struts and names to draw.
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]

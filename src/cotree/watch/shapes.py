@@ -200,7 +200,7 @@ def axes_along(z: Array, y: Array | None = None) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-#: Red, green and blue, 0 to 255.
+#: Colour: red, green and blue, from 0 to 255.
 Color = tuple[int, int, int]
 
 #: Colours of the bodies, in order; adjacent colours also differ in lightness.

@@ -43,11 +43,11 @@ class Stage:
 
     poses: Poses  # poses of the clusters
     places: Mapping[str, Place]  # places of the nodes
-    #: Axis that points up, and direction to the viewer.
+    #: Vertical axis (upwards), and direction to the viewer.
     up: Array
     towards: Array
     is_flat: bool  # whether everything moves in a plane
-    #: Size of the mechanism, and half the width of its bars, [m].
+    #: Size of the mechanism, and half of the width of its bars, [m].
     size: float
     thickness: float
     body: tuple[int, ...]  # index of each cluster among those with nodes

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.estimation.petab.tables import ConditionRow, MeasurementRow, ObservableRow, Tables
 
 
-#: A value: the name of an estimated parameter, or a number.
+#: Value that a condition sets: the name of an estimated parameter, or a number.
 Setting = str | float
 
 
@@ -40,12 +40,12 @@ Setting = str | float
 class Entities:
     """The quantities of a model that tables may set, by identifier."""
 
-    #: Constants of the model, and parameters that only formulas use: parameters of the scene.
+    #: Parameters of the scene: constants of the model, and parameters that only formulas use.
     parameters: Mapping[str, str]
     states: Mapping[str, str]  # quantities that change with time and are states of the model
     #: Parameters of the scene that are the initial values of some of these states, as numbers.
     initial: Mapping[str, str]
-    #: The entries of ``parameters`` and ``states`` without a value in the model.
+    #: Names of ``parameters`` and ``states`` that have no value in the model.
     valueless: frozenset[str] = frozenset()
     #: Values of the entries of ``parameters`` that are numbers in the model.
     numbers: Mapping[str, float] = field(default_factory=dict)

@@ -30,7 +30,7 @@ _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 _Named = TypeVar("_Named", "ParameterRow", "ObservableRow", "ConditionRow")
 
-#: A cell of the condition table: a number, a name, or None to keep the model's value.
+#: Cell of the condition table: a number, a name, or None to keep the model's value.
 Cell = float | str | None
 
 
@@ -203,7 +203,7 @@ _PRIORS = (
 )
 
 
-#: Columns that each table must have.
+#: Names of the columns that each table must have.
 _COLUMNS = {
     "parameter": ("parameterId", "parameterScale", "nominalValue"),
     "observable": ("observableId", "observableFormula", "noiseFormula"),

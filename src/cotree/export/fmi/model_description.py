@@ -63,7 +63,7 @@ class Description:
     identifier: str  # name of the C functions and the library
     token: str  # instantiation token (FMI 2: GUID), which ties the library to the description
     variables: FmuVariables
-    #: Of the default experiment.
+    #: End time, tolerance and step of the default experiment.
     t_end: float
     rtol: float
     step: float  # communication interval, [s]
@@ -242,11 +242,11 @@ class FmuVariable:
     """A variable."""
 
     reference: int  # value reference of the variable
-    #: Its name, unit in the spelling of cotree, and meaning.
+    #: Name of the variable, unit in the spelling of cotree, and meaning.
     name: str
     unit: str
     doc: str
-    #: As in the standard.
+    #: Attributes ``causality`` and ``variability`` of the standard.
     causality: str
     variability: str
     initial: str = ""  # FMI attribute ``initial``; empty if the standard requires none

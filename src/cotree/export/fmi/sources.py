@@ -47,7 +47,7 @@ class Partials:
     """A kernel that writes the nonzeros of a matrix of derivatives."""
 
     name: str
-    #: Shape of the matrix.
+    #: Numbers of rows and columns of the matrix.
     n_rows: int
     n_columns: int
     #: Sparsity pattern in compressed columns.
@@ -72,7 +72,7 @@ class FmuKernels:
     #: importer, parameters and time.
     partials: Partials
     initial: Partials  # derivatives of the initial states with respect to parameters
-    #: Constraints, then conditions at the start, by the columns of ``partials``.
+    #: Derivatives of the constraints, then of the conditions at the start.
     constraints: Partials
     #: Upper bounds of the step size; then the first time and the period of each series of time
     #: events, with derivatives along each sensitivity. None if there are none.
@@ -215,7 +215,7 @@ class Facts:
     is_found: bool
     is_at_rest: bool
     sizes: tuple[float, ...]  # factors of the absolute tolerances; empty if all are one
-    #: Defaults.
+    #: Default tolerances and end time.
     rtol: float
     atol: float
     t_end: float

@@ -39,7 +39,7 @@ class Coupling:
 
     port: Port
     measure: Measure  # measure along which the port acts
-    #: Integral of the across variable, the across variable, and its rate.
+    #: Across variable, with its integral and its rate.
     value: Node
     rate: Node
     acceleration: Node

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Quantity and name of a variable.
 Variable = tuple[str, str]
 
-#: Derivatives along several directions; zero ones are absent.
+#: Derivatives of a value along several directions; zero ones are absent.
 Tangent = dict["Hashable", "Node"]
 
 

@@ -335,7 +335,7 @@ def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
     )
 
 
-#: An unknown and its equation.
+#: An unknown and the equation from which it is computed.
 _Pair = tuple["Variable", "Variable"]
 
 #: Minimum number of unknowns for which blocks of resistances are solved in potentials without
@@ -353,7 +353,7 @@ _MANY_BENT = 24
 class SolvedBlock:
     """A block whose linear unknowns have been solved for."""
 
-    #: Unknowns with their equations.
+    #: Unknowns and the equations from which they are computed.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
     factors: LinearSolver  # factors of the linear equations in the linear unknowns

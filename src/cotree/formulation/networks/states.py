@@ -33,7 +33,7 @@ class Held:
 
     port: Port
     quantity: str  # ``across``, ``through``, ``stretch`` or ``total`` (of contents)
-    #: Name without that of the port, and unit.
+    #: Name of the variable without that of the port, and unit.
     short: str
     unit: str
 

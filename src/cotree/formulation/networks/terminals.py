@@ -74,9 +74,9 @@ class Terminals:
     swaps: Mapping[str, Swap]
     #: Multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
-    #: Fields of these that use forces or accelerations, which are algebraic unknowns.
+    #: Fields of friction and stops that use forces or accelerations, which are algebraic unknowns.
     reacting: frozenset[tuple[str, str]]
-    #: Conditions on parameters under which values do not jump, for values whose rate is used.
+    #: Conditions on parameters under which a value, whose rate is used, does not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
     #: Values whose rate is used and jumps at kinks at unknown times, with the symbols on which
     #: these times depend.

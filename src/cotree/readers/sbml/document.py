@@ -60,7 +60,7 @@ class Part:
 
     species: str  # identifier of the species
     sign: int  # sign in the stoichiometry: -1 for a reactant, 1 for a product
-    #: Its stoichiometry: a number, the identifier of a quantity, or a formula.
+    #: Stoichiometry: a number, the identifier of a quantity, or a formula.
     stoichiometry: float | str | Formula
     at: SourceLine  # file and line of the reference
 
@@ -102,7 +102,7 @@ class SbmlContent:
     initials: dict[str, Formula] = field(default_factory=dict)
     assignments: dict[str, Formula] = field(default_factory=dict)
     rates: dict[str, Formula] = field(default_factory=dict)
-    #: The reactions and events.
+    #: Reactions and events of the model.
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # notes on ignored elements

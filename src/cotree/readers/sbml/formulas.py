@@ -35,7 +35,7 @@ class Term:
     """A partly built expression."""
 
     tree: ast.expr  # syntax tree of the expression
-    #: Number of nodes and levels.
+    #: Number of nodes, and depth, of the tree.
     size: int = 1
     height: int = 1
 
@@ -63,7 +63,8 @@ def name(identifier: str) -> Term:
 class TermMaker:
     """Combines terms, and cuts off parts that have become too large."""
 
-    #: Declares a quantity from an expression and the start of a name, and returns its name.
+    #: Function that declares a quantity, given an expression and the start of a name; returns the
+    #: name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
@@ -167,7 +168,7 @@ class FormulaReader:
     symbol: Callable[[str], Term]  # returns the term for an identifier
     time: Term  # time: ``t``, or zero at the start
     make: TermMaker  # creates terms
-    #: Returns the term of the rate of change of a quantity, read by the given reader.
+    #: Function that returns the term of a quantity's rate of change, given a reader.
     rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)
     _depth: int = 0

@@ -126,10 +126,10 @@ _LAW = re.compile(
 )
 _SIGNALS = re.compile(r"(?<![\w.])[vi]\s*\(|(?<![\w.])time(?![\w.])", re.IGNORECASE | re.ASCII)
 
-#: Distance of the thresholds of a comparison from the centre, in multiples of the hysteresis.
+#: Distance of a comparison's thresholds from the centre, in multiples of the hysteresis.
 _BEYOND = 1.000001
 
-#: Kind of the source, by the name in front of its law, for each letter of elements.
+#: Kind of source, by letter of the element and name in front of the law.
 _GIVES = {
     "b": {"v": "voltage", "i": "current"},
     "e": {"value": "voltage", "vol": "voltage", "v": "voltage"},
@@ -308,7 +308,7 @@ def coupled_fields(
     return fields
 
 
-#: Geometry for capacitances and leakage per area, which are not modelled.
+#: Geometry parameters for capacitances and leakage per area, which are not modelled.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
 _DEFAULT_SIZE = 1e-4  # default length and width in ngspice, [m]
 
@@ -589,7 +589,7 @@ def _bipolar(place: Instance, line: Line) -> None:
     place.add(line.words[0], model.component, nodes, fields)
 
 
-#: Transit times, and the junction capacitances that they require.
+#: Names of transit times, and of the junction capacitances that they require.
 _TRANSITS = {
     "transit_time": "junction_capacitance",
     "forward_transit_time": "be_capacitance",

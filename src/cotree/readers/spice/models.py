@@ -121,7 +121,7 @@ _ALIASES = {
     "m": {"vt0": "vto"},
     "j": {"vt0": "vto", "m": "mj"},
 }
-#: Switches controlled by a voltage or by a current.
+#: Resistances of switches controlled by a voltage or by a current.
 _RESISTANCES = {
     "ron": ModelParameter(1.0, "", "", "ohm"),
     "roff": ModelParameter(1e12, "", "", "ohm"),
@@ -141,7 +141,7 @@ _TABLES = {
     **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
 }
 
-#: Letter of the elements and component, by type of the model.
+#: Letter of the elements, and component, by model type.
 TYPES = {
     **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
     **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},

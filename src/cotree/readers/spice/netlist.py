@@ -17,7 +17,7 @@ _LONGEST_LINE = 100_000  # maximum number of characters of a statement with its 
 # A dollar sign may be part of a name, so it starts a comment only between spaces.
 _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
-#: An expression in braces or quotes, an equals sign, or a word.
+#: Words of a statement: an expression in braces or quotes, an equals sign, or other text.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
 _ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -145,7 +145,7 @@ _PASSED_OVER = (
     | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
     | {".backanno", ".wave"}
 )
-#: What to do instead of statements that are refused.
+#: Alternatives to refused statements, for messages.
 _REMEDIES = {
     ".step": "give the values to 'ensemble', or to the command 'sweep'",
     ".if": "write the chosen branch only, or an expression with a ? b : c",
@@ -184,7 +184,7 @@ class Circuit:
     #: Models and subcircuits by name in lower case.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    #: Names and values as written, and lines.
+    #: Parameters: name and value as written, and line.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
     #: Functions by name in lower case.
     functions: dict[str, UserFunction] = field(default_factory=dict)

@@ -37,7 +37,7 @@ class Sheet(Generic[_Scene]):
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}  # voltages of ``.ic``, by node
-        #: Nodes whose voltages are used: names in the scene and as written, and lines.
+        #: Nodes whose voltages are used: name in the scene, name as written, and line.
         self.named: list[tuple[str, str, SourceLine]] = []
         self.shared: frozenset[str] = frozenset()  # nodes in ``.global``
         self._shorts: dict[str, str] = {}
@@ -103,7 +103,7 @@ class Coupled:
 
     #: Inductor statements, by name in lower case, in the order of the netlist.
     inductors: dict[str, Line] = field(default_factory=dict)
-    #: Coupling statement of each pair, in the order of the netlist.
+    #: Coupling statements by pair of inductors, in the order of the netlist.
     couplings: dict[frozenset[str], Line] = field(default_factory=dict)
 
     @property

@@ -222,7 +222,7 @@ JOINT_TYPES = {
     "planar": True,
     "floating": False,
 }
-#: Moments of inertia as the format names them.
+#: Names of the moments of inertia in the format.
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -259,11 +259,11 @@ class Mimic:
 class Joint:
     """A joint."""
 
-    #: Name, and one of :data:`JOINT_TYPES`.
+    #: Name of the joint, and type from :data:`JOINT_TYPES`.
     name: str
     type: str
     at: SourceLine  # place in the file: first line of the element
-    #: Names of its links.
+    #: Names of the parent and child links.
     parent: str
     child: str
     pose: Pose  # pose of the child relative to the parent if the coordinate is zero
