@@ -147,6 +147,15 @@ static void accept(integrator *d)
 #endif
 }
 
+/* Return whether the last trial step is accepted in spite of its error, as rounding of the time
+ * permits hardly a shorter one. Where the argument of a root becomes zero, sensitivities change as
+ * a root of time does: their error is the root of rounding. */
+static int is_shortest(const integrator *d)
+{
+    const cotree_real most = COTREE_FMIN(LARGEST_ERROR, LARGEST_SHARE / d->rtol);
+    return COTREE_FABS(d->h) <= SHORTEST_SIZE * smallest_step(d->t) && d->error <= most * most;
+}
+
 /* Try steps until one is accepted. */
 static cotree_status take_step(integrator *d)
 {
@@ -165,12 +174,13 @@ static cotree_status take_step(integrator *d)
         cotree_status status = attempt(d);
         int is_accepted = 0;
         if (status == COTREE_OK) status = check(d);
-        if (status == COTREE_OK && is_passed(d)) {
+        if (status == COTREE_OK && (is_passed(d) || is_shortest(d))) {
             status = hold(d, d->t_new);
             is_accepted = status == COTREE_OK;
         }
         if (status == COTREE_OK) {
             choose_step(d, is_accepted);
+            if (is_accepted && d->error > COTREE_F(1.0)) d->step = COTREE_FABS(d->h);
             trouble = COTREE_STEP_TOO_SMALL;
         } else {
             d->step = FAILURE_FACTOR * COTREE_FABS(d->h);
