@@ -106,14 +106,15 @@ class Law:
 
         # SymPy does not differentiate floor, and therefore not the remainder either.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
-        floors = {item: sympy.Dummy(real=True) for item in whole.atoms(sympy.floor, sympy.ceiling)}
-        # Floors are replaced by constants while the law is differentiated, since they are constant
+        jumps = whole.atoms(sympy.floor, sympy.ceiling, sympy.sign)
+        # They are replaced by constants while the law is differentiated, since they are constant
         # between their jumps.
-        fixed = whole.subs(floors)
-        back = {dummy: item for item, dummy in floors.items()}
+        constants = {item: sympy.Dummy(real=True) for item in jumps}
+        fixed = whole.subs(constants)
+        back = {dummy: item for item, dummy in constants.items()}
         derivatives = {
             name: _derivative(fixed, sympy.Symbol(name, real=True))
-            # SymPy's derivative of a sign is an impulse at zero, which events handle.
+            # SymPy's derivative of a step is an impulse, which events handle.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
             for name in self.arguments

@@ -48,6 +48,7 @@ LAWS = {
         across_rate * sympy.Piecewise((g, sympy.And(across < c, across > -c)), (2 * g, True))
     ),
     "counted": lambda across, g, c: g * sympy.ceiling(across / c),
+    "quotient": lambda across, g, c: g * sympy.sign(across / c - 1) + g * across / c,
 }
 
 
