@@ -42,6 +42,16 @@ def test_nodes_and_edges_may_be_called_by_any_word(tmp_path):
     assert "v_dot - (3 - v)" in str(scene.equations()).replace("2*", "")
 
 
+def test_extremes_take_several_arguments():
+    scene = Scene("several")
+    scene.output("y", "max(1, t, min(4 - t, t + 2, 3))")
+    scene.capacitor("C", "a", "ground", capacitance=1.0)
+    y = scene.compile(optimize="-O0").simulate((0, 4), [0, 0.5, 2, 4])["y"]
+    assert y.tolist() == [2, 2.5, 2, 4]
+    with pytest.raises(ExpressionError, match="gives max 1 arguments"):
+        scene.output("z", "max(t)")
+
+
 @pytest.mark.parametrize("word", keyword.kwlist)
 def test_every_word_is_a_node_and_no_word_a_parameter(word):
     scene = Scene("s")

@@ -47,12 +47,15 @@ def read_tree(text: str) -> ast.expr:
             tree = ast.parse(marked, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError("is not an expression") from None
-    if _MARK in marked:
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Name):
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name():
                 node.id = node.id.removesuffix(_MARK)
-            elif isinstance(node, ast.Attribute):
+            case ast.Attribute():
                 node.attr = node.attr.removesuffix(_MARK)
+            case ast.Call(func=ast.Name(id="min" | "max") as extreme, args=args):
+                while len(args) > 2:  # of two at a time
+                    args[:2] = [ast.Call(extreme, args[:2], [])]
     return tree
 
 
