@@ -10,6 +10,7 @@ first thread adds a filter, and the last one removes it.
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import re
 import sys
@@ -65,11 +66,11 @@ def _filters() -> list[Any]:
 def level_of_user() -> int:
     """Return the stack level with which ``warnings.warn`` names the user's line.
 
-    It is that of the first caller outside this package.
+    It is that of the first caller outside this package and outside the cached properties in it.
     """
-    package, level = str(Path(__file__).parent), 1
+    inner, level = (str(Path(__file__).parent), functools.__file__), 1
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(inner):
         frame, level = frame.f_back, level + 1
     return level
 

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
     from cotree.program.program import Program
 
-pytestmark = pytest.mark.compiler
+pytestmark = [
+    pytest.mark.compiler,
+    # A random loop begins at random positions, whatever its parameters are.
+    pytest.mark.filterwarnings("ignore:initial values change with parameters:RuntimeWarning"),
+]
 
 SCENES = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))
 SLOW, ALL, BLOCK = 16, 304, 8

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -148,6 +150,22 @@ def test_moments_of_inertia_that_break_the_triangle_rule_are_named(inertia, para
     with pytest.warns(RuntimeWarning, match="inertia of edge 'b' is physically impossible") as said:
         top(inertia, **parameters).compile()
     assert [warning.filename for warning in said] == [__file__]
+
+
+def test_a_given_value_that_follows_a_parameter_is_named_at_the_users_line():
+    """Both coordinates of a slider crank are given as numbers, which agree for one length only."""
+    scene = cotree.Scene("slider-crank")
+    scene.parameter("l", 0.5)
+    scene.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], initial={"theta": 0.8})
+    scene.edge("crank", "rigid_body", "ground", "A", mass=0.0, inertia=[0.1, 0.1, 0.1])
+    scene.edge("arm", "arm", "A", "P", vector=[0.2, 0, 0])
+    s0 = 0.2 * math.cos(0.8) + math.sqrt(0.25 - (0.2 * math.sin(0.8)) ** 2)
+    scene.edge("p", "prismatic", "ground", "S", axis=[1, 0, 0], initial={"s": s0})
+    scene.edge("slider", "rigid_body", "ground", "S", mass=1.0)
+    scene.edge("rod", "distance", "P", "S", length="l")
+    with pytest.warns(RuntimeWarning, match=r"given before them are kept: 'p\.s' with 'l'") as said:
+        scene.compile(["l"], optimize="-O0").simulate((0, 0.1))
+    assert {warning.filename for warning in said} == {__file__}
 
 
 @pytest.mark.sampled(2)
