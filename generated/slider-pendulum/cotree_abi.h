@@ -55,7 +55,7 @@ typedef struct cotree_hybrid {
     int n_jumps;      /* number of targets of all events */
     const cotree_event *events;
     int n_coordinates;     /* number of coordinates, the first states */
-    int n_speeds;          /* number of speeds, the next states */
+    int n_speeds;          /* number of speeds, which follow the coordinates */
     int n_values;          /* number of constraints on coordinates, which come first */
     int n_rows;            /* number of constraints on speeds, which follow; rows of the gradient */
     const int *value_rows; /* n_values: their time derivatives among the constraints on speeds */

@@ -450,7 +450,7 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     size = experiment.size(name, runs.tight)
     steps = np.array([size * relative for relative in _RELATIVE_STEPS])
     differences, refusal = _differences(experiment, name, steps, y.shape)
-    # Over time; nan if a run at a step failed.
+    # Maximum over time; nan if a run at a step failed.
     deviations = np.max(np.abs(s - differences), axis=2)
     # `scale`, e_S, e_y and h* of the notes of `check_sensitivities`, by quantity.
     scale = np.maximum(_largest(s), _largest(y) / size)

@@ -154,7 +154,7 @@ class Guard:
 
     value: Node
     what: str  # name of the value, used as the subject of a message
-    is_strict: bool  # whether it must be positive, not only nonnegative
+    is_strict: bool  # whether the value must be positive, not only nonnegative
     #: Predicate of the message if the condition fails; empty for the standard predicate.
     breach: str = ""
     parameters: tuple[str, ...] = ()  # names of the parameters on which the value depends

@@ -88,7 +88,7 @@ class Table:
         note = ", ".join(f"{n} more {what}" for what, n in hidden.items() if n > 0)
         title = f'<caption style="text-align:left">{escaped(self.caption)}</caption>'
         body = f"<thead>{head}</thead><tbody>{''.join(shown)}</tbody>"
-        # Some pages centre tables.
+        # The style overrides that of pages that centre all tables.
         found = f'<table style="margin-left:0">{title if self.caption else ""}{body}</table>'
         return found + (f'<p style="opacity:.7">… {note}</p>' if note else "")
 

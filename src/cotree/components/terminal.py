@@ -63,9 +63,9 @@ class Touch:
     """The direction of a port of a contact, at one of the points that may touch."""
 
     spot: int  # index of the contact point, from 0 on
-    #: ``gap``; ``slip1`` or ``slip2``: one of two perpendicular directions of slip; ``part1`` to
-    #: ``part3``: the part of an axis that is tangential to a ball; ``spin1`` to ``spin3``: an axis
-    #: of the first node of a spherical joint.
+    #: Measure of the port: ``gap``; ``slip1`` or ``slip2``, one of two perpendicular directions of
+    #: slip; ``part1`` to ``part3``, a component of an axis tangential to a ball; ``spin1`` to
+    #: ``spin3``, an axis of the first node of a spherical joint.
     quantity: str
 
 

@@ -163,7 +163,7 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
         return ((sign, "across", end),) if end in inner else ()
 
-    # The voltage from a terminal to its inner node; the emitter's drop has the opposite sign.
+    # Voltage from a terminal to its inner node; the emitter's voltage drop has the opposite sign.
     be, bc = (1, "across", "be"), (1, "across", "bc")
     # The substrate current flows to the collector of npn transistors, to the base of pnp ones.
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}

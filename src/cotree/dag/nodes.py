@@ -568,7 +568,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # Zero and one, the first constants of an arena, are its attributes.
+        # The constants zero and one are attributes of their arena, its first nodes.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

@@ -32,7 +32,8 @@ _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 #: time limit the step size.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Steps per period of such a sine. A rectifier conducts for a twentieth of the period or more.
+#: Minimum number of steps per period of a sine of time on which such operations depend. A rectifier
+#: conducts for a twentieth of the period or more.
 _SHARES = 32.0
 
 #: Maximum number of linear pieces; kinks of values with more are left to the error test.

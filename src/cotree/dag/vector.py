@@ -344,7 +344,7 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
         x, y, z = ((dag.constant(a), dag.constant(b), dag.constant(c)) for a, b, c in rows)
         q = quaternion_of_nodes((x, y, z), lambda node: node.value or 0.0)
         back = of_quaternion(q)
-    except ArithmeticError:  # not finite, or so large that products overflow
+    except ArithmeticError:  # the entries are not finite, or so large that products overflow
         return None
     # 1e-6: a rotation matrix printed with seven digits is accepted.
     pairs = zip(chain(*back), chain(*rows), strict=True)

@@ -120,7 +120,7 @@ def stopped_by_interrupt() -> Iterator[threading.Event]:
 # Members of the first block per thread, if the number of lanes is not given.
 _LANES = 8
 
-# Number of workers whose blocks of that size a store can write in time.
+# Maximum number of workers for which a store can write the blocks in time.
 _MOST_QUICK = 8
 
 # Maximum size of the results of a block, [byte], in addition to the whole results.

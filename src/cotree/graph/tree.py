@@ -146,7 +146,7 @@ class Parts:
     def join(self, a: str, b: str) -> bool:
         """Join the parts of two nodes; return False if they are in one part already."""
         top, other = self.top(a), self.top(b)
-        # If both are in one part, this changes nothing.
+        # If both nodes are in one part, the forest is unchanged.
         self._above[other] = top
         return top != other
 

@@ -219,7 +219,7 @@ class _Search:
     """The unknowns and the equations of one search."""
 
     linearizer: Linearizer
-    at: EvaluationPoint  # the model, with parameters and inputs before the search
+    at: EvaluationPoint  # model and the values of parameters and inputs before the search
     y: Array  # states before the search
     unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
     rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints

@@ -141,7 +141,7 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])
     size = 1.3 if bold else 1.0
-    # Not in the middle, where the name is.
+    # The arrow is not in the middle of the edge, where the name is written.
     tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
     half = _HEAD_WIDTH / 2 * size * normal
     back = tip - _HEAD_LENGTH * size * along

@@ -49,7 +49,7 @@ _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "l
 #: take longer than steps.
 _MOST_NODES = 1000
 
-#: How a value depends on variables that change during a step.
+#: How a value depends on variables that change during a step: not, linearly, or nonlinearly.
 _CONSTANT, _LINEAR, _CURVED = range(3)
 
 

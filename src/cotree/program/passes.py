@@ -294,7 +294,8 @@ _MOST_EARLY = 3.0
 def _ordered(kernel: Kernel) -> Kernel:
     """Order the values of one kernel by need, if that is faster."""
     order, prepared = kernel.order, kernel.prepared
-    # The loop of a map starts when the arguments of all its columns are available.
+    # Kernels with maps keep their order: a map starts when the arguments of all its columns are
+    # available.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel

@@ -70,7 +70,7 @@ class Program:
     #: time events of all other parts of the rates, by the empty name; with derivatives along each
     #: sensitivity.
     stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
-    #: Upper bounds of the step size while each input is that of the scene, by the same names.
+    #: Upper bounds of the step size by input name, valid while the input is that of the scene.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def restart_times(

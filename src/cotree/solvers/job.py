@@ -350,7 +350,7 @@ class Job:
         # The structure at the start of each run, which contains only pointers.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)
-        # Values of the last run, from which tolerances and times were computed.
+        # Bytes of the values of the last run, from which tolerances and times were computed.
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None

@@ -286,7 +286,8 @@ class Attempt:
         job, problem = self.job, self.problem
         settings, others = problem.settings, problem.steps_taken
         limit, time_limit = settings.max_steps, settings.time_limit
-        steps = 1 if problem.functions else _FIRST_STEPS  # Python functions may be slow
+        # A step that calls Python functions may be slow.
+        steps = 1 if problem.functions else _FIRST_STEPS
         while True:
             before, taken = time.perf_counter(), job.job.n_steps
             allowed = steps if limit is None else min(steps, limit - others - taken)
@@ -362,7 +363,7 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
     """
     if row.family != "cotree" or not row.implicit:
         return None
-    assert problem.native is not None  # the method was not rejected
+    assert problem.native is not None  # otherwise the method is rejected
     return problem.native.newton() or "no compiler can build what it needs of the model"
 
 

@@ -272,7 +272,7 @@ def _draw_methods(
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
-        # Error, time, and whether the error is below the accuracy of the reference.
+        # Error, duration, and whether the error is below the accuracy of the reference.
         found = [
             (max(error(row), agreement), row.seconds, error(row) < agreement)
             for row in rows

@@ -150,7 +150,7 @@ class Drawing:
 def _dashes(path: Array, length: float) -> Array:
     """Return dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    # Dashes and gaps are equally long.
+    # Dashes and gaps have the same length.
     n = int(min(300.0, 0.5 * way[-1] / length))
     at = np.linspace(0.0, way[-1], 2 * n)
     points = np.stack([np.interp(at, way, column) for column in path.T], axis=1)

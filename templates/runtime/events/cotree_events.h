@@ -151,10 +151,10 @@ typedef struct cotree_events {
     int *is_active;       /* 1: the complementarity conditions determine the mode */
     int *stays_at_zero;   /* for each event function: 1 if its value stays at zero */
     int *is_stepped_over; /* for each event function: 1 if crossed by an external integrator */
-    cotree_real *modes;   /* the modes of the present trial */
+    cotree_real *modes;   /* modes in the present trial */
     cotree_real *acceleration_scale;
     cotree_real *slack;       /* distances of each force to its two limits */
-    cotree_real *trial;       /* w with the modes of the trial */
+    cotree_real *trial;       /* entries w of the present trial, with its modes */
     cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
     cotree_real *saved_before;
     int kernel_status;        /* status of the last kernel evaluation */

@@ -124,12 +124,12 @@ enum { REBOUND = SLIP, UPPER_GAP, LOWER_GAP, CONTACT_FORCE };
 /* Size of the ring buffer of mode sets that were tried. */
 #define N_TRIED_CODES 256
 
-/* cotree_events.c */
+/* Defined in cotree_events.c: */
 COTREE_PRIVATE int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a,
                                                 cotree_real b, cotree_real at_a, cotree_real at_b,
                                                 int is_turning, cotree_real *at, cotree_real *from);
 
-/* cotree_scan.c */
+/* Defined in cotree_scan.c: */
 COTREE_PRIVATE int cotree_has_range(const cotree_events *e, int i);
 COTREE_PRIVATE const cotree_real *cotree_quantities_of(const cotree_events *e);
 COTREE_PRIVATE int cotree_compute_ranges(cotree_events *e, cotree_real t);
@@ -137,7 +137,7 @@ COTREE_PRIVATE int cotree_classify_range(const cotree_events *e, int i, cotree_r
                                          cotree_real at_a, cotree_real at_b, cotree_real width);
 COTREE_PRIVATE int cotree_scan_ranges(cotree_events *e, cotree_real *until);
 
-/* cotree_locate.c */
+/* Defined in cotree_locate.c: */
 COTREE_PRIVATE cotree_real cotree_spacing(cotree_real t);
 COTREE_PRIVATE cotree_real cotree_sign_of(cotree_real value);
 COTREE_PRIVATE void cotree_copy(int n, const cotree_real *from, cotree_real *to);
@@ -177,7 +177,7 @@ COTREE_PRIVATE int cotree_moves_extremum(cotree_events *e, int i, cotree_real t,
                                          cotree_real side);
 COTREE_PRIVATE int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side);
 
-/* cotree_branches.c */
+/* Defined in cotree_branches.c: */
 COTREE_PRIVATE void cotree_release_branches(cotree_events *e);
 COTREE_PRIVATE int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_are_only_kinks(const cotree_events *e);
@@ -187,7 +187,7 @@ COTREE_PRIVATE int cotree_enters_band(const cotree_events *e, const cotree_real 
 COTREE_PRIVATE int cotree_has_left_branch(const cotree_events *e, const cotree_real *g);
 COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 
-/* cotree_friction.c */
+/* Defined in cotree_friction.c: */
 COTREE_PRIVATE int cotree_list_modes(const cotree_hybrid *h, int kind, int *places);
 COTREE_PRIVATE void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena);
 COTREE_PRIVATE int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w);
@@ -202,7 +202,7 @@ COTREE_PRIVATE int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_
 COTREE_PRIVATE int cotree_was_selected(const cotree_events *e, int i);
 COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real *w);
 
-/* cotree_stops.c */
+/* Defined in cotree_stops.c: */
 COTREE_PRIVATE int cotree_first_stop(const cotree_events *e);
 COTREE_PRIVATE int cotree_count_contact_friction(const cotree_hybrid *h);
 COTREE_PRIVATE void cotree_list_stops(cotree_events *e, const cotree_hybrid *h);
@@ -231,7 +231,7 @@ COTREE_PRIVATE cotree_real cotree_contact_friction_violation(cotree_events *e, i
                                                              cotree_real *new_mode);
 
 #if COTREE_HAS_DISCS
-/* cotree_discs.c */
+/* Defined in cotree_discs.c: */
 COTREE_PRIVATE int cotree_count_discs(const cotree_hybrid *h);
 COTREE_PRIVATE void cotree_list_discs(cotree_events *e);
 COTREE_PRIVATE void cotree_load_directions(cotree_events *e, const cotree_real *w);
@@ -243,12 +243,12 @@ COTREE_PRIVATE int cotree_begin_sliding(cotree_events *e, int k, cotree_real t);
 COTREE_PRIVATE int cotree_turn_discs(cotree_events *e, int round);
 #endif
 
-/* cotree_complementarity.c */
+/* Defined in cotree_complementarity.c: */
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 
-/* cotree_impacts.c */
+/* Defined in cotree_impacts.c: */
 COTREE_PRIVATE int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE cotree_real cotree_normal_violation(const cotree_events *e, int k,
                                                    cotree_real *new_mode);
@@ -262,7 +262,7 @@ COTREE_PRIVATE int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotre
 COTREE_PRIVATE int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w);
 #endif
 
-/* cotree_dispatch.c */
+/* Defined in cotree_dispatch.c: */
 COTREE_PRIVATE void cotree_write_record(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side);
 COTREE_PRIVATE int cotree_fail_grazing(cotree_events *e, int i, cotree_real t);

@@ -202,7 +202,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
-        /* The slips of one body end together. */
+        /* The slips at all contacts of one body end together. */
         if (is_end && cotree_is_disc(e, k)) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));

@@ -77,8 +77,8 @@ static void set_entry(const cotree_events *e, cotree_real *mark, cotree_real t,
     cotree_copy(e->n_quantities, quantities, QUANTITIES_OF(e, mark));
 }
 
-/* Set the entry of a sample. Its second differences are the larger ones of both ends of the
- * interval before it. */
+/* Set an entry of the scan from sample k. Each second difference is the larger one of those at both
+ * ends of the interval before the sample. */
 static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
 {
     const cotree_real *const q = e->quantity_samples;

@@ -255,7 +255,8 @@ int fmu_step(fmu *m, double t, double step, fmu_progress *progress)
         result = fmu_discard(m, "the simulation ends at t = %.10g", progress->reached);
     }
     if (m->is_discarded && m->importer.version == 2) {
-        /* The importer queries the time reached, and then restores a saved state or terminates. */
+        /* The step has failed: the importer may only query the time reached, and then restore a
+         * saved state or terminate. */
         fmu_enter(m, FMU_FAILED);
     } else if (m->is_discarded) {
         /* The state is unchanged, so that a shorter step may follow. */

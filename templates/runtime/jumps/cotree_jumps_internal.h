@@ -14,7 +14,7 @@
 
 #define N_SENSITIVITIES (j->run->n_blocks - 1)
 
-/* cotree_jumps.c */
+/* Defined in cotree_jumps.c: */
 COTREE_PRIVATE int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x);
 COTREE_PRIVATE int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t,
                                          cotree_real *w);

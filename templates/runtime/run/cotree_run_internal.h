@@ -13,15 +13,15 @@
 #define N_ALGEBRAIC (run->model->n_algebraic)
 #define N_RATES (run->n_rates)
 
-/* cotree_run.c */
+/* Defined in cotree_run.c: */
 COTREE_PRIVATE void cotree_pack(const cotree_run *run, int n, const cotree_real *s,
                                 cotree_real *packed);
 COTREE_PRIVATE int cotree_prepare_point(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* cotree_projection.c */
+/* Defined in cotree_projection.c: */
 COTREE_PRIVATE int cotree_are_rates_projected(const cotree_run *run);
 
-/* cotree_algebraic.c */
+/* Defined in cotree_algebraic.c: */
 COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int rank);
 COTREE_PRIVATE int cotree_solve_linearised(const cotree_run *run, const cotree_real *g,
                                            cotree_real *step);

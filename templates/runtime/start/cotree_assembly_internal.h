@@ -17,7 +17,7 @@
  * largest. */
 #define REMAINDER_SHARE COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* cotree_assembly.c */
+/* Defined in cotree_assembly.c: */
 COTREE_PRIVATE int cotree_assembly_is_quaternion(const cotree_assembly *a, int state);
 COTREE_PRIVATE int cotree_assembly_is_angular(const cotree_assembly *a, int speed);
 COTREE_PRIVATE cotree_real cotree_assembly_unit_of_speed(const cotree_assembly *a, int i);
@@ -42,7 +42,7 @@ COTREE_PRIVATE int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, co
                                            int level, cotree_real *residual);
 COTREE_PRIVATE cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int column);
 
-/* cotree_assembly_mend.c */
+/* Defined in cotree_assembly_mend.c: */
 COTREE_PRIVATE void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest);
 COTREE_PRIVATE void cotree_assembly_solve_given(cotree_assembly *a);
 COTREE_PRIVATE void cotree_assembly_start_report(cotree_assembly *a, int level,

@@ -253,7 +253,8 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* Magnitude of the parameter; zero for an initial value, which redundant values follow. */
+        /* Magnitude of the parameter. It is zero if the parameter is an initial value, since
+         * redundant values follow initial values. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);

@@ -12,14 +12,14 @@
 #define N_SENSITIVITIES (start->run->n_blocks - 1)
 
 #if COTREE_HAS_ALGEBRAIC
-/* cotree_start_unknowns.c */
+/* Defined in cotree_start_unknowns.c: */
 COTREE_PRIVATE int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z);
 COTREE_PRIVATE int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z);
 COTREE_PRIVATE int cotree_start_solve_unknowns(cotree_start *start, cotree_real t, cotree_real *z);
 #endif
 
 #if COTREE_HAS_EVENTS
-/* cotree_start_modes.c */
+/* Defined in cotree_start_modes.c: */
 COTREE_PRIVATE int cotree_start_count_events(const cotree_start *start, int kind);
 #if COTREE_HAS_ALGEBRAIC
 COTREE_PRIVATE int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t,

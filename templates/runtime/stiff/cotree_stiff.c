@@ -48,7 +48,7 @@ static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void
     if (stiff->zero_sensitivities == NULL) {
         return stiff->newton->time_slope(t, z, z + N_STATES, run->u, run->p, run->k, dz);
     }
-    /* The kernel also computes sensitivities of the model. */
+    /* The kernel expects sensitivities, and also computes those of the model. */
     status = stiff->newton->time_slope(t, z, stiff->zero_sensitivities, run->u, run->p, run->k,
                                        stiff->zero_sensitivities + n_reached(MODEL));
     for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->zero_sensitivities[n_reached(MODEL) + i];

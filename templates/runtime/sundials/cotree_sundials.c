@@ -46,7 +46,8 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_arena *arena)
     e->run = e->of_states = e->watched =
         cotree_job_begin_run(job, &e->runs[0], has_sensitivities, arena);
     if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, arena);
-    /* New values of events may violate the constraints: the run of the events projects them. */
+    /* Values set by events may violate the constraints: the run that evaluates events projects
+     * them. */
     if (job->model->hybrid != NULL) {
         e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, arena);
     }

@@ -221,12 +221,12 @@ typedef struct cotree_system {
     cotree_shares shares;
 } cotree_system;
 
-/* cotree_sundials.c */
+/* Defined in cotree_sundials.c: */
 COTREE_PRIVATE int cotree_bdf_first_not_finite(const double *values, int n);
 COTREE_PRIVATE int cotree_bdf_evaluate(cotree_job *job, cotree_run *run, double t, const double *z,
                                        double *dz);
 
-/* cotree_sundials_newton.c */
+/* Defined in cotree_sundials_newton.c: */
 COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const double *z);
 COTREE_PRIVATE int cotree_bdf_form_matrix(cotree_job *job, cotree_shares shares,
                                           int only_algebraic);
@@ -246,7 +246,7 @@ COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
 COTREE_PRIVATE int cotree_bdf_read_system(const cotree_job *job, void *integrator,
                                           cotree_system *system);
 
-/* cotree_sundials_sensitivities.c */
+/* Defined in cotree_sundials_sensitivities.c: */
 #if COTREE_SENSITIVITIES
 COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integrator);
 COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system *s,
@@ -263,7 +263,7 @@ COTREE_PRIVATE int cotree_bdf_read_sensitivities(const cotree_job *job);
 COTREE_PRIVATE int cotree_bdf_read_sensitivities_between(const cotree_job *job, double since);
 #endif
 
-/* cotree_sundials_start.c */
+/* Defined in cotree_sundials_start.c: */
 #if COTREE_IDA
 COTREE_PRIVATE int cotree_bdf_find_slopes(cotree_job *job, double *step);
 #endif

@@ -430,7 +430,7 @@ class PetabModel:
                 if not self._is_number(symbol.name):
                     if identifier not in tables.settable:
                         continue
-                    # The tables replace its initial assignment.
+                    # The tables of the problem replace the initial assignment of the model.
                     self.scene.set(symbol.name, 1.0)
                     valueless.add(identifier)
                 elif identifier not in self._sbml.assumed:

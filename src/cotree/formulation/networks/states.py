@@ -296,7 +296,7 @@ _FOLLOWING = {
 def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
     if item.quantity == "stretch":
-        return False  # determined by an f-circuit, or by the mechanism
+        return False  # the variable is determined by an f-circuit, or by the mechanism
     # A nonlinear spring in a cutset of springs is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())
