@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 
-# Ordinary models need a few hundred MiB.
+# Memory limit of the compiler; usual models need a few hundred MiB.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
 # Time limit for reading the remaining output of a killed command, [s].

@@ -179,7 +179,8 @@ class Crossing:
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
-            # An element is free after the whole group, whose statements may read it at any point.
+            # The element is released after the group, since all its statements may read the
+            # element.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 

@@ -407,7 +407,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
-    # Array arguments are looked up one by one.
+    # Each entry of an array is looked up separately.
     if np.ndim(x):
         rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
         return rows

@@ -204,7 +204,7 @@ def _of_table(node: Node, given: Range) -> Range:
     if place == 1:
         slopes = [*slopes, 0.0]  # slope outside the table
         of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
-        # A frozen interval has a constant slope.
+        # The slope in a frozen interval is constant.
         return (
             _where(-dag.function("abs", held.args[1]), of_all, _hull(ends)) if is_held else of_all
         )

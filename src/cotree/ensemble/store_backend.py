@@ -118,7 +118,7 @@ class _BlockArray(BackendArray):  # type: ignore[misc]
             rows = self._rows(first, members.ravel()[here] - first)
             found[here] = self._chosen(rows, key[n:])
         found = found.reshape(*members.shape, *found.shape[1:])
-        # An integer index removes its dimension.
+        # As in NumPy, an integer index removes its dimension.
         return found[
             tuple(
                 0 if np.ndim(k) == 0 and not isinstance(k, slice) else slice(None) for k in key[:n]

@@ -49,7 +49,8 @@ class Circuits:
             # Paths from one ancestor share their beginnings: each sum adds one term to a known one.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are in the basis of the ancestor, not in that of the parent.
+                # Sums are resolved in the basis of the ancestor; terms are transformed from that of
+                # the parent.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -303,7 +304,8 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
-        # Zero in the view for the right-hand side, symbols in that for the balances.
+        # Accelerations are zero in the view for the right-hand side, and symbols in the view for
+        # the balances.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:

@@ -97,7 +97,7 @@ def bind_events(
                 event.part is ModePart.SLIP and len(targets) > 2,
             )
         )
-        # The restitution follows the new values.
+        # The coefficient of restitution is stored after the new values.
         place, result = new_values.stop + has_impact, result + len(targets)
     return tuple(rows)
 

@@ -97,7 +97,7 @@ class Frames:
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
     """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
-    assert system.trees.is_one or not own_axes  # two parents: neither basis is suitable
+    assert system.trees.is_one or not own_axes  # with two parents, neither basis is suitable
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):

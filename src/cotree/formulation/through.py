@@ -319,6 +319,6 @@ def _project_column(
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return
-        # Entries of speeds that are not on one path to the ground stay zero.
+        # Entries of pairs of speeds that are not on one path to the ground remain zero.
         wrench = carried(frames, branch.parent, shifted(wrench, geometry.offset))
         geometry = motion.to(branch.parent)

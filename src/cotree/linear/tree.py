@@ -122,7 +122,8 @@ def released(
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
-        # After the arm, the deferred term is subtracted from the inertia.
+        # The deferred term is subtracted from the inertia, now that the inertia is shifted by the
+        # arm.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)

@@ -198,7 +198,7 @@ class Kernels:
         self._library = library  # the reference keeps the code in memory
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
-        # These members of the structure do not depend on parameters.
+        # Members that do not depend on parameters.
         self._native = NativeModel(
             int(library.ffi.cast("uintptr_t", model)),
             np.zeros(0),

@@ -142,7 +142,7 @@ class OperatingPoint:
             start = find_start(EvaluationPoint(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
-        # Outputs of the scene at rest are the states of the model, in their order.
+        # The outputs of this scene are the states of the model, in the same order.
         y = rest.output_values(t, start.y, own, inputs)
         if rest.sensitivities:
             found = rest.output_sensitivity(t, start.y, start.s, own, inputs)

@@ -309,7 +309,7 @@ def _ordered(kernel: Kernel) -> Kernel:
 def _lifetimes(kernel: Kernel) -> int:
     """Return the sum of the lifetimes of all values in operations, which indicates register use."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
-    # Later statements overwrite earlier ones, so that the last user is stored.
+    # Later entries overwrite earlier ones, so that the index of the last user remains.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 

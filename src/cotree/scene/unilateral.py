@@ -119,7 +119,7 @@ def _with(
 def _friction_modes(port: Port) -> list[_ModeRow]:
     friction, edge = port.terminal.friction, port.edge.name
     assert friction is not None
-    # Determined by the speed at the start; at rest the engine selects the mode.
+    # The mode is the direction of the speed at the start. At rest the engine selects the mode.
     start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     if friction.grip is not None:
         start = f"where({port.name}.grip > 0, {start}, 2)"

@@ -361,7 +361,7 @@ class Probe:
     def _begin(self) -> list[tuple[float, FloatArray]]:
         """Take the first steps of the run, and return their end point."""
         attempt = begin_in_c(self._problem, self._explicit)
-        if isinstance(attempt, str):  # there is no compiler for its engine
+        if isinstance(attempt, str):  # there is no compiler for the method's engine
             return []
         self.begun = attempt
         attempt.take_steps(probe_steps(self._problem.settings.rtol))

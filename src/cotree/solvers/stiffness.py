@@ -220,7 +220,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     A multistep method restarts at order one after each event and each corner, and where constraints
     move what it remembers; algebraic unknowns it would solve for at each evaluation.
     """
-    # The number of kinks and events in a run is unknown.
+    # Runs that locate events or kinks may restart often.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
     is_wide = problem.n_states > _MOST_STATES  # planning the elimination would take long

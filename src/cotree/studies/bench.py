@@ -82,7 +82,7 @@ def machine(backend: str) -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        # The only version that engines can load.
+        # The only version of SUNDIALS that engines can load
         "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
         "system": f"{platform.system()} {platform.machine()}",
         "processor": processor_name(),

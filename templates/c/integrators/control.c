@@ -48,7 +48,7 @@ static void plan(integrator *d)
     on->step = cotree_smaller(on->step, ALL(d->max_step));
     d->lands = STRETCH * on->step >= cotree_abs(distance);
     d->t_new = cotree_choose(d->lands, d->goal, on->t + d->ahead * on->step);
-    d->h = d->t_new - on->t; /* difference of the rounded times, which matters late in a run */
+    d->h = d->t_new - on->t; /* differs from step by rounding errors late in a run */
 }
 
 /* Return whether the error of the trial step is within the tolerance and not small by

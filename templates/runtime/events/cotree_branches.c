@@ -284,7 +284,7 @@ int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* The argument of a table that is not frozen cannot be beyond its branch. */
+        /* Without a frozen interval, the argument of a table is on no side of it. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
         if (e->side[i] == COTREE_F(0.0) &&
             COTREE_FABS(g[i]) >

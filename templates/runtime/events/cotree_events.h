@@ -114,7 +114,7 @@ typedef struct cotree_events {
     int is_refined;    /* 1: the samples come from quarter steps, not from interpolation */
     int failure;       /* status of the last failure; 0: none */
 
-    /* Nonlinear event functions: interval bounds (cotree_scan.c). */
+    /* Data for the interval bounds of nonlinear event functions, see cotree_scan.c. */
     int n_ranges, n_quantities;
     cotree_real *ranges;             /* for each function: bounds of its value, then of its rate */
     cotree_real *box;                /* bounds of the quantities, then of their rates */

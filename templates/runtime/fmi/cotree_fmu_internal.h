@@ -106,7 +106,7 @@ struct fmu {
 #if COTREE_HAS_EVENTS
     double *event_history;
 #endif
-    /* Values computed from the state. */
+    /* Values computed from the state; bits of `valid` mark those that are up to date. */
     int valid;
     int is_prepared;
     double *k, *u, *dx, *y, *g, *dy, *partials, *initial;

@@ -27,7 +27,7 @@ typedef struct cotree_engine {
     cotree_events events;
 #endif
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
-    cotree_real *before; /* start of the last step */
+    cotree_real *before; /* values at the start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS
     cotree_real *work[4]; /* work space between segments; left persists */

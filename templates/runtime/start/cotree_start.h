@@ -33,7 +33,7 @@ typedef struct cotree_start_call {
     const cotree_real *p, *k; /* parameters and their prepared values */
     cotree_real t;
 #if COTREE_HAS_INPUTS
-    int n_replaced; /* inputs that replace the model's, except in constraints */
+    int n_replaced; /* number of inputs that replace the model's, except in constraints */
     const cotree_table_input *replaced;
 #endif
     const cotree_real *guess, *initial; /* as the fields of cotree_start */

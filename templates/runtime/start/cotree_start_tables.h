@@ -51,7 +51,7 @@ typedef struct cotree_start_report {
     cotree_real *before, *after; /* n_states: values as prescribed, and after the projection */
     /* Dimensionless changes of the prescribed states, then of all rows. */
     cotree_real *changes;
-    cotree_real *left; /* dimensionless residuals of all rows after a failure */
+    cotree_real *left; /* residuals of all rows after a failure, dimensionless */
     int *follows; /* for each sensitivity and value: 1 if the value changes with the parameter */
 } cotree_start_report;
 

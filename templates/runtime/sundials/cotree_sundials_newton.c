@@ -458,7 +458,7 @@ COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system 
 static int solver_type(void *solver)
 {
     (void)solver;
-    return 0; /* SUNNONLINEARSOLVER_ROOTFIND */
+    return 0; /* the type SUNNONLINEARSOLVER_ROOTFIND */
 }
 
 static int solver_take_system(void *solver, void *system)

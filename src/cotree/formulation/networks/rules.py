@@ -155,7 +155,7 @@ class FieldRule(Rule):
     """A field of a component, or a state: a node of symbols."""
 
     node: Node  # value of the field, with symbols for the variables on which it depends
-    variables: tuple[tuple[Node, Variable], ...] = ()  # the symbols, and their variables
+    variables: tuple[tuple[Node, Variable], ...] = ()  # symbols in the node, with their variables
 
     @property
     def needs(self) -> tuple[Variable, ...]:
@@ -302,8 +302,8 @@ def friction_residual(terminal: Terminal) -> Law:
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
-    # The sign makes the derivative by the through variable positive in every mode: through slows
-    # the motion down.
+    # The sign is chosen so that the derivative by the through variable is positive in every mode:
+    # the through variable opposes the motion.
     return Law.of(
         -stuck * law_symbol("across_rate")
         + forward * (through - own.forward.expression)
