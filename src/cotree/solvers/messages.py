@@ -189,8 +189,9 @@ EVENT_MESSAGES = {
         "motion by a mode, or make the event terminal"
     ),
     "EVENTS_CHATTER": (
-        "event {event} occurred 100 times within {detail:.3g} s before t = {t:.10g}: hold the "
-        "chattering motion by a mode"
+        "event {event} occurred 100 times within {detail:.3g} s before t = {t:.10g}: if its "
+        "function is never much larger than atol, give a smaller atol, else hold the chattering "
+        "motion by a mode"
     ),
     "EVENTS_CASCADE": (
         "events {event} trigger each other without end at t = {t:.10g}: hold the chattering motion "

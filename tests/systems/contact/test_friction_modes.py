@@ -138,3 +138,19 @@ def test_friction_around_a_closed_chain_holds_what_it_can():
     assert abs(result["Ja.w"][1] - (turned + 3.0 * (4 - 1) / 2 - 2.0)) <= CLOSE
     # All slides from the same instant on, and b and c stay together.
     assert abs(result["Jb.w"][1] - result["Jc.w"][1]) <= CLOSE
+
+
+def test_a_motion_far_below_atol_says_which_tolerance_finds_it():
+    """A brake of 1e-15 N on a swing of 1e-15 m/s: rounding decides at 1e-10, and at 1e-18 nothing."""
+    scene = cotree.Scene("tiny")
+    scene.translational_mass("M", "ground", "x", mass=1.0, initial={"v": 1e-15})
+    scene.translational_spring("k", "ground", "x", stiffness=1e4)
+    scene.translational_brake("f", "x", "ground", normal_force=1e-15, friction=0.5)
+    scene.force_source("e", "ground", "x", force=-1e-15)
+    model = scene.compile()
+    with pytest.warns(RuntimeWarning, match="never much larger than atol, give a smaller atol"):
+        model.simulate((0, 100))
+    fine = model.simulate((0, 100), atol=1e-18)
+    assert fine.success
+    # It comes to rest, to the tolerance.
+    assert abs(fine["M.v"][-1]) <= 1e-18
