@@ -141,7 +141,7 @@ def test_friction_around_a_closed_chain_holds_what_it_can():
 
 
 def test_a_motion_far_below_atol_says_which_tolerance_finds_it():
-    """A brake of 1e-15 N on a swing of 1e-15 m/s: rounding decides at 1e-10, and at 1e-18 nothing."""
+    """A brake of 1e-15 N on a swing of 1e-15 m/s: rounding decides at an atol of 1e-10."""
     scene = cotree.Scene("tiny")
     scene.translational_mass("M", "ground", "x", mass=1.0, initial={"v": 1e-15})
     scene.translational_spring("k", "ground", "x", stiffness=1e4)
