@@ -121,7 +121,7 @@ class Clips:
     def select(self, node: Node, above: Node, below: Node) -> Node:
         """Form the result of a selection between values that belong to its sides.
 
-        At the zero of its condition, it is that of the side whose domain does not end there.
+        At the zero of the condition it is the value of the side whose domain does not end there.
         """
         condition, *sides = node.args
         ends = above is not below and self._ends_at(condition, sides[0])

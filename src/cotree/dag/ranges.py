@@ -37,10 +37,10 @@ def is_ranged(node: Node) -> bool:
 
 
 def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
-    """Return the smallest and the largest value of each root, as nodes.
+    """Return the minimum and maximum of each root, as nodes.
 
     The roots consist of operations that :func:`is_ranged` accepts; ``known`` are the ranges of
-    quantities, and values that depend on none of them are constant.
+    quantities. Values that depend on no quantity are constant.
     """
     roots = list(roots)
     found = dict(known)

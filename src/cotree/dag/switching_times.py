@@ -62,10 +62,10 @@ class _Count:
 
 @dataclass(frozen=True)
 class _Line:
-    """``offset + rate * t + step * count``; zero before its root where it ``starts``.
+    """``offset + rate * t + step * count``; zero before its root if it ``starts``.
 
-    A selection between lines is each of them at some time: its time events are those of any of
-    them, which may be too many, but never too few.
+    For a selection between lines, the time events of all lines are used, which may be too many, but
+    never too few.
     """
 
     offset: Node

@@ -125,7 +125,7 @@ class BlockInC(CObjects):
             self.results.messages[member] = note
 
     def check(self, member: int, problem: Problem) -> None:
-        """Run a finished member again on its own if such a run would report a failure.
+        """Repeat a finished member as a single run if such a run would report a failure.
 
         Its steps may be below the resolution of time, or its constraints may have drifted.
         """

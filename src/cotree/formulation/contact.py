@@ -389,10 +389,11 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
 def _direction(
     motion: Motion, edge: BoundEdge, ends: Ends, facing: Facing, quantity: str
 ) -> Facing:
-    """Return a direction of slip: one of two, or the part of an axis that is tangential to a ball.
+    """Return a direction of slip: one of two tangents, or the tangential part of an axis of a ball.
 
-    The two and the normal are right-handed. In a planar system the first is normal x e, with e the
-    axis across the plane of motion, and the second is against e.
+    The two tangents and the normal form a right-handed system. In a planar system the first tangent
+    is normal x e, where e is the axis perpendicular to the plane of motion, and the second one is
+    -e.
     """
     dag, plane, index = motion.system.dag, motion.system.plane, int(quantity[-1]) - 1
     axes = vector.identity(dag)

@@ -413,8 +413,9 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
 class HoldingRow:
     """The equation of the multiplier of a unilateral constraint on the mechanism.
 
-    With its share s it is s (J v' + b) - jump = (1 - s) multiplier: no relative acceleration while
-    the edge holds, and no multiplier in the other modes.
+    With the share s of the edge, the equation is s (J v' + b) - jump = (1 - s) multiplier: the
+    relative acceleration is zero while the edge holds, and the multiplier is zero in the other
+    modes.
     """
 
     name: str  # name of the force

@@ -73,10 +73,10 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns until there is no pivot; ``rows`` then has the remainder.
+    """Eliminate unknowns until there is no further pivot; ``rows`` then contains the remainder.
 
-    ``is_symmetric``: entries across the diagonal are the same, and all pivots lie on it; one half
-    is then computed.
+    With ``is_symmetric`` all pivots are on the diagonal, and only one of each pair of symmetric
+    entries is computed.
     """
     # A symmetric matrix is its own transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
@@ -142,7 +142,8 @@ def _set_entry(
 class FewestCouplings:
     """Minimum degree: the allowed unknown of a symmetric matrix with the fewest couplings.
 
-    Among equals it is the last, which is farthest out in the tree and causes the least fill-in.
+    Among unknowns with equally many couplings the last one is chosen, which is farthest out in the
+    tree and causes the least fill-in.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
@@ -169,7 +170,7 @@ class FewestCouplings:
 class FewestUpdates:
     """The pivot whose elimination changes the fewest entries, up to ``most_updates`` in all.
 
-    It is on the diagonal or changes no entry, unless there is no other choice. An equation without
+    Pivots on the diagonal, and those that change no entry, are preferred. An equation without
     unknowns ends the elimination.
     """
 
@@ -225,9 +226,9 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Match each column with a distinct row that has an entry in it, preferably its own.
+    """Match each column with a distinct row that has an entry in it, preferably on the diagonal.
 
-    None where there is no such matching: the matrix is then singular for all values.
+    None if no such matching exists: the matrix is then singular for all values.
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}

@@ -1,9 +1,9 @@
 """Factors of matrices of nodes, for any number of right-hand sides.
 
 In: the nonzeros of a matrix. Out: its factors, which solve by substitution. Symmetric matrices are
-factorised as L D L^T; what has no safe pivot is left to a dense core, which chooses its pivots at
-run time. Unsymmetric ones take pivots of which no value is known, and say at run time what
-elimination may have lost to cancellation.
+factorised as L D L^T. Rows without a pivot that is certainly nonzero form a dense core, whose
+pivots are chosen at run time. The pivots of unsymmetric matrices are chosen by sparsity, without
+regard to values; at run time a bound of the cancellation errors is computed.
 """
 
 from __future__ import annotations
@@ -125,10 +125,10 @@ def factorise(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]] = (),
 ) -> SparseFactors:
-    """Factorise a symmetric matrix, of which the pivots that are not safe may vanish.
+    """Factorise a symmetric matrix. Pivots that are not safe may be zero at run time.
 
-    ``sizes`` has, for each of the last unknowns, which are multipliers and may be redundant,
-    squares of what its row is made of, before anything cancels.
+    The last unknowns are multipliers, which may be redundant. ``sizes`` contains for each of them
+    the squares of the terms of its row before cancellation.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
@@ -183,8 +183,8 @@ def hold(
 ) -> HeldFactors:
     """Border a factorised matrix of ``n`` unknowns with rows, which may be redundant, and columns.
 
-    Redundant rows share their multipliers by least norm, and a row that no unknown moves has none.
-    ``sizes`` has for each row what its diagonal would be if nothing cancelled.
+    The multipliers of redundant rows are those of least norm; the multiplier of a row that depends
+    on no unknown is zero. ``sizes`` contains the diagonal entry of each row without cancellation.
     """
     border = tuple(tuple(row[:n]) for row in rows)
     pairs = zip(columns, border, strict=True)
@@ -258,9 +258,9 @@ def _core(
 ) -> Core:
     """Scale the remainder of an elimination by rows and columns.
 
-    The diagonal is made one where it can be: by entries before elimination, but by those after it
-    where they begin at zero, as for multipliers. There elimination has left minus a sum of squares,
-    to which what couples them to the rest of the core is added.
+    Rows and columns are divided by the square roots of the diagonal entries before elimination. For
+    multipliers these entries are zero, and their values after elimination, which are minus sums of
+    squares, are used; squares of the couplings to the rest of the core are added.
     """
     core, n = sorted(rows), len(matrix) - len(natural)
     fresh = [i for i in core if matrix[i][i].is_zero]
@@ -293,9 +293,9 @@ def _core(
 def kept_size(size: Node, parts: Sequence[Node]) -> Node:
     """Return a positive size of a multiplier's equation whose diagonal cancels.
 
-    The sum may vanish where a constraint loses its gradient, or be what rounding leaves of it where
-    constraints are redundant: a share of what it would be if nothing cancelled keeps such a row
-    small.
+    The sum is zero where the gradient of a constraint vanishes, and a rounding error where
+    constraints are redundant. Adding a small fraction of the sum without cancellation ensures that
+    the scaled row is small in these cases.
     """
     return size + _SMALLEST_SHARE * sum(parts, size.dag.zero)
 
@@ -303,11 +303,11 @@ def kept_size(size: Node, parts: Sequence[Node]) -> Node:
 def factorise_unsymmetric(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], most_updates: int
 ) -> tuple[SparseFactors, Node] | None:
-    """Factorise a matrix; at each step the pivot whose elimination changes the fewest entries.
+    """Factorise a matrix; each pivot is the one whose elimination changes the fewest entries.
 
-    Returns the doubt in the factors at run time, too: the sum of ``|what a pivot is the sum of| /
-    |pivot|``, of pivots that are sums. None if the matrix is singular whatever the values, or if
-    more than ``most_updates`` entries would be changed.
+    Also returns the doubt in the factors at run time: the sum of ``|terms of a pivot| / |pivot|``
+    over all pivots that are sums. None if the matrix is singular for all values, or if more than
+    ``most_updates`` entries would be changed.
     """
     rows = _nonzeros(matrix)
     # The remaining rows have no pivot, or none that is cheap enough.

@@ -340,8 +340,8 @@ def factorise_bordered(
 ) -> RankedSolver:
     """Factorise a bordered mass matrix [M, -G^T; -G, 0], along its tree if ``links`` describe one.
 
-    Along a tree the rows of M are not read. ``sizes`` has for each multiplier squares of what its
-    row is made of, before anything cancels; ``holding`` are the last unknowns, multipliers of
+    Along a tree the rows of M are not read. ``sizes`` contains for each multiplier the squares of
+    the terms of its row before cancellation; ``holding`` are the last unknowns, multipliers of
     friction and stops.
     """
     n = len(matrix) - len(sizes) - len(holding)
@@ -377,11 +377,11 @@ def factorise_tree(
     sizes: Sequence[Sequence[Node]],
     n_speeds: int,
 ) -> TreeFactors:
-    """Carry articulated inertias inwards, and eliminate the accelerations from the border.
+    """Propagate articulated inertias inwards, and eliminate the accelerations from the border.
 
-    ``links`` are the moving branches, parents first, with positive pivots. ``border`` has the rows
-    of the multipliers over the accelerations, ``sizes`` the squares of what they are made of before
-    anything cancels.
+    ``links`` are the moving branches, parents first, with positive pivots. ``border`` contains the
+    coefficients of the accelerations in the multipliers' rows, ``sizes`` the squares of the terms
+    of these coefficients before cancellation.
     """
     carried: list[Spatial | None] = [None] * (len(links) + 1)
     gates: list[tuple[Gate, ...]] = [()] * len(links)

@@ -272,7 +272,8 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
     """List the deviations on which others depend; the rest are eliminated repeatedly.
 
     For a vehicle on a plane the positions are eliminated, then the heading and the angles of the
-    wheels: the equations do not depend on these. Each eliminated deviation adds a zero eigenvalue.
+    wheels, since the equations do not depend on these. Each eliminated deviation adds a zero
+    eigenvalue.
     """
     scale = np.maximum(
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),

@@ -226,9 +226,10 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that square matrices leave undetermined; empty once a matrix is regular.
+    """Return the unknowns that all given square matrices leave undetermined.
 
-    Rows and columns are scaled first, so the answer is free of units.
+    The result is empty if one of the matrices is regular. Rows and columns are scaled first, so
+    that it does not depend on units.
     """
     involved: tuple[int, ...] = ()
     for slope in slopes:

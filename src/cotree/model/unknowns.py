@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 
 def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
-    """Return the factors of the absolute tolerances of states, shape (n_states,); None for one.
+    """Return the factors of the states' absolute tolerances, (n_states,); None if all are one.
 
-    For the content of a storage, the factor is the change of the content per unit of the variable
-    that follows from it: a capacitance. It is one for all other states.
+    For the content of a storage, the factor is the change of the content per unit of the across or
+    through variable, such as a capacitance. It is one for all other states.
     """
     followers = at.model.layout.followers
     if not followers:
@@ -177,15 +177,8 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
     """Initialise the modes of dry friction in a guess, and the forces on joints that they need.
 
-    An edge that sticks is in equilibrium at any point within its limits; without its mode the
-    search would move it.
-
-    Parameters
-    ----------
-    at, y
-        As for :func:`settle_friction`.
-    given : collection of str
-        Modes that are kept.
+    An edge that sticks is in equilibrium at any point within its limits. The mode of sticking is
+    set, since otherwise the search would move the edge.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y

@@ -79,8 +79,8 @@ def cost_of_map(linear: LinearMap) -> int:
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
     """Put columns with similar zeros into one block, and leave out zero columns.
 
-    Two columns of different blocks are exchanged as long as this reduces the number of computed
-    values. Also returns the original place of each column.
+    Columns of different blocks are exchanged in pairs until no exchange reduces the number of
+    computed values. Also returns the original place of each column.
     """
     # For each column, the statements that are nonzero there, as a bit mask.
     nonzero = [0] * linear.n_columns
@@ -160,9 +160,9 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Splits values that are linear in changes of states and of parameters.
+    """Splits values that are linear in changes of states and of parameters into two parts.
 
-    The sources of nested sums are added first: each column then adds one value.
+    The sources of nested sums are added first, so that each column contributes one value.
     """
 
     def __init__(

@@ -288,9 +288,9 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 
 
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
-    """Measure a step by each function that is not linear in it; near 1 the function bends.
+    """Measure a step by each function that is nonlinear in it; near 1 the linear model fails.
 
-    None if a function has no measure: a table, or an external function.
+    None if a function has no such measure: a table, or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -506,8 +506,8 @@ def _differentiate(
 ) -> tuple[list[Along], list[Along], Along]:
     """Differentiate along each sensitivity, along each state, and along the motion.
 
-    Rates of sensitivities that are a map, and columns that are one, are not written out. Without
-    events or algebraic unknowns there is no motion.
+    Rates of sensitivities that are computed by a map are not written out, nor are columns that are.
+    Without events or algebraic unknowns there is no motion.
     """
     nothing = Along((), {}, {})
     wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]

@@ -222,7 +222,8 @@ def _inner_sums(
 ) -> set[Node]:
     """Find the sums that are used by one other sum only.
 
-    Sums of the kernel's own arguments stay: a difference of two close numbers is exact.
+    Sums of the kernel's arguments are excluded: the difference of two close arguments is exact and
+    must not be reordered.
     """
     uses = Counter(arg for node in order for arg in node.args)
     # A result is needed as such: it would be lost if it were merged into another sum.

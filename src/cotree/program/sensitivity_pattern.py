@@ -250,8 +250,8 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 def _choosers(equations: Equations) -> dict[int, set[int]]:
     """Return, for each state that events set, the states whose rates have conditions on it.
 
-    The derivative of a selection, sign or floor by its condition is zero, and yet its value changes
-    when that jumps.
+    The derivative of a selection, sign or floor with respect to its condition is zero, but the
+    value jumps with the condition.
     """
     targets = {target for event in equations.events for target in event.targets}
     if not targets:

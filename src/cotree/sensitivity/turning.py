@@ -93,10 +93,10 @@ class Turning(Frames):
         return formula(node, arguments, self.seed.symbols)
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector from others and from tensors that rotate with a cluster.
+        """Form a vector from vectors and tensors that rotate with a cluster.
 
-        Relative to the cluster such tensors are constant: the others change by the rest of their
-        derivatives, and the result rotates with the cluster.
+        The derivatives of such tensors relative to the cluster are zero. The derivatives of the
+        others relative to the cluster are used, and the result rotates with the cluster.
         """
         phi = self.phi[cluster]
         if vector.is_zero(phi):

@@ -104,10 +104,10 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Return why rates have no value just after the point where a method stopped; otherwise empty.
+    """Return why rates are undefined just after the last point of a method, or an empty string.
 
-    C reports that the rates fail, but not why, so they are evaluated along the tangent of the
-    motion from (t, z), the last good point.
+    C reports only that the rates fail. To find the reason, they are evaluated along the tangent of
+    the motion from the last valid point (t, z).
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -427,10 +427,10 @@ def undetermined(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on an infinite slope of the rates where steps became too short, or empty.
+    """Return a sentence on an infinite slope of the rates if steps became too short, or empty.
 
-    Sensitivities change there as a root of time does, which steps resolve to about the root of
-    rounding.
+    Sensitivities are proportional to a root of time there, which steps resolve only to about the
+    square root of rounding.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     is_sought = problem.n_sensitivities and ROUNDING_LEVEL in trajectory.message
@@ -459,9 +459,9 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
 def growth(problem: Problem, trajectory: Trajectory) -> str:
     """Return a sentence on the state that has grown most; empty if none has grown much.
 
-    A state has grown if it has left the range of the first tenth of the run a thousandfold, is as
-    large as ever in the last one, and grows there faster than any power of time below the seventh.
-    The range is at least the size below which the absolute tolerance decides.
+    A state has grown if it exceeds its range in the first tenth of the run a thousandfold, reaches
+    its maximum in the last tenth, and grows there faster than any power of time below the seventh.
+    The range is at least the size below which the absolute tolerance dominates.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:

@@ -343,8 +343,8 @@ def n_observed(model: CompiledModel) -> int:
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
     """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
-    The value of that parameter is then the size, or one if it is zero. Initial values of states
-    have size one. Sizes in ``given`` take precedence.
+    If an index is given, the size is the value of that parameter, or one if the value is zero.
+    Initial values of states have size one. Sizes in ``given`` take precedence.
     """
     places = {name: i for i, name in enumerate(model.parameters)}
     found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]

@@ -50,8 +50,9 @@ class Measured(Mapping[str, float]):
 class Samples:
     """The samples of one input during a run.
 
-    Each is taken once, so that repeated steps, also of another method, read the same value.
-    ``held``, shape (1,), is the value that C reads; ``before`` is the value until the first sample.
+    Each sample is computed once, so that repeated steps, also of other methods, use the same value.
+    ``held``, shape (1,), is the value that C reads; ``before`` is the value before the first
+    sample.
     """
 
     def __init__(

@@ -314,9 +314,9 @@ class _Segment:
     def _is_turned(self, before: float, w: FloatArray) -> bool:
         """Return whether a step ignores a fast growing mode.
 
-        Newton's method corrects by the residual, solved with a matrix such as I - h J / 2. For
-        decaying modes the correction has the sign of the error; for a growing mode it has the
-        opposite sign and the same size, so that the residual seems to vanish.
+        Newton's correction is the solution with a matrix such as I - h J / 2 and the residual. For
+        decaying modes it has the sign of the error; for a growing mode it has the opposite sign and
+        the same size, so that the residual seems to vanish.
         """
         step = self._last - before
         # The step of the trapezoidal rule minus the actual step.

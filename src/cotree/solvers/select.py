@@ -81,8 +81,8 @@ def run(problem: Problem, method: str) -> Trajectory:
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
-    It solves for states and unknowns together, from a prediction in each step; other methods solve
-    for the unknowns at given states.
+    "ida" solves for states and unknowns together, from predicted values at each step; other methods
+    solve for the unknowns at given states.
     """
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
@@ -288,11 +288,11 @@ def _saving(problem: Problem, method: str) -> str:
 
 
 class Rates(NamedTuple):
-    """Rates of the modes that decide a choice, [1/s].
+    """Rates of the modes that decide the choice of a method, [1/s].
 
-    They are the fastest decay at the start and after a few steps, the one at the start, and the
-    fastest growth there; the last two are computed if the first makes the problem stiff. A bound
-    replaces the first if it excludes stiffness.
+    They are the fastest decay at the start and after a few steps, the fastest decay at the start,
+    and the fastest growth at the start. The last two are computed only if the first one indicates
+    stiffness. A bound replaces the first one if it excludes stiffness.
     """
 
     decay: float
@@ -371,9 +371,9 @@ class Probe:
 def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
     """Return an upper bound of the rates at which modes decay at a point, [1/s].
 
-    It is the Frobenius norm of the Jacobian, which no eigenvalue exceeds in size; infinity if it is
-    unknown, or its unknowns have to be eliminated first. It takes a small part of the time of
-    eigenvalues.
+    It is the Frobenius norm of the Jacobian, which bounds the magnitude of all eigenvalues and
+    takes a fraction of their time. It is infinity if the Jacobian is unknown or algebraic unknowns
+    would have to be eliminated first.
     """
     # Unknowns would have to be eliminated, and with dependent constraints the projection is large.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:

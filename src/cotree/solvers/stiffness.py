@@ -95,10 +95,10 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
 
 
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues; for a sparse matrix, a few of those that decay fastest.
+    """Return the eigenvalues; for a sparse matrix, some of those that decay fastest.
 
-    Where the iteration for these does not converge, the smaller of the matrix's 1-norm and infinity
-    norm stands in for them if a bound is wanted; otherwise none are returned.
+    If the iteration does not converge, the result is the smaller of the 1-norm and the infinity
+    norm of the matrix, if a bound is wanted, and otherwise empty.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -215,10 +215,11 @@ def stiff_method(problem: Problem) -> str:
 
 
 def cost_of_rodas5(problem: Problem) -> float:
-    """Estimate how many times as long "rodas5" takes as "cvode"; zero if "cvode" does not apply.
+    """Return the estimated time of "rodas5" divided by that of "cvode"; zero without "cvode".
 
-    A multistep method restarts at order one after each event and each corner, and where constraints
-    move what it remembers; algebraic unknowns it would solve for at each evaluation.
+    "cvode" is not considered for problems with events, many breakpoints, constraints or algebraic
+    unknowns: a multistep method restarts at order one after each event, breakpoint or projection,
+    and solves for algebraic unknowns at each evaluation.
     """
     # Runs that locate events or kinks may restart often.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)

@@ -70,10 +70,10 @@ def warn_of_result(
 
 
 def is_balanced(model: CompiledModel, problem: Problem) -> bool:
-    """Return whether the first rates are rounding errors of large terms, as in a held robot.
+    """Return whether the first rates are rounding errors of large terms, as in a robot at rest.
 
-    Changes of parameters and inputs in their tenth digit change such rates completely, and rates of
-    small motions in their tenth digit.
+    Changes of parameters and inputs in their tenth digit then change these rates completely; rates
+    of small motions change in their tenth digit.
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
     assert native is not None  # the settings require a C compiler
@@ -234,7 +234,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     """Return whether the rounding of times has no effect.
 
-    ``n_steps`` are the steps of a run, or of several.
+    ``n_steps`` is the number of steps of one run or of several.
     """
     start, end = problem.settings.t_span
     # Only runs with steps are considered.
@@ -243,9 +243,10 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
 
 
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
-    """Return the change by half a spacing of t over a step, as a share of the tolerance.
+    """Return the change by half a spacing of t over a step, as a fraction of the tolerance.
 
-    The smaller of the changes ahead and back counts: a jump of the rates is at one side.
+    The smaller of the changes forwards and backwards counts, since a jump of the rates affects only
+    one of them.
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)

@@ -289,9 +289,10 @@ def through_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def friction_residual(terminal: Terminal) -> Law:
-    """Form the equation of dry friction: no relative acceleration, or the law of its mode.
+    """Form the equation of dry friction: zero relative acceleration, or the law of the mode.
 
-    All modes have the same variables in the same places, so that one elimination serves all.
+    The equation contains the same variables in all modes, so that one elimination is valid for all
+    of them.
     """
     assert terminal.friction is not None
     own = terminal.friction
@@ -386,7 +387,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return such weights for friction that a rigid stop presses together.
+    """Return the weights of :func:`mode_weights` for friction whose normal force is that of a stop.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """

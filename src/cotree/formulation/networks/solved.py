@@ -328,7 +328,7 @@ def factorise_block(
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
     """Return whether entries across the diagonal are the same nodes.
 
-    If branches and chords are torn together, the entries have opposite signs.
+    The entries have opposite signs if branches and chords are torn together.
     """
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
@@ -498,9 +498,9 @@ def _linearise(
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Separate linear from nonlinear unknowns; return the matrix of the linear ones.
 
-    ``stays`` returns whether an unknown is kept although the equations are linear in it: a start
-    from a given total of contents has to find it. ``is_shared`` marks unknowns that may be
-    indeterminate.
+    ``stays`` returns whether an unknown is solved for by iteration although the equations are
+    linear in it, as for a start from a given total of contents. ``is_shared`` marks unknowns that
+    may be indeterminate.
     """
     # Values outside the block are constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)

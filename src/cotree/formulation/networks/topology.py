@@ -149,8 +149,9 @@ class Topology:
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
         """Sum over the chords in the f-cutset of each branch: their count, numbers and directions.
 
-        The second result contains the branches whose cutset has a chord that the previous branch's
-        has not, since its circuit closes at the node between the two.
+        The second result contains the branches whose cutset has a chord that is not in the cutset
+        of the previous branch, since the circuit of that chord closes at the node between both
+        branches.
         """
         # For each node: how many ends of chords, the sum of their numbers, the sum of their
         # directions; a suffix sum turns them into those of the part beyond a branch.
