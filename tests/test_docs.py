@@ -19,9 +19,9 @@ from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.scene.checks import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
 from cotree.scene.description import RULES
-from cotree.scene.edge import usage_of
 from cotree.scene.expressions import FUNCTIONS
 from cotree.scene.toml_file import read_scene
+from cotree.scene.usage_text import usage_of
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

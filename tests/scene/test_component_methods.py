@@ -14,8 +14,7 @@ from cotree import Scene, SceneError
 from cotree.components import COMPONENTS, FAMILIES, OWN
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
-from cotree.scene.edge import examples, usage_of
-from cotree.scene.usage_text import edge_call
+from cotree.scene.usage_text import edge_call, examples, usage_of
 
 
 def added(name, statement):

@@ -60,9 +60,15 @@ def _describe(name: str) -> str:
 
     if name in shipped_parts():
         return _describe_part(name)
-    from cotree.scene.edge import examples, usage_of
     from cotree.scene.toml_text import table_text
-    from cotree.scene.usage_text import default_of, edge_call, nodes_of, takes_of
+    from cotree.scene.usage_text import (
+        default_of,
+        edge_call,
+        examples,
+        nodes_of,
+        takes_of,
+        usage_of,
+    )
 
     usage = usage_of(name)
     row = usage.component

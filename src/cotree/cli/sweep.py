@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import time
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -14,15 +15,15 @@ from cotree.cli.options import (
     EndTime,
     SceneName,
     Sensitivity,
-    check_options,
     check_picture,
     print_error,
-    read_members_of,
+    read_pairs,
     read_scene,
     with_options,
     write_file,
 )
-from cotree.errors import ParameterError, brief, nearest
+from cotree.errors import Error, ParameterError, brief, nearest
+from cotree.files import read_text
 from cotree.quiet import without_warnings
 from cotree.report import Report, Table
 
@@ -30,6 +31,115 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.api import Model
+
+
+_GRID = "--grid L=0.8:1.2:11, --grid k=1:1000:7:log or --grid k=40,50,60"
+_SAMPLE = "--sample L=uniform:0.9:1.1"
+
+# A table of members, [byte].
+_LARGEST_TABLE = 2**30
+
+
+def _check_options(
+    grids: Sequence[str], samples: Sequence[str], members: str | None, **of_samples: object
+) -> None:
+    """Refuse options that specify no members, or contradict each other."""
+    is_number = members is not None and members.isdecimal()
+    ways = {"--grid": bool(grids), "--sample": bool(samples)}
+    ways["--members with a file"] = members is not None and not is_number
+    chosen = [name for name, is_given in ways.items() if is_given]
+    if len(chosen) > 1:
+        raise ParameterError(f"{' and '.join(chosen)} exclude each other: give one of them")
+    if not chosen and is_number:
+        raise ParameterError(f"--members {members} is the number of samples: give {_SAMPLE}, too")
+    if not chosen:
+        raise ParameterError(
+            f"a sweep needs members: give {_GRID}; {_SAMPLE} --members 200; or --members table.csv"
+        )
+    if grids and is_number:
+        raise ParameterError(
+            f"the axes of a grid determine its number of members: leave out --members {members}"
+        )
+    if samples and members is None:
+        raise ParameterError("--sample needs the number of members: give --members 200")
+    for name, value in of_samples.items():
+        if value is not None and not samples:
+            raise ParameterError(f"--{name} sets how members are drawn: give --sample, too")
+
+
+def _read_members(
+    model: Model,
+    grids: Sequence[str],
+    samples: Sequence[str],
+    members: str | None,
+    seed: int | None,
+    sampling: str | None,
+) -> Any:
+    """Read the members of a sweep from options that do not contradict each other."""
+    if grids:
+        from cotree.ensemble.members import grid
+
+        return grid({name: _axis(name, text) for name, text in read_pairs("--grid", grids).items()})
+    if samples:
+        from cotree.ensemble.sampling import sample
+
+        drawn = {
+            name: _distribution(name, text)
+            for name, text in read_pairs("--sample", samples).items()
+        }
+        try:
+            return sample(model, drawn, int(members or 0), method=sampling or "sobol", seed=seed)
+        except ParameterError as error:
+            raise ParameterError(f"--sample: {error}") from None
+    return _table(Path(members or ""))
+
+
+def _axis(name: str, text: str) -> Any:
+    """Read ``first:last:number``, ``first:last:number:log`` or ``value,value,...``."""
+    shown = f"--grid {brief(name)}={brief(text)}"
+    try:
+        if ":" not in text:
+            return [float(part) for part in text.split(",")]
+        first, last, number, *scale = text.split(":")
+        low, high, n = float(first), float(last), int(number)
+    except ValueError:
+        raise ParameterError(
+            f"{shown} is not a range or a list of numbers: write {_GRID}"
+        ) from None
+    if scale not in ([], ["log"]):
+        raise ParameterError(f"{shown} ends in '{brief(':'.join(scale))}': write {_GRID}")
+    if n < 1:
+        raise ParameterError(f"{shown} has {n} values: give at least 1")
+    if scale and not (low > 0.0 and high > 0.0):
+        raise ParameterError(f"{shown} is logarithmic: both ends must be positive")
+    return np.geomspace(low, high, n) if scale else np.linspace(low, high, n)
+
+
+def _distribution(name: str, text: str) -> tuple[Any, ...]:
+    """Read ``kind:number:...``; the number of numbers depends on the kind."""
+    kind, *numbers = text.split(":")
+    try:
+        return (kind.strip(), *(float(number) for number in numbers))
+    except ValueError:
+        raise ParameterError(
+            f"--sample {brief(name)}={brief(text)} is not a distribution: write it as {_SAMPLE}"
+        ) from None
+
+
+def _table(path: Path) -> Any:
+    """Read a table of members; a column ``member`` labels them."""
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise Error("tables of members need pandas: run `pip install cotree[ensembles]`") from error
+    text = read_text(path, _LARGEST_TABLE)
+    try:
+        separator = max(",;\t", key=text.partition("\n")[0].count)
+        table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
+    except (ValueError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise ParameterError(f"--members {path} is not a table: {brief(error)}") from None
+    table.columns = [str(name).strip() for name in table.columns]
+    return table.set_index("member") if "member" in table.columns else table
 
 
 @with_options()
@@ -120,7 +230,7 @@ def sweep_scene(
 
     # Arguments are checked before the scene is compiled.
     check_xarray()
-    check_options(grid, sample, members, seed=seed, sampling=sampling)
+    _check_options(grid, sample, members, seed=seed, sampling=sampling)
     if file is not None:
         check_dataset_file(file)
     check_picture(plot)
@@ -132,7 +242,7 @@ def sweep_scene(
     described = read_scene(scene, settings, swept)
     build_ahead(settings.get("method") or described.defaults.method)
     model = described.compile(sensitivity, tree)
-    rows = read_members_of(model, grid, sample, members, seed, sampling)
+    rows = _read_members(model, grid, sample, members, seed, sampling)
     _check_shown(model, show, output)
     end = described.defaults.t_end if t_end is None else t_end
     begun = time.perf_counter()

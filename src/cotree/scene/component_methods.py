@@ -16,7 +16,7 @@ from cotree.components import OWN
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from cotree.scene.edge import Usage
+    from cotree.scene.usage_text import Usage
 
 
 class ComponentMethod:
@@ -51,8 +51,7 @@ for _type in sorted(OWN):
 @lru_cache(maxsize=256)
 def _function(type: str) -> Callable[..., None]:
     """Make the function that adds an edge of a type."""
-    from cotree.scene.edge import usage_of
-    from cotree.scene.usage_text import docstring_of
+    from cotree.scene.usage_text import docstring_of, usage_of
 
     def add(
         scene: Any,

@@ -15,13 +15,12 @@ import numpy.typing as npt
 
 from cotree.errors import ModelError, nearest
 from cotree.files import write_csv
-from cotree.records import Deferring
 from cotree.report import Report, Reported, Values, counted, frame
 from cotree.units import quotient
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from cotree.equations import PositionRow
 
@@ -54,8 +53,21 @@ class EventTimes:
     s: FloatArray
 
 
+# Key in a record's dict under which the functions of lazy fields are stored.
+_PENDING = "_pending"
+
+
+def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the entry of a record's values that computes others on first use.
+
+    ``makes`` has, by field, the function that computes it and all fields computed with it. Threads
+    may call it concurrently, so it must return the same values each time.
+    """
+    return {_PENDING: makes}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class RunRecord(Reported, Deferring):
+class RunRecord(Reported):
     """The outcome of one simulation as numbers.
 
     Outputs, inputs, events and values of parameters are evaluated when they are first read; an
@@ -126,6 +138,31 @@ class RunRecord(Reported, Deferring):
     events: Mapping[str, EventTimes] = field(default_factory=dict)
     parameter_values: Mapping[str, float] = field(default_factory=dict)
     positions: tuple[PositionRow, ...] = ()
+
+    # Type checkers see only the fields of the dataclass.
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Compute a lazy field, and those that are computed with it."""
+            own = vars(self)
+            pending = own.get(_PENDING, {})
+            make = pending.get(name)
+            if make is not None:
+                made = make()
+                for key, value in made.items():
+                    own.setdefault(key, value)  # if two threads compute it, the first value is kept
+                # A new dict, since records made by `changed` share the old one.
+                own[_PENDING] = {key: row for key, row in pending.items() if key not in made}
+            if name in own:  # or another thread computed the value in the meantime
+                return own[name]
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all values, since the functions of lazy fields cannot be pickled."""
+        own = vars(self)
+        for name in own.get(_PENDING, ()):
+            getattr(self, name)
+        return {name: value for name, value in own.items() if name != _PENDING}
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"

@@ -12,11 +12,11 @@ import numpy as np
 from cotree.errors import SolveError
 from cotree.model.arrays import derived_values
 from cotree.quiet import level_of_user
-from cotree.records import deferred, filled
+from cotree.records import filled
 from cotree.solvers.engine import sweep
 from cotree.solvers.prepare import Preparation, prepared
 from cotree.solvers.problem import HeldConstraints, Problem, check_values
-from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
+from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory, deferred
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
     check_constraint_drift,
@@ -43,7 +43,7 @@ _MOST_COPIED = 2**18
 def observed(
     preparation: Preparation, problem: Problem, trajectory: Trajectory, left_out: Sequence[int]
 ) -> dict[str, Any]:
-    """Return the outputs, inputs and events of a record; see :func:`cotree.records.deferred`.
+    """Return the outputs, inputs and events of a record; see :func:`deferred`.
 
     ``left_out`` are outputs whose sensitivities are not unique, and therefore nan.
     SingularSystemError is raised, at first use, if an output is not determined somewhere.
