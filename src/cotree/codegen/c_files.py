@@ -175,9 +175,10 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
 
 
 def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
-    """Write the engine of a stepper of ``STEPPERS``: a job with it, the same for many models.
+    """Return the C files of the engine of a stepper of ``STEPPERS``: the job and the stepper.
 
-    An engine without events is half as long; it runs models that have neither events nor kinks.
+    They are the same for many models. An engine without events is half as long; it runs models that
+    have neither events nor kinks.
     """
     own = dict(stepper_files(name))
     if name in INTEGRATORS:

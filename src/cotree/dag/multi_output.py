@@ -447,7 +447,7 @@ def solve(
     rhs : sequence of Node
         Right-hand side.
     reference : Node, optional
-        Size of what the entries were made from, for the rank decision.
+        Magnitude of the terms of the entries before cancellation, for the rank decision.
     shape : SolveShape, optional
         Number of leading unknowns that must be unique, or the solution is refused; the others
         may be redundant. All of them, where absent.

@@ -134,8 +134,8 @@ def like_measured(
 ) -> tuple[str | float, str]:
     """Return noise and transformation of further measurements of a quantity.
 
-    They are those of values that were measured, preferably in this condition, where ``noise`` is
-    None.
+    If ``noise`` is None, they are those of measured values of the quantity, preferably in this
+    condition.
     """
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
     here = [i for i in rows if problem.measured.condition[i] == number] or rows

@@ -164,10 +164,10 @@ def check_range(program: Program, target: Target) -> None:
 
 
 def check_step(program: Program, integrator: str, step: float | None) -> None:
-    """Raise CodegenError if a fixed step does not go together with the integrator or the scene.
+    """Raise CodegenError if the step size does not suit the integrator or the scene.
 
-    A method needs a step and has none, or the other way round; or the scene has events or corners
-    that the method would step over.
+    Methods with fixed steps require a step size, others do not accept one. The scene must have no
+    events, and no time events at which sensitivities jump, since the method would step over them.
     """
     if integrator not in FIXED:
         if step is not None:
@@ -186,9 +186,10 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
 
 
 def _check_corners(program: Program, integrator: str) -> None:
-    """Raise CodegenError for sensitivities that jump at corners of sources, within fixed steps.
+    """Raise CodegenError if sensitivities jump at time events, which fixed steps do not locate.
 
-    Without jumps of the rates there are none of the sensitivities, and only the order is lower.
+    Sensitivities jump only where rates do; at a kink of the rates only the order of the method is
+    reduced.
     """
     dag, layout = program.dag, program.layout
     stops = [stop for own in program.stops.values() for stop in own]

@@ -150,9 +150,9 @@ def main_context(
     """Build the template data of the main program.
 
     ``methods`` begin with the default one; ``sizes`` are factors of the absolute tolerances of
-    states. ``start`` is the start at the scene's parameters, if it has to be found, and
-    ``is_found`` whether C finds it, also at other values. ``is_strict``: constraints are dependent,
-    and rates are taken on them.
+    states. ``start`` is the start for the scene's parameters, if it must be computed, and
+    ``is_found`` whether C can compute it, also for other values. ``is_strict``: constraints are
+    dependent, so that rates are evaluated at projected points.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target

@@ -102,7 +102,7 @@ def check_numbers(first: FirstGraph) -> None:
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
     i, what = speeds[0].index, "moves no inertia"
-    # Different from zero: its inertia may be lost beside that of a long arm or of another body.
+    # The inertia is nonzero, but may be a rounding error of that of a long arm or another body.
     if len(speeds) == 1 and own[i] != 0.0:
         what += f" beyond rounding errors of the {carried[i]:.3g} that its joint carries"
     raise SingularSystemError(

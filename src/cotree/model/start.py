@@ -5,10 +5,10 @@ results of the steps before it:
 
 1. Values as they are given: the scene's or those of its operating point, then those of the run.
 2. The constraints of mechanisms (``templates/runtime/start``).
-3. Algebraic unknowns, and what storages hold from what follows from it; then the modes of jumps
-   inside expressions, and the unknowns again.
-4. A check of what was given twice: redundant values of network variables change nothing where
-   they agree with what they follow from, and all that do not are refused together.
+3. Algebraic unknowns, and contents of storages from the variables that determine them; then the
+   modes of jumps inside expressions, and the unknowns again.
+4. A check of redundant initial values of network variables: they have no effect if they agree with
+   the values that the states determine; otherwise all that disagree are reported together.
 
 C takes all steps (:mod:`cotree.model.start_in_c`).
 """

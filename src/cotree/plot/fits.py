@@ -136,7 +136,7 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
 
 
 def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
-    """Draw the objectives of starts, the best one first, above that of the first.
+    """Draw the objectives of the starts relative to the best one, in ascending order.
 
     ``starts`` are those of a fit; see :class:`cotree.estimation.multistart.StartRecord`.
     """

@@ -13,11 +13,11 @@ at a time. The columns of the Jacobian are one map of unit vectors s; if they ar
 parameters, it is formed first and multiplied by each s_j. The costs of these alternatives are
 compared.
 
-Implicit methods need three kernels more. The first computes at a point what the second needs there;
-the second is linear in a direction of the states, and a method takes it once a stage. Along the
-direction v it is d(J s + f_p)/dx v of every parameter: the mechanism of sensitivities, run twice.
-The third gives the derivatives of the rates of states and sensitivities by time at a fixed state,
-with the scene's own inputs varying in time.
+Implicit methods need three further kernels. The first prepares, at a point, values for the second.
+The second is linear in a direction v of the states and is evaluated once in each stage of a
+method: it returns d(J s + f_p)/dx v for every parameter, by differentiating the sensitivities once
+more. The third returns the derivatives of the rates of states and sensitivities with respect to
+time at fixed states; the inputs of the scene vary with time.
 """
 
 from __future__ import annotations

@@ -459,9 +459,9 @@ class SceneDescription(Reported):
         """Set the defaults of a run: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
 
         They are ``t_end``, [s]; ``start``, "initial values" or "operating point", at which an
-        electrical network rests with what its sources give: no current flows into capacitors, no
-        voltage is across inductors; ``held``, nodes and the voltages at which they are held during
-        the search for that point; and method, tolerances, budgets and others of
+        electrical network is in steady state: no current flows into capacitors, no voltage is
+        across inductors; ``held``, nodes and the voltages at which they are held during the search
+        for that point; and method, tolerances, budgets and others of
         :class:`cotree.Settings`.
 
         Raises

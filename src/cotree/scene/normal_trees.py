@@ -59,7 +59,7 @@ _MOST_TRIED = 20_000
 class _Couple:
     """An ideal coupling: its ports, and which of them may be branches.
 
-    Two swaps of its ports follow these if each port may be a branch of one tree only.
+    If each port may be a branch of only one tree, this is ensured by two swaps of its ports.
     """
 
     ports: tuple[str, ...]

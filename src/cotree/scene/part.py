@@ -9,7 +9,7 @@ Names of nodes have expressions in braces, ``n{i - 1}``; expressions use the nam
 
 A part is a statement: a scene, and the bindings of its nodes, parameters and inputs in the outer
 scene. It expands to the declarations of that scene under the part's name, ``leg1.knee``, which the
-outer scene stores beside its own (`Rows`).
+outer scene stores together with its own declarations (`Rows`).
 """
 
 from __future__ import annotations

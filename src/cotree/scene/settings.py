@@ -392,7 +392,7 @@ documented(Settings)
 
 
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
-    """Return the settings of a call; those left open are the scene's.
+    """Return the settings of a call; missing ones are those of the scene.
 
     Raises TypeError if there is no such setting, ModelError or SolveError if a value is not
     accepted.

@@ -325,8 +325,9 @@ class _Disc:
 def _ways(port: Port) -> dict[str, str]:
     """Return the fields of the direction of the slip.
 
-    The tangent of its angle to the direction in which it began is the same on both sides of rest,
-    so that the law continues smoothly through rest, as that of friction along a line does.
+    The direction is given by the tangent of its angle to the initial direction. The tangent is the
+    same on both sides of rest, so that the law continues smoothly through rest, like that of
+    friction along a line.
     """
     friction = port.terminal.friction
     if friction is None or not friction.follower:

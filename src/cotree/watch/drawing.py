@@ -171,9 +171,10 @@ def _outermost(points: Array) -> Array:
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Assign each of n clusters the lowest layer that no neighbour of smaller number has.
+    """Assign to each of n clusters the lowest layer that no neighbour with a smaller number has.
 
-    Joints and constraints of ``edges`` make neighbours; ``places`` are those of the nodes.
+    Clusters are neighbours if a joint or constraint of ``edges`` connects them; ``places`` are
+    those of the nodes.
     """
     neighbours: list[set[int]] = [set() for _ in range(n)]
     for edge in edges:

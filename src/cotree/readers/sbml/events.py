@@ -68,8 +68,9 @@ class Dependencies:
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
     """Sort events by priority, and group those that become one event of the scene.
 
-    Events of equal priority remain in the order of the file, since SBML leaves it undefined.
-    Events of one trigger that affect each other as no scene can represent are refused.
+    Events of equal priority remain in the order of the file, since SBML leaves it undefined. Events
+    with the same trigger are refused if they affect each other in a way that scenes cannot
+    represent.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
