@@ -134,7 +134,8 @@ def _even_reach(
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
-    # Constants of an even loop must be equal: distinct ones are numbered.
+    # A constant must be the same in all iterations of an even loop: different constants get
+    # different numbers.
     names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):

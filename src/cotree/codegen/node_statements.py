@@ -314,7 +314,7 @@ class _StatementWriter:
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
-            i += padded(owner.data) - owner.data  # cosines start at a new vector
+            i += padded(owner.data) - owner.data  # cosines begin at the start of a vector
         # C stores results by padded rows; nodes number them by columns.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))

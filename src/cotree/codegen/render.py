@@ -174,7 +174,7 @@ def with_runtime(
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # already present, or a file of the model
+            continue  # the file is already present, or is one of the model
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)

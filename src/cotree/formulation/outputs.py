@@ -470,7 +470,8 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each name after those on which it depends: recursion along a chain could exceed the limit.
+    # Each name comes after those on which it depends; recursion along a chain could exceed Python's
+    # limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value

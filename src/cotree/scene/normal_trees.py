@@ -566,7 +566,8 @@ def _check_reached(
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of "
             f"its nodes to 'ground', the reference of its {DOMAINS[graph.domain].across[0]}"
         )
-    # Edges of infinite weight never become branches; without others no tree reaches these nodes.
+    # Edges of infinite weight never become branches, so without other edges no tree reaches these
+    # nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)
     if cut := [node for node in graph.nodes if node not in reached]:

@@ -164,7 +164,7 @@ static inline cotree_run *own_run_of(const cotree_job *job)
 #endif
 }
 
-/* Return the run that the first nonlinear solver solves for. */
+/* Return the run whose entries the first nonlinear solver computes. */
 static inline cotree_run *solved_of(const cotree_job *job)
 {
 #if COTREE_SIMULTANEOUS
