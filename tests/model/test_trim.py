@@ -191,3 +191,17 @@ def test_a_network_without_states_is_solved_for_its_inputs():
     model = scene.compile()
     assert model.trim().unknowns == ()
     assert model.trim(["u"], outputs={"y": 6.0})["u"] == pytest.approx(10.0, rel=1e-12)
+
+
+def test_a_rate_that_only_vanishes_at_infinity_is_no_equilibrium():
+    """The rate (2 - v)/C at v = 0.1 is never zero, however large the capacitance."""
+    scene = cotree.Scene("charging")
+    scene.parameter("C", 1.0)
+    scene.current_source("I", "ground", "a", current=2.0)
+    scene.resistor("R", "a", "ground", resistance=1.0)
+    scene.capacitor("K", "a", "ground", capacitance="C")
+    scene.output("v", "a.v")
+    model = scene.compile(["C"], optimize="-O0")
+    with pytest.raises(cotree.SolveError, match=r"the rate of 'K\.v'"):
+        model.trim("C", outputs={"v": 0.1})
+    assert model.trim().y == pytest.approx([2.0], rel=1e-12)

@@ -415,9 +415,9 @@ def _is_met(search: _Search, z: Array) -> bool:
     only halve, and the slopes vanish there. Therefore the terms at the guess are included.
     """
     left = np.abs(search.value(z))
-    slope = np.maximum(np.abs(search.slope(z)), np.abs(search.slope(search.guess)))
-    terms = slope @ np.maximum(np.abs(z), 1.0) + np.abs(search.targets)
-    return bool(np.all(left <= _EXACT * terms))
+    # Each slope with its own unknowns: those of the guess times unknowns that diverge excuse all.
+    terms = [np.abs(search.slope(x)) @ np.maximum(np.abs(x), 1.0) for x in (z, search.guess)]
+    return bool(np.all(left <= _EXACT * (np.maximum(*terms) + np.abs(search.targets))))
 
 
 def _posed(
