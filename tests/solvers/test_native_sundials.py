@@ -19,7 +19,7 @@ from cotree import Scene, load
 from cotree.codegen.c_files import sundials_functions
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import callbacks, engine, problem
+from cotree.solvers import engine, problem
 from cotree.solvers import sundials as sundials_library
 from cotree.solvers.engine import load_engine
 from cotree.solvers.job import Job
@@ -230,7 +230,7 @@ def test_bands_against_another_factorisation():
 
 
 def test_too_wide_a_band_is_left_to_sparse_matrices(monkeypatch):
-    monkeypatch.setattr(callbacks, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_library, "_MOST_MULTIPLICATIONS", 1e3)
     model = rc_grid(15).compile()
     result = model.simulate((0.0, 1.0), [1.0], "cvode")
     assert "BDF stood in for cvode: the Jacobian's band is wide." in result.message
@@ -241,7 +241,7 @@ def test_too_wide_a_band_with_events_is_factorised_all_the_same(monkeypatch):
     scene.event("late", "t - 0.5", direction=1, stop=True)
     model = scene.compile()
     first = model.simulate((0.0, 1.0), [0.5], "cvode")
-    monkeypatch.setattr(callbacks, "_MOST_MULTIPLICATIONS", 1e3)
+    monkeypatch.setattr(sundials_library, "_MOST_MULTIPLICATIONS", 1e3)
     result = model.simulate((0.0, 1.0), [0.5], "cvode")
     assert result.statistics.method == "cvode"
     np.testing.assert_array_equal(result.y, first.y)
