@@ -29,6 +29,9 @@ _SMALLEST_SHARE = 1e-17
 #: balanced it. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of residuals
 #: are amplified as much.
 _BEYOND = 1e4
+#: Factor on it where a residual exceeds rounding, so that the multiplier passes its limit long
+#: before the row counts as one that motions change; and the largest rounding, [m/s^2], [rad/s^2].
+_FURTHER, _ROUNDING = 1e6, 1e-10
 
 
 class LinearSolver(Protocol):
@@ -169,7 +172,10 @@ class HeldFactors:
                 # A row that no multiplier can satisfy has a multiplier beyond all limits.
                 own = [held[i] for i in core.places]
                 for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
-                    held[i] = held[i] - _BEYOND * (rest[i] - _product(row, own)) / size
+                    left = rest[i] - _product(row, own)
+                    square = left * left
+                    factor = _BEYOND * (1.0 + _FURTHER * (square / (square + _ROUNDING**2)))
+                    held[i] = held[i] - factor * left / size
         return [*found, *held]
 
 
