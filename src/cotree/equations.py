@@ -225,11 +225,6 @@ class EventRow:
     is_pressed: bool = False
 
     @property
-    def is_impact(self) -> bool:
-        """Return whether an impulse changes all speeds."""
-        return self.restitution is not None
-
-    @property
     def kept(self) -> tuple[int, ...]:
         """The states that expressions set, which a projection keeps."""
         # Targets of expressions come first, those of the impact after them.

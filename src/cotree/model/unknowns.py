@@ -46,48 +46,17 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
     return sizes
 
 
-#: Largest number of changes of each mode; more are a contradiction.
-_MOST_CHANGES = 50
-
-
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Set the modes of jumps inside expressions to the values of these at a point.
+    """Return the states y with the modes of jumps inside expressions that belong to them.
 
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model at the point.
-    y : ndarray, shape (n_states,)
-        States that satisfy all equations with the modes that they hold.
-
-    Returns
-    -------
-    ndarray, shape (n_states,)
-
-    Raises
-    ------
-    SolveError
-        If there are no values that agree with the states that they lead to.
+    The modes that an event function contradicts change; the algebraic unknowns stay as they are.
     """
-    rows = at.model.layout.events
-    if not any(row.is_jump for row in rows):
-        return y
-    y = y.copy()
-    for _ in range(_MOST_CHANGES * len(rows)):
-        # `jumps` contains the new values of all events. An event has occurred if the sign of its
-        # function is that of its direction.
-        values, wanted = at.event_values(y), at.call("jumps", y)
-        changed = False
-        for row, value in zip(rows, values, strict=True):
-            # One jump at a time, since others may depend on the state that it sets.
-            if row.is_jump and row.direction * value > 0.0 and not changed:
-                (target,) = row.targets
-                changed = bool(y[target] != wanted[row.results.start])
-                y[target] = wanted[row.results.start]
-        if not changed:
-            return y
-        y = solve_states(at, y)
-    raise contradicting_jumps(at)
+    rows, settled = at.model.layout.events, y.copy()
+    for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
+        # An event has occurred if the sign of its function is that of its direction.
+        if row.is_jump and row.direction * value > 0.0:
+            settled[row.targets[0]] = at.call("jumps", settled)[row.results.start]
+    return settled
 
 
 def contradicting_jumps(at: EvaluationPoint) -> SolveError:
