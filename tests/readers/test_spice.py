@@ -744,3 +744,25 @@ def test_waveforms_of_points_and_parameters(text, values):
     times = [0.25, 0.75, 1.5, 2.0] if "PULSE" not in text else [0.5, 1.5, 3.0, 4.5]
     result = model.simulate((0, 5), [0.0, *times])
     assert result["a"][1:] == pytest.approx(values, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e6", 1e6),
+        ("2*1E3/1e-3", 2e6),
+        # ngspice 39 prints these.
+        ("2^3^2", 64.0),
+        ("2**3**2", 64.0),
+        ("2**-1**2", 0.25),
+        ("n**3", 8.0),
+        ("n^-1", 0.5),
+        ("pow(n, 3)", -8.0),
+        ("-n**2", -4.0),
+    ],
+)
+def test_expressions_of_parameters_mean_what_they_do_in_ngspice(text, value):
+    scene = read(f"title\n.param n=-2\nV1 a 0 {{{text}}}\nR1 a 0 1k\n")
+    scene.output("a", "a.v")
+    assert scene.compile(optimize="-O0").output_values(0.0, []) == pytest.approx([value], rel=1e-15)
+    assert not scene.origin.notes

@@ -1,7 +1,6 @@
 """Elements of netlists: one function for each letter adds edges from the words of a line.
 
-In laws of voltages, currents and time, ``x^y`` is the power of the absolute value of x, and powers
-group from the left, as in ngspice.
+As in ngspice, ``x^y`` is the power of the absolute value of x, and powers group from the left.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ _FORMS = (
     *("u", "uramp", "ceil", "pwr", "limit"),
 )
 #: A suffix at the position of the decimal point, as printed on resistors.
-_PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
+_PRINTED = re.compile(r"([+-]?\d+)(?![eE]\d)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
     **{"t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3},
@@ -281,7 +281,9 @@ class SpiceFormula(Rewriter):
         if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
-            return self._power(*map(self.value, args))
+            # ngspice keeps the sign of parameters here, unlike with ``**``.
+            base, exponent = map(self.value, args)
+            return self._power(base, exponent) if self._signal else fill("a**b", base, exponent)
         return None
 
     def _expanded(self, name: str, own: UserFunction, args: Sequence[str]) -> ast.expr:
@@ -295,11 +297,11 @@ class SpiceFormula(Rewriter):
         return self._substituted(f"({formula.text(own.body)})")
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Rewrite an operation; powers in laws group from the left, as in ngspice."""
+        """Rewrite an operation; powers group from the left, as in ngspice."""
         if not isinstance(node.op, ast.Pow):
             return super().visit_BinOp(node)
         base, exponent = self.value(node.left), node.right
-        while self._signal is not None:
+        while True:
             has_sign = isinstance(exponent, ast.UnaryOp)
             inner = exponent.operand if isinstance(exponent, ast.UnaryOp) else exponent
             if not (isinstance(inner, ast.BinOp) and isinstance(inner.op, ast.Pow)):
@@ -313,11 +315,12 @@ class SpiceFormula(Rewriter):
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
         # Even powers, and powers of numbers, need no absolute value.
-        if self._signal is not None and not (is_even or isinstance(base, ast.Constant)):
-            self._scope.remark(
-                "powers of voltages and currents are those of their sizes, as in ngspice: write "
-                "products where signs are to stay"
-            )
+        if not (is_even or isinstance(base, ast.Constant)):
+            if self._signal is not None:
+                self._scope.remark(
+                    "powers of voltages and currents are those of their sizes, as in ngspice: "
+                    "write products where signs are to stay"
+                )
             base = fill("abs(a)", base)
         return fill("a**b", base, exponent)
 
