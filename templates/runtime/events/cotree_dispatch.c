@@ -263,7 +263,8 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
     if (status == 0) status = cotree_compute_values(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
         /* A function that is zero counts as crossed in either direction. */
-        if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i))
+        if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
+            (e->rows[i].kind >= COTREE_JUMP || e->crossing_sign[i] != COTREE_F(0.0)))
             e->side[i] = e->crossing_sign[i];
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
@@ -340,6 +341,13 @@ static int has_fixed_time(const cotree_events *e)
     return is_decided;
 }
 
+/* Return whether another event, or an input, has made the function of an event of the scene zero,
+ * with a rate of zero: its event occurs if it leaves zero to the other side. */
+static int has_jumped_to_zero(const cotree_events *e, int i)
+{
+    return e->rows[i].kind < COTREE_JUMP && e->samples[i] == COTREE_F(0.0) && !e->has_fired[i];
+}
+
 /* Apply triggered events until no event function changes sign. */
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
@@ -358,7 +366,7 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
                                    cotree_is_in_direction(e, i, e->samples[i]);
             if (is_crossed || is_mode_wrong(e, i)) {
                 if (first < 0) first = i;
-            } else {
+            } else if (!has_jumped_to_zero(e, i)) {
                 e->side[i] = e->samples[i];
             }
         }

@@ -294,3 +294,27 @@ def test_two_events_at_once(method):
             np.testing.assert_allclose(found, own[0], atol=CLOSE)
             found = result.event_sensitivity(f"hit{i}", f"h{k}")
             np.testing.assert_allclose(found, [own[1]], atol=CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("when", "falling"),
+    [
+        # The times at which each leaves zero to the other side, as x falls from 1.
+        ("floor(5*x.v) - 2", [0.6]),
+        ("sign(x.v - 0.6) + sign(x.v - 0.3)", [0.7]),
+        ("2 - floor(5*t)", [0.6]),
+        ("where(x.v > 0.5, 1, 0)", []),
+    ],
+)
+def test_a_function_that_jumps_to_zero_crosses_it_at_the_next_jump(when, falling):
+    scene = cotree.Scene("in-two-jumps")
+    scene.mode("n", 0)
+    scene.edge("x", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("I", "current_source", "a", "ground", current=1.0)
+    for name, direction in (("either", 0), ("down", -1), ("up", 1)):
+        scene.event(name, when, direction=direction, set={"n": "n + 1"})
+    result = scene.compile(optimize="-O0").simulate((0, 0.95))
+    assert result["n"][-1] == 2 * len(falling)
+    for name in ("either", "down"):
+        assert result.events[name].t == pytest.approx(falling, abs=1e-12)
+    assert not len(result.events["up"].t)
