@@ -130,6 +130,12 @@ def test_events_happen_at_every_zero(kind: str, method: str) -> None:
         check_marks(FUNCTIONS[kind](rng), method, rng.choice([0.0, 0.5]))
 
 
+def test_an_event_that_rounding_of_the_angle_leaves_inexact_happens_once() -> None:
+    """Newton's method found no time at which the function was zero within its own rounding."""
+    text = "sin(29.774*J.theta) + 0.374228*sin(53.9728*J.theta) + 0.751218"
+    check_marks(text, "rodas5", 0.5)
+
+
 def commutated(n: int) -> Model:
     """Compile an inertia under a torque that changes its sign n times in half a turn."""
     scene = Scene("motor")

@@ -552,6 +552,9 @@ int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w
     return e->kernel_status != 0 || !is_same;
 }
 
+/* The largest error of the time of a root, in roundings, that rounding of the states causes. */
+#define RESIDUAL_SPACINGS COTREE_F(64.0)
+
 /* Refine a root by Newton's method, with short steps of the solution. Return whether it
  * converges. */
 static int polish_root(cotree_events *e, int i, cotree_real side)
@@ -560,8 +563,8 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
                       margin = crossing_margin(e, i);
     const cotree_real least = cotree_is_kink(e, i) ? kink_band(e, i) : cotree_rounding_band(e, i);
     const cotree_real near = margin > COTREE_F(0.0) ? COTREE_F(1e-3) * margin : least;
-    cotree_real t = e->t;
-    int n;
+    cotree_real t = e->t, last = COTREE_INFINITY;
+    int n, is_rounding;
     cotree_copy(e->n, e->w, e->point);
     for (n = 0; n < MAX_NEWTON_STEPS; ++n) {
         cotree_real g, rate, step, low, high;
@@ -574,7 +577,11 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
         low = COTREE_FMAX(e->t_before - t, -width);
         high = COTREE_FMIN(e->t_end - t, width);
         step = COTREE_FMIN(COTREE_FMAX(step, low), high);
-        if (COTREE_FABS(g) <= near || COTREE_FABS(g / rate) <= cotree_spacing(t))
+        /* Rounding of the states may leave a value that no step reduces. */
+        is_rounding = COTREE_FABS(g) >= last &&
+                      COTREE_FABS(g / rate) <= RESIDUAL_SPACINGS * cotree_spacing(t);
+        last = COTREE_FABS(g);
+        if (is_rounding || last <= near || COTREE_FABS(g / rate) <= cotree_spacing(t))
             step = COTREE_F(0.0);
         if (step == COTREE_F(0.0)) {
             e->t = t;
