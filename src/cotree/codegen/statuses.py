@@ -25,6 +25,7 @@ SENTENCES = {
     "NOT_CONVERGED": "Newton's method fails again and again, or the step size fell to its least",
     "SENSITIVITIES_FAILED": "the rates of sensitivities fail",
     "FLAGGED": "the integrator gives a flag of its own",
+    "FOLD": "the algebraic unknowns would jump to another solution",
 }
 
 #: Numbers of ``cotree_status`` by name.

@@ -368,30 +368,14 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
     """Return a sentence on a fold of the algebraic equations at the end of a run, or empty."""
     if not trajectory.t.size:
         return ""
-    return fold_at(problem, float(trajectory.t[-1]), trajectory.z[:, -1])
+    is_known = SENTENCES["FOLD"] in trajectory.message
+    return fold_at(problem, float(trajectory.t[-1]), trajectory.z[:, -1], is_known=is_known)
 
 
-def fold_at(problem: Problem, t: float, z: FloatArray) -> str:
-    """Return a sentence on a fold of the algebraic equations at a point, or empty.
-
-    Two solutions meet at a fold and end: the determinant of the derivatives by the unknowns has
-    different signs on either side of it.
-    """
+def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False) -> str:
+    """Return a sentence on a fold of the algebraic equations at a point, or empty."""
     m, n = problem.n_algebraic, problem.n_states
-    if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:
-        return ""
-    y = z[:n].copy()
-    signs = set()
-    # The last point may be near a kink.
-    for i in range(n - m, n):
-        for aside in _BESIDE_FOLD:
-            there = y.copy()
-            there[i] += aside * max(abs(y[i]), float(problem.state_atol[i]))
-            slopes = np.asarray(problem.jacobian(t, there))[n - m :, n - m :]
-            if not np.all(np.isfinite(slopes)):
-                return ""
-            signs.add(float(np.linalg.slogdet(slopes)[0]))
-    if len(signs) < 2:
+    if not (is_known or _is_near_fold(problem, t, z[:n])):
         return ""
     unknowns = listed(f"'{name}'" for name in list(problem.names[n - m : n])[:_MOST_NAMED])
     return (
@@ -399,6 +383,28 @@ def fold_at(problem: Problem, t: float, z: FloatArray) -> str:
         f"{unknowns} meet and end there. Switch a mode there by events, or add a storage, such as "
         "a small capacitor, to the loop."
     )
+
+
+def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
+    """Return whether two solutions of the algebraic equations meet and end near a point.
+
+    The determinant of the derivatives by the unknowns has different signs on either side of a fold.
+    """
+    m, n = problem.n_algebraic, problem.n_states
+    if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:
+        return False
+    signs: set[float] = set()
+    floor = problem.state_atol / problem.settings.rtol
+    # A kink may be near the last point.
+    for i in range(n - m, n):
+        for aside in _BESIDE_FOLD:
+            there = y.copy()
+            there[i] += aside * max(abs(y[i]), float(floor[i]))
+            slopes = np.asarray(problem.jacobian(t, there))[n - m :, n - m :]
+            if not np.all(np.isfinite(slopes)):
+                return False
+            signs.add(float(np.linalg.slogdet(slopes)[0]))
+    return len(signs) > 1
 
 
 def undetermined(problem: Problem, trajectory: Trajectory) -> str:

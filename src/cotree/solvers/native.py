@@ -266,7 +266,8 @@ class Attempt:
     def _is_at_fold(self) -> bool:
         from cotree.solvers.messages import fold_at
 
-        return bool(fold_at(self.problem, float(self.job.job.t), self.job.z))
+        is_known = int(self.job.job.status) == NUMBERS["FOLD"]
+        return is_known or bool(fold_at(self.problem, float(self.job.job.t), self.job.z))
 
     def _release(self) -> None:
         if self.problem.shared is not None:

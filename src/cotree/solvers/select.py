@@ -87,6 +87,10 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
         return first
+    from cotree.solvers.messages import fold
+
+    if fold(problem, first):  # no method passes it
+        return first
     limit, taken = problem.settings.time_limit, problem.steps_taken + first.statistics.n_steps
     limit = None if limit is None else limit - first.statistics.seconds
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps

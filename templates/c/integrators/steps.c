@@ -92,7 +92,7 @@ cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void
 {
     const cotree_status status = initialise(d, n, rate, context, t, y, rtol, atol, workspace);
     if (status != COTREE_OK) return status;
-#if COTREE_HAS_CONSTRAINTS
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     d->rejected = NULL;
 #endif
     METHOD(watch)(d, n);
@@ -193,7 +193,7 @@ static cotree_status take_step(integrator *d)
         }
         ++d->n_rejected;
 #if !COTREE_IMPLICIT
-#if COTREE_HAS_CONSTRAINTS
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
         if (d->rejected != NULL) d->rejected(d->context);
 #endif
 #endif

@@ -24,6 +24,10 @@ const char *cotree_status_message(cotree_status status)
         return "the solution is no longer finite";
     case COTREE_NOT_SOLVED:
         return "the algebraic unknowns cannot be solved for";
+#if COTREE_HAS_ALGEBRAIC
+    case COTREE_FOLD:
+        return "the algebraic unknowns would jump to another solution";
+#endif
     case COTREE_NOT_PROJECTED:
         return "the constraints cannot be met";
 #if COTREE_HAS_SUNDIALS

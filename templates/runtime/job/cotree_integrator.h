@@ -68,6 +68,9 @@ typedef enum cotree_status {
     COTREE_SENSITIVITIES_FAILED = 16,
     COTREE_FLAGGED = 17,
 #endif
+#if COTREE_HAS_ALGEBRAIC
+    COTREE_FOLD = 18, /* the solution of the algebraic equations ends, or jumps to another one */
+#endif
     COTREE_NOT_FINITE = 9,
     COTREE_NOT_SOLVED = 10, /* the algebraic equations, or a value that depends on their unknowns */
     COTREE_NOT_PROJECTED = 11 /* the projection fails at a point to be stored */

@@ -131,7 +131,11 @@ static void lay_out_job(cotree_job *job, cotree_arena *arena)
     e->is_running = 0;
     e->is_helped = 0;
     e->n_short = 0;
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
+#if COTREE_HAS_ALGEBRAIC
+    e->return_time = -COTREE_INFINITY;
+    e->is_repeated = 0;
+#endif
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     e->before = cotree_arena_reals(arena, job->n);
 #endif
 #if COTREE_HAS_EVENTS
@@ -197,13 +201,28 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
     run->high = COTREE_FMAX(first, last);
 }
 
+/* Complete a point. Close to a fold Newton's method may leave the unknowns accepted there. */
+static int complete(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
+{
+    const int status = STEPPER->complete(job, t, w, is_exact);
+#if COTREE_HAS_ALGEBRAIC
+    cotree_run *const run = ENGINE->run;
+    if (job->model->n_algebraic == 0 || !ENGINE->is_running || t != run->t_branch) return status;
+    if (status != COTREE_OK || cotree_run_is_far(run, -1, run->full)) {
+        cotree_run_keep(run, job->n, w);
+        return COTREE_OK;
+    }
+#endif
+    return status;
+}
+
 /* Store a point after projecting it and solving for its algebraic unknowns. is_exact: the point is
  * the end of a step. */
 static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const cotree_run *const run = ENGINE->run;
     cotree_real *const row = job->values + (size_t)job->n_kept * (size_t)run->n_full;
-    const int status = STEPPER->complete(job, t, w, is_exact);
+    const int status = complete(job, t, w, is_exact);
     int i;
     if (status != COTREE_OK) return status;
     job->times[job->n_kept] = t;
@@ -247,7 +266,7 @@ static void finish(cotree_job *job)
 {
     const cotree_engine *const e = ENGINE;
     int i;
-    if (STEPPER->complete(job, job->t, e->w, 1) == COTREE_OK) {
+    if (complete(job, job->t, e->w, 1) == COTREE_OK) {
         for (i = 0; i < e->run->n_full; ++i) job->z[i] = e->run->full[i];
     }
 #if COTREE_HAS_CONSTRAINTS
@@ -482,6 +501,9 @@ static int apply_found_events(cotree_job *job)
         status = store_wanted(job, events->t - cotree_job_ahead(job) * events->margin);
     }
     job->t = events->t;
+#if COTREE_HAS_ALGEBRAIC
+    ENGINE->run->t_branch = -COTREE_INFINITY; /* the unknowns may jump */
+#endif
     if (status == COTREE_OK) status = move_to_events(job, job->t);
     if (status == COTREE_OK) status = cotree_events_apply(events);
     if (status == COTREE_OK) status = move_to_events(job, job->t);
@@ -495,6 +517,13 @@ static int restart_stepper(cotree_job *job)
     ENGINE->n_short = 0;
     status = STEPPER->begin(job);
     ENGINE->is_running = status == COTREE_OK;
+#if COTREE_HAS_ALGEBRAIC
+    if (status == COTREE_OK && job->model->n_algebraic > 0) {
+        if (ENGINE->is_repeated && cotree_run_is_far(ENGINE->run, job->n, ENGINE->w))
+            return COTREE_FOLD;
+        cotree_run_accept(ENGINE->run, job->t, job->n, ENGINE->w);
+    }
+#endif
     ENGINE->is_helped = 0;
     return status;
 }
@@ -621,6 +650,83 @@ static int reject_step(cotree_job *job, cotree_real start, int status)
 }
 #endif
 
+#if COTREE_HAS_ALGEBRAIC
+/* Return whether the algebraic unknowns jumped to another solution within the last step. If not,
+ * they are accepted. */
+static int is_beyond_fold(cotree_job *job)
+{
+    cotree_engine *const e = ENGINE;
+    cotree_run *const run = e->run;
+    if (job->model->n_algebraic == 0) return 0;
+    if (cotree_run_is_far(run, job->n, e->w) &&
+        !cotree_run_is_continuous(run, job->t, job->n, e->before, e->w))
+        return 1;
+    cotree_run_accept(run, job->t, job->n, e->w);
+    return 0;
+}
+
+/* Return to the start of the last step with the algebraic unknowns there, since trial steps may
+ * have found others. */
+static void return_to(cotree_job *job, cotree_real start)
+{
+    cotree_engine *const e = ENGINE;
+    cotree_run *const runs[3] = {e->run, e->of_states, e->watched};
+    int i;
+    job->t = start;
+    memcpy(e->w, e->before, (size_t)job->n * sizeof(cotree_real));
+    for (i = 0; i < 3 && job->model->n_algebraic > 0; ++i)
+        cotree_run_return(runs[i], start, e->run->branch);
+}
+
+/* Repeat a step that failed with a status, now towards a goal. */
+static int restart_towards(cotree_job *job, cotree_real goal, int status)
+{
+    int result = COTREE_OK;
+    if (job->wanted != NULL) result = store_wanted(job, job->t);
+    ENGINE->is_repeated = 1;
+    ENGINE->goal = goal;
+    if (result == COTREE_OK) result = restart(job);
+#if COTREE_HAS_SUNDIALS
+    job->flag = 0;
+#endif
+    if (result == COTREE_OK) return COTREE_JOB_MORE;
+    return fail(job, result == COTREE_FOLD ? COTREE_FOLD : status);
+}
+
+/* Return the shortest step towards a fold. */
+static cotree_real shortest_to_fold(const cotree_job *job)
+{
+    const cotree_real span = job->corners[job->n_corners - 1] - job->corners[0];
+    return COTREE_SELECT(1e-9, 1e-5f) * COTREE_FABS(span);
+}
+
+/* Repeat a step that ended beyond a fold with a shorter one, or fail. */
+static int return_before_fold(cotree_job *job, cotree_real start)
+{
+    const cotree_real length = COTREE_F(0.25) * (job->t - start);
+    return_to(job, start);
+    if (COTREE_FABS(length) <= shortest_to_fold(job)) return fail(job, COTREE_FOLD);
+    return restart_towards(job, start + length, COTREE_FOLD);
+}
+#endif
+
+/* Repeat a failed step once with the algebraic unknowns at its start, or fail. */
+static int repeat_step(cotree_job *job, cotree_real start, int status)
+{
+#if COTREE_HAS_ALGEBRAIC
+    if (job->model->n_algebraic > 0) {
+        const cotree_real moved = COTREE_FABS(start - ENGINE->return_time);
+        const int is_last = moved <= shortest_to_fold(job) || status == COTREE_RATE_STOPPED;
+        ENGINE->return_time = start;
+        return_to(job, start);
+        if (!is_last) return restart_towards(job, job->corners[job->corner + 1], status);
+    }
+#else
+    (void)start;
+#endif
+    return fail(job, status);
+}
+
 #if COTREE_HAS_CONSTRAINTS
 /* Enter a stretch and restart. Wanted points of the last step are stored first. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
@@ -692,14 +798,14 @@ static int enter_stretch(cotree_job *job, cotree_stretch stretch)
 }
 
 /* After a failed step near a singular position, enter a stretch; elsewhere fail. */
-static int retry_near_singularity(cotree_job *job, int status)
+static int retry_near_singularity(cotree_job *job, cotree_real start, int status)
 {
     const cotree_singularity *const s = ENGINE->singularity;
     if (s != NULL && status != COTREE_RATE_STOPPED) {
         const cotree_stretch next = cotree_singularity_next(s, job);
         if (next != s->stretch && is_near_singularity(job)) return enter_stretch(job, next);
     }
-    return fail(job, status);
+    return repeat_step(job, start, status);
 }
 
 /* If the step from start is short near a singular position, undo it and enter a stretch with
@@ -737,8 +843,9 @@ static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
+    cotree_real goal;
     int status, is_last;
-#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
+#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     memcpy(e->before, e->w, (size_t)job->n * sizeof(cotree_real));
 #endif
 #if COTREE_HAS_CONSTRAINTS
@@ -746,11 +853,22 @@ static int advance(cotree_job *job)
         const int result = begin_watched_step(job);
         if (result != COTREE_JOB_DONE) return result;
     }
-    status = STEPPER->step(job, goal_of_step(job, end));
-    if (status != COTREE_OK) return retry_near_singularity(job, status);
+    goal = goal_of_step(job, end);
 #else
-    status = STEPPER->step(job, end);
-    if (status != COTREE_OK) return fail(job, status);
+    goal = end;
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    if (e->is_repeated) goal = e->goal;
+    e->is_repeated = 0;
+#endif
+    status = STEPPER->step(job, goal);
+#if COTREE_HAS_CONSTRAINTS
+    if (status != COTREE_OK) return retry_near_singularity(job, start, status);
+#else
+    if (status != COTREE_OK) return repeat_step(job, start, status);
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    if (is_beyond_fold(job)) return return_before_fold(job, start);
 #endif
     ++job->n_steps;
     job->last_step = COTREE_FABS(job->t - start);

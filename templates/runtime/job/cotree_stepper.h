@@ -26,7 +26,12 @@ typedef struct cotree_engine {
 #if COTREE_HAS_EVENTS
     cotree_events events;
 #endif
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
+#if COTREE_HAS_ALGEBRAIC
+    cotree_real return_time; /* the start of the last step that was repeated */
+    cotree_real goal;        /* the end of the next step if is_repeated is set */
+    int is_repeated;         /* 1: the next step repeats one that failed */
+#endif
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     cotree_real *before; /* values at the start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS

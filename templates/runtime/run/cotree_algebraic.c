@@ -25,16 +25,14 @@ int cotree_solve_linearised(const cotree_run *run, const cotree_real *g, cotree_
 }
 
 /* Evaluate the Jacobian at x and factorise its last block, g_z. */
-int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
+static int factorise_algebraic(cotree_run *run, cotree_real t, const cotree_real *x)
 {
     const cotree_model *const model = run->model;
     const int *const starts = model->column_starts;
-    const cotree_elimination *const own = &run->elimination;
     const int m = N_ALGEBRAIC, n_rates = N_RATES;
     cotree_real *const matrix = run->matrix.first;
-    int i, j, status;
-    if (own->linearise != NULL) return own->linearise(t, x, own->context);
-    status = model->jacobian(t, x, run->u, run->p, run->k, run->nonzeros);
+    int i, j;
+    const int status = model->jacobian(t, x, run->u, run->p, run->k, run->nonzeros);
     if (status != 0) return status;
     for (i = 0; i < m * m; ++i) matrix[i] = COTREE_F(0.0);
     for (j = 0; j < m; ++j) {
@@ -44,6 +42,13 @@ int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
         }
     }
     return cotree_lu_factorise(&run->matrix) == 0 ? 0 : COTREE_SINGULAR;
+}
+
+int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
+{
+    const cotree_elimination *const own = &run->elimination;
+    return own->linearise != NULL ? own->linearise(t, x, own->context)
+                                  : factorise_algebraic(run, t, x);
 }
 
 /* Compute a Newton step of the algebraic unknowns, and its largest entry relative to the unknown.
@@ -195,12 +200,6 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
  * times more often than not, the unknowns are solved for at each point from then on. */
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20
-
-/* Integrated unknowns satisfy the error test. If a projection changes them by so many tolerances on
- * average, it leads to another solution, as beyond a fold, unless pivots lost the digits. The step
- * is then rejected, and points near the fold do not count as far. */
-#define OTHER_SOLUTION COTREE_F(1e3)
-#define NEAR_FOLD (-1000000)
 
 /* Largest extrapolation distance, as a multiple of the distance between the two known solutions. */
 #define MAX_EXTRAPOLATION COTREE_F(100.0)
@@ -383,7 +382,7 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
 {
     const cotree_real goal = COTREE_FMAX(ROUNDING, UNKNOWN_TOLERANCE * run->rtol);
     cotree_real moved = COTREE_F(0.0);
-    int i, is_wide, is_far, is_lossy, status = cotree_prepare_point(run, t, w);
+    int i, is_wide, is_far, status = cotree_prepare_point(run, t, w);
     if (status == 0)
         status = cotree_solve_unknowns(run, t, !run->is_solving, goal, run->atol, &is_wide);
     if (status != 0) return status;
@@ -393,15 +392,191 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
             COTREE_FABS(found - w[i]) / (run->rtol * COTREE_FABS(found) + run->atol + COTREE_MIN);
         w[i] = found;
     }
-    is_lossy = COTREE_EPSILON * run->pivot_growth > run->rtol;
-    if (!run->is_solving && !is_lossy && moved > OTHER_SOLUTION * (cotree_real)N_ALGEBRAIC) {
-        run->n_far = NEAR_FOLD;
-        return 1;
-    }
-    is_far = moved > FAR_TOLERANCES * (cotree_real)N_ALGEBRAIC || is_lossy;
+    is_far = moved > FAR_TOLERANCES * (cotree_real)N_ALGEBRAIC ||
+             COTREE_EPSILON * run->pivot_growth > run->rtol;
     run->n_far += is_far ? 1 : run->n_far > 0 ? -1 : 0;
     if (run->n_far > MAX_FAR) run->is_solving = 1;
     return 0;
+}
+
+/* A solution ends at a fold, where it meets another one. Beyond it Newton's method may find a
+ * third. Unknowns that change within a step by more than this share of their size, and by so many
+ * tolerances, are therefore followed from those before it. */
+#define NEAR COTREE_F(0.1)
+#define NEAR_TOLERANCES COTREE_F(1e3)
+
+/* The change of the unknowns in the last step predicts that in a step up to so many times as long.
+ */
+#define MAX_STEP_RATIO COTREE_F(6.0)
+
+/* Bisections of a step: the voltage of a junction that begins to conduct changes as a logarithm. */
+#define MAX_BISECTIONS 50
+
+static cotree_real size_of_unknown(const cotree_run *run, cotree_real before, cotree_real after)
+{
+    return COTREE_FABS(before) + COTREE_FABS(after) + NEAR_TOLERANCES * run->atol / NEAR;
+}
+
+/* Return the algebraic unknowns of a point of n entries, or the last ones found if it has none. */
+static const cotree_real *unknowns_of(const cotree_run *run, int n, const cotree_real *w)
+{
+    if (n != run->n || run->n_lead > N_RATES) return w + N_RATES;
+    return run->found + guess_place(run, 1) * N_ALGEBRAIC;
+}
+
+void cotree_run_accept(cotree_run *run, cotree_real t, int n, const cotree_real *w)
+{
+    const cotree_real *const z = unknowns_of(run, n, w);
+    cotree_real *const COTREE_RESTRICT now = run->branch, *const COTREE_RESTRICT old =
+                                                              run->branch_before;
+    const int m = N_ALGEBRAIC;
+    int i;
+    for (i = 0; i < m; ++i) {
+        old[i] = now[i];
+        now[i] = z[i];
+    }
+    run->t_before = run->t_branch;
+    run->t_branch = t;
+}
+
+/* Return whether algebraic unknowns differ much from those accepted last. */
+static int are_far(const cotree_run *run, const cotree_real *z)
+{
+    const cotree_real *const before = run->branch;
+    const cotree_real near_zero = NEAR_TOLERANCES * run->atol;
+    const int m = N_ALGEBRAIC;
+    int i;
+    for (i = 0; i < m; ++i) {
+        const cotree_real size = COTREE_FABS(before[i]) + COTREE_FABS(z[i]);
+        if (COTREE_FABS(z[i] - before[i]) > NEAR * size + near_zero) return 1;
+    }
+    return 0;
+}
+
+int cotree_run_is_far(const cotree_run *run, int n, const cotree_real *w)
+{
+    return are_far(run, unknowns_of(run, n, w));
+}
+
+void cotree_forget_far_guesses(cotree_run *run)
+{
+    if (are_far(run, run->found + guess_place(run, 1) * N_ALGEBRAIC))
+        cotree_run_return(run, run->t_branch, run->branch);
+}
+
+/* Return whether unknowns that are far from those accepted last continue the last change of these:
+ * within half of the distance of a linear extrapolation. */
+static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real *z)
+{
+    const cotree_real ratio = (t - run->t_branch) / (run->t_branch - run->t_before);
+    int i;
+    if (!(ratio > COTREE_F(0.0) && ratio <= MAX_STEP_RATIO)) return 0;
+    for (i = 0; i < N_ALGEBRAIC; ++i) {
+        const cotree_real before = run->branch[i], change = z[i] - before;
+        const cotree_real error = change - ratio * (before - run->branch_before[i]);
+        if (COTREE_FABS(error) <= COTREE_F(0.5) * COTREE_FABS(change)) continue;
+        if (COTREE_FABS(change) > NEAR * size_of_unknown(run, before, z[i])) return 0;
+    }
+    return 1;
+}
+
+/* Return the largest difference of two solutions, in units of sizes. */
+static cotree_real distance(int m, const cotree_real *a, const cotree_real *b,
+                            const cotree_real *sizes)
+{
+    cotree_real largest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < m; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(a[i] - b[i]) / sizes[i]);
+    return largest;
+}
+
+/* Compute the solution at a share s of a step, from that at low. */
+static int solve_within(cotree_run *run, cotree_real t, const cotree_real *before,
+                        const cotree_real *after, cotree_real s, const cotree_real *low)
+{
+    cotree_real *const x = run->full;
+    const cotree_real at = run->t_branch + s * (t - run->t_branch);
+    int i, status = cotree_run_inputs(run, cotree_run_inside(run, at));
+    for (i = 0; i < N_RATES; ++i) x[i] = before[i] + s * (after[i] - before[i]);
+    for (i = 0; i < N_ALGEBRAIC; ++i) x[N_RATES + i] = low[i];
+    return status != 0 ? status : newton_from_guess(run, cotree_run_inside(run, at), x);
+}
+
+/* Return the sign of the determinant of g_z, or 0 if it is singular. */
+static int sign_of_determinant(cotree_run *run, cotree_real t, const cotree_real *x)
+{
+    const cotree_lu *const a = &run->matrix;
+    int j, sign = factorise_algebraic(run, t, x) == 0;
+    for (j = 0; j < a->n; ++j) {
+        if ((a->first[j + j * a->stride] < COTREE_F(0.0)) != (a->pivots[j] != j)) sign = -sign;
+    }
+    return sign;
+}
+
+/* Distances from a fold at which determinants are computed, halved each time. */
+#define MAX_HALVINGS 30
+
+/* Return whether the determinant of g_z changes its sign on the line from one solution to another,
+ * as it does close to the first one if that ends at a fold. */
+static int is_folded(cotree_run *run, cotree_real t, const cotree_real *low,
+                     const cotree_real *high)
+{
+    cotree_real *const x = run->full, share = COTREE_F(1.0);
+    int i, k, first = 0;
+    for (k = 0; k < MAX_HALVINGS; ++k) {
+        int sign;
+        for (i = 0; i < N_ALGEBRAIC; ++i) x[N_RATES + i] = low[i] + share * (high[i] - low[i]);
+        sign = sign_of_determinant(run, t, x);
+        if (sign * first < 0) return 1;
+        if (sign != 0) first = sign;
+        share *= COTREE_F(0.5);
+    }
+    return 0;
+}
+
+int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree_real *before,
+                             const cotree_real *after)
+{
+    const int m = N_ALGEBRAIC;
+    const cotree_real *const z = run->full + N_RATES, *const end = unknowns_of(run, n, after);
+    cotree_real *const low = run->branch + m, *const high = low + m, *const sizes = high + m;
+    cotree_real from = COTREE_F(0.0), to = COTREE_F(1.0), all, rest;
+    int i, k;
+#if COTREE_HAS_INPUTS
+    if (run->input_function != NULL) return 1; /* it may jump */
+#endif
+    if (are_predicted(run, t, end)) return 1;
+    for (i = 0; i < m; ++i) {
+        high[i] = end[i];
+        low[i] = run->branch[i];
+        sizes[i] = size_of_unknown(run, low[i], high[i]);
+    }
+    all = rest = distance(m, low, high, sizes);
+    for (k = 0; k < MAX_BISECTIONS && rest > COTREE_F(0.5) * all; ++k) {
+        const cotree_real s = COTREE_F(0.5) * (from + to);
+        int is_low = 0;
+        if (solve_within(run, t, before, after, s, low) == 0) {
+            const cotree_real first = distance(m, low, z, sizes);
+            const cotree_real last = distance(m, z, high, sizes);
+            is_low = last > first;
+            rest = COTREE_FMAX(first, last);
+            for (i = 0; i < m; ++i) (is_low ? low : high)[i] = z[i];
+        }
+        if (is_low) {
+            from = s;
+        } else {
+            to = s;
+        }
+    }
+    return rest <= COTREE_F(0.5) * all || !is_folded(run, cotree_run_inside(run, t), low, high);
+}
+
+void cotree_run_return(cotree_run *run, cotree_real t, const cotree_real *unknowns)
+{
+    int i;
+    for (i = 0; i < N_ALGEBRAIC; ++i) run->full[N_RATES + i] = unknowns[i];
+    run->n_found = 0;
+    cotree_store_guess(run, t, run->full);
 }
 
 int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed)

@@ -116,9 +116,8 @@ int cotree_run_project_packed(cotree_run *run, cotree_real t, cotree_real *packe
     return status;
 }
 
-void cotree_run_rejected(void *context)
+void cotree_count_failure(cotree_run *run)
 {
-    cotree_run *const run = (cotree_run *)context;
     if (++run->n_failed > MAX_FAILURES) run->n_strict = STRICT_POINTS;
 }
 

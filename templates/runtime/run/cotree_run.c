@@ -71,6 +71,8 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     run->newton = cotree_arena_reals(arena, 3 * m);
     run->found = cotree_arena_reals(arena, m * COTREE_RUN_REMEMBERED);
     run->times = cotree_arena_reals(arena, COTREE_RUN_REMEMBERED);
+    run->branch = cotree_arena_reals(arena, 4 * m);
+    run->branch_before = cotree_arena_reals(arena, m);
 #endif
 }
 
@@ -246,6 +248,23 @@ int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
 #endif
 }
 
+#if COTREE_HAS_ALGEBRAIC
+void cotree_run_keep(cotree_run *run, int n, const cotree_real *w)
+{
+    int i;
+    if (n != run->n) {
+        cotree_run_unpack(run, w, run->full);
+        return;
+    }
+    expand(run, w);
+    for (i = 0; i < N_ALGEBRAIC; ++i) run->full[N_RATES + i] = run->branch[i];
+#if COTREE_HAS_SENSITIVITIES
+    if (run->n_blocks > 1 && cotree_run_inputs(run, run->t_branch) == 0)
+        (void)cotree_solve_unknown_sensitivities(run, run->t_branch, w + run->n_lead);
+#endif
+}
+#endif
+
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
 {
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
@@ -336,6 +355,17 @@ int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *
 }
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
+void cotree_run_rejected(void *context)
+{
+    cotree_run *const run = (cotree_run *)context;
+#if COTREE_HAS_CONSTRAINTS
+    cotree_count_failure(run);
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    if (N_ALGEBRAIC > 0) cotree_forget_far_guesses(run);
+#endif
+}
+
 int cotree_run_is_projected(const cotree_run *run)
 {
 #if COTREE_HAS_ALGEBRAIC

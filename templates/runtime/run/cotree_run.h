@@ -106,7 +106,10 @@ typedef struct cotree_run {
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
     cotree_real bend;         /* last correction over the radius of near-linearity */
     cotree_real *newton, *found, *times;
-    cotree_lu matrix; /* matrix of the algebraic equations */
+    cotree_real *branch;  /* unknowns at the end of the last accepted step, then work */
+    cotree_real t_branch; /* its time */
+    cotree_real *branch_before, t_before; /* the same of the step before it */
+    cotree_lu matrix;                     /* matrix of the algebraic equations */
     int n_found;
 #endif
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
@@ -215,6 +218,22 @@ int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
+
+/* Accept the algebraic unknowns of a step's end, a point w of n entries, or the last ones found if
+ * w has none. is_far: they differ much from those accepted last. */
+void cotree_run_accept(cotree_run *run, cotree_real t, int n, const cotree_real *w);
+int cotree_run_is_far(const cotree_run *run, int n, const cotree_real *w);
+
+/* Return whether the algebraic unknowns at the end of a step, a point of n entries, are connected
+ * with those accepted last by solutions within the step; otherwise they jumped. */
+int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree_real *before,
+                             const cotree_real *after);
+
+/* Compute run->full at the end of the last accepted step, with the unknowns accepted there. */
+void cotree_run_keep(cotree_run *run, int n, const cotree_real *w);
+
+/* Replace all stored guesses of the algebraic unknowns. */
+void cotree_run_return(cotree_run *run, cotree_real t, const cotree_real *unknowns);
 
 /* Compute the rates of the algebraic unknowns that keep their residuals zero. g: rates of the
  * residuals at the states x for constant unknowns. */

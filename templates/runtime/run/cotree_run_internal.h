@@ -20,6 +20,7 @@ COTREE_PRIVATE int cotree_prepare_point(cotree_run *run, cotree_real t, const co
 
 /* Defined in cotree_projection.c: */
 COTREE_PRIVATE int cotree_are_rates_projected(const cotree_run *run);
+COTREE_PRIVATE void cotree_count_failure(cotree_run *run);
 
 /* Defined in cotree_algebraic.c: */
 COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int rank);
@@ -35,6 +36,8 @@ COTREE_PRIVATE int cotree_reduced_rate(cotree_run *run, cotree_real t, const cot
                                        cotree_real *dw);
 COTREE_PRIVATE int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w,
                                         cotree_real *dw);
+/* Replace the stored guesses by the unknowns accepted last if the last one is far from them. */
+COTREE_PRIVATE void cotree_forget_far_guesses(cotree_run *run);
 COTREE_PRIVATE int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w);
 
 #endif
