@@ -1,4 +1,4 @@
-"""Component types by name: their terminal equations and their fields in scenes."""
+"""Component types by name, with their terminal equations and the fields that scenes set."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Names of the built-in types by module; the ``COMPONENTS`` of each module contains their rows.
+#: Names of the built-in types by module. The ``COMPONENTS`` mapping of each module defines them.
 FAMILIES: Mapping[str, str] = {
     "multibody": "rigid_body arm weld revolute prismatic cylindrical universal spherical planar "
     "free screw distance slot knife_edge rolling_disc rolling_ellipsoid gear constraint spring "
@@ -52,10 +52,10 @@ FAMILIES: Mapping[str, str] = {
 
 
 class Catalogue(MutableMapping[str, Component]):
-    """Component types by name; the module of a family is imported on first use."""
+    """Component types by name. A module is imported when one of its types is first used."""
 
     def __init__(self) -> None:
-        #: Component of each type, or the module that contains it.
+        #: Each type's component, or the name of its module until that is imported.
         self._rows: dict[str, Component | str] = {
             name: family for family, names in FAMILIES.items() for name in names.split()
         }
@@ -64,11 +64,11 @@ class Catalogue(MutableMapping[str, Component]):
         return name in self._rows
 
     def __getitem__(self, name: str) -> Component:
-        """Return a type."""
+        """Return the component type called ``name``."""
         row = self._rows[name]
         if isinstance(row, str):
             family = import_module(f"{__name__}.{row}").COMPONENTS
-            # Keep rows that were registered in the meantime.
+            # Do not overwrite types that users registered before this import.
             self._rows |= {own.name: own for own in family if self._rows.get(own.name) == row}
         found = self._rows[name]
         assert isinstance(found, Component)
@@ -87,7 +87,7 @@ class Catalogue(MutableMapping[str, Component]):
         return len(self._rows)
 
 
-#: All component types, by the names that scenes use.
+#: All component types by their names in scenes.
 COMPONENTS = Catalogue()
 
 
@@ -101,7 +101,7 @@ def register_component(
     doc: str = "",
     **ports: Any,
 ) -> Component:
-    """Register a component with your own law, for all scenes made afterwards.
+    """Register a component with a user-defined law, for all scenes made afterwards.
 
     Its sensitivity terminal equations come from the law. Without ``domain`` it is a force element
     of multibody systems, with parameters as in
@@ -161,7 +161,7 @@ def register_component(
     return made
 
 
-#: The built-in types; users may register more.
+#: Names of the built-in types, without those that users register.
 OWN = frozenset(COMPONENTS)
 
 __all__ = [

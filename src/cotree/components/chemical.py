@@ -1,4 +1,4 @@
-"""Chemical components: across is concentration, through molar flow, from plus to minus inside.
+"""Chemical components: concentration is across; molar flow, from plus to minus inside, is through.
 
 A species is an edge from its node to the ground; a reaction has such an edge for each of its
 species, with the flow that the reaction takes from it. If this flow does not depend on the species'
@@ -55,12 +55,12 @@ MOLAR_FLOW_SOURCE = through_source(
 def _mass_action(
     orders: tuple[int, ...], products: tuple[int, ...], net: int, *, is_reversible: bool
 ) -> Law:
-    """Return the law of a port: the rate at which the reaction consumes a species.
+    """Return the law of a species' port: the rate at which the reaction consumes the species.
 
-    ``orders`` and ``products`` count how often each species, by number, is a reactant and a
-    product, ``net`` the amount of the port's species that one turnover consumes.
+    ``orders[i]`` and ``products[i]`` count how often species ``i`` is a reactant and a product.
+    ``net`` is the amount of the port's species that one turnover consumes.
     """
-    # Other species are named by the number of their ports, in the order in which they were listed.
+    # Ports of species are numbered in the order in which the scene lists the species.
     names = tuple(f"across_{i}" for i in range(len(orders)))
 
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
@@ -68,12 +68,13 @@ def _mass_action(
 
         concentrations = rest[-len(names) :] if names else ()
         powers = zip(concentrations, orders, products, strict=True)
-        # Guldberg and Waage: each rate is its constant times the concentrations of its reactants,
-        # each as often as it reacts.
+        # Law of mass action (Guldberg and Waage): the rate is a constant times the product of the
+        # reactant concentrations, each to the power of its stoichiometric number.
         forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
-        # The flow, [mol/s], leaves the species' node; a product has a negative net and gains.
+        # The flow, [mol/s], leaves the species' node. For a product ``net`` is negative, so it
+        # flows in.
         return net * volume * (forth - back)
 
     fields = ("volume", "rate", "reverse_rate") if is_reversible else ("volume", "rate")
@@ -81,9 +82,9 @@ def _mass_action(
 
 
 def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Terminal:
-    """Make the port of a species; ``net`` is the amount that one turnover consumes."""
+    """Build the port of a species; ``net`` is the amount that one turnover consumes."""
     through = law(net)
-    # A flow that does not depend on the species' own concentration cannot be solved for it.
+    # A flow that is independent of the species' own concentration does not determine it.
     kind = Kind.DISSIPATOR if through.uses(f"across_{number}") else Kind.THROUGH_SOURCE
     return Terminal(
         _DOMAIN, kind, name, through=through, is_passive=False, between=(name, "ground")
@@ -91,7 +92,7 @@ def _port(number: int, name: str, net: int, law: Callable[[int], Law]) -> Termin
 
 
 def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
-    """Count how often each node is named."""
+    """Remove the node list ``field`` from ``fields``, and count how often it names each node."""
     listed = fields.pop(field, [])
     is_list = isinstance(listed, (list, tuple))
     if not is_list or not all(isinstance(name, str) for name in listed):
@@ -105,11 +106,11 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
 
 
 def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Add a port for each species of a reaction."""
+    """Build the component of one reaction, with a port for each of its species."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
-    # A catalyst, consumed as often as produced, keeps a port: the rate depends on its
-    # concentration.
+    # A catalyst, which is produced as often as it is consumed, also gets a port, because the rate
+    # depends on its concentration.
     species = tuple(dict.fromkeys([*reactants, *products]))
     if nodes or not species:
         raise SceneError(

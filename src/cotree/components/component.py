@@ -1,4 +1,4 @@
-"""Component types: declarations of their role in the graph, fields, motion space and law."""
+"""Component types, which declare a role in the graph, fields, a motion space and a law."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 class Role(Enum):
-    """Role of an edge in the formulation."""
+    """Role that an edge has when equations are formulated."""
 
     BODY = "body"  # inertia: forces as functions of accelerations
-    ARM = "arm"  # arm: no motion space, a constant transformation between two frames
-    JOINT = "joint"  # a motion space and a reaction space
+    ARM = "arm"  # constant transformation between two frames, without a motion space
+    JOINT = "joint"  # has a motion space and a reaction space
     LINE = "line"  # a force along an axis or along the line between two nodes
     FORCE = "force"  # a given force vector
     TORQUE = "torque"  # a given torque vector
@@ -25,7 +25,7 @@ class Role(Enum):
     LAW = "law"  # a force by a user-defined law
     CONSTRAINT = "constraint"  # a kinematic constraint between two nodes
     TOUCH = "touch"  # contact between the shapes of two bodies; its laws are in a scalar graph
-    NETWORK = "network"  # ports in scalar graphs, each with a terminal equation
+    NETWORK = "network"  # component with ports in scalar graphs, each with a terminal equation
 
 
 class Acts(Enum):
@@ -36,12 +36,12 @@ class Acts(Enum):
 
 
 class Shape(Enum):
-    """Shape of a field's value."""
+    """Shape that the value of a field must have."""
 
     SCALAR = "scalar"
     VECTOR = "vector"  # three components
     EXPRESSION = "expression"  # an expression of across variables, kept as text
-    NAMES = "names"  # names of nodes, which may repeat
+    NAMES = "names"  # a list of node names, which may repeat
     NUMBERS = "numbers"  # a list of numbers
     ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
@@ -54,21 +54,21 @@ class Field:
     Attributes
     ----------
     name, unit, doc : str
-        Name in scenes, SI unit, meaning.
+        Its name in scenes, its SI unit and its meaning.
     shape : Shape
-        Scalar, vector or inertia.
+        Shape of its value.
     default : float or None
-        Value where the scene gives none; None leaves the field out.
+        Value if the scene gives none; None if the field is then left out.
     required : bool
-        Whether a scene must give it.
+        Whether a scene must set the field.
     constant : bool
-        Whether it may depend on parameters only. Otherwise time, inputs and coordinates are
-        allowed too.
+        Whether its value may depend on parameters only. Otherwise it may also depend on time,
+        inputs and coordinates.
     timed : bool
-        Whether it may depend on parameters and time.
+        Whether its value may depend on time in addition to parameters.
     sign : {'', 'nonnegative', 'positive', 'nonzero'}
-        Sign that its value must have; empty where it may have any. One that is not zero keeps the
-        sign that it has at the scene's values of parameters.
+        Sign that its value must have, or an empty string if any is allowed. A 'nonzero' value keeps
+        the sign that it has for the parameter values of the scene.
     """
 
     name: str
@@ -89,12 +89,12 @@ class Freedom:
     name: str  # name of the coordinate
     unit: str  # unit of the coordinate
     rotates: bool  # true for a rotation about the axis, false for a translation along it
-    #: Field of the axis, or ``x``, ``y``, ``z``. The axis is fixed in the frame that results from
-    #: the preceding freedoms of the motion space. At zero coordinates this frame is parallel to
-    #: that of the first node.
+    #: Name of the field with the axis, or ``x``, ``y``, ``z``. The axis is fixed in the frame that
+    #: the preceding freedoms of the motion space have moved. If all coordinates are zero, this
+    #: frame is parallel to that of the first node.
     axis: str
     rate: str = ""  # name of the rate of the coordinate; ``<name>_dot`` if empty
-    #: For a screw: name of the field with the translation along the axis per radian.
+    #: For a screw, the name of the field with its pitch: translation along the axis per radian.
     pitch: str = ""
 
     @property
@@ -110,21 +110,21 @@ class Freedom:
 
 @dataclass(frozen=True)
 class FreeRotation:
-    """Every rotation: a quaternion, with the angular velocity in the second node's axes."""
+    """Unrestricted rotation: a quaternion, and the angular velocity in the second node's axes."""
 
-    # Three angles have singular attitudes; a quaternion has none. Its scalar part comes first.
+    # A quaternion has no singular orientations, unlike three angles. Its scalar part comes first.
     coordinates: tuple[tuple[str, str], ...] = (("q0", ""), ("q1", ""), ("q2", ""), ("q3", ""))
     rates: tuple[tuple[str, str], ...] = (("w1", "rad/s"), ("w2", "rad/s"), ("w3", "rad/s"))
     rotates: bool = True
 
 
-#: One step of a motion space: its directions follow one another from the first node outwards.
+#: One step of a motion space. Steps are ordered from the first node to the second.
 MotionStep = Freedom | FreeRotation
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Fields that must be along a plane's normal, or within it, for an edge to keep the plane."""
+    """Fields that must be normal to a plane or in it, so that an edge keeps its nodes in it."""
 
     along: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
@@ -132,7 +132,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """Condition on several fields of a component together, if parameters decide it."""
+    """Condition on several fields together, which is checked for the parameter values."""
 
     law: Law  # function of the fields, whose value must be positive
     breach: str  # predicate of the error message, which follows the name of the edge
@@ -149,37 +149,38 @@ class Component:
     role : Role
         Role of its edge in the formulation.
     doc : str
-        One line on what it models.
+        One line that describes what it models.
     fields : tuple of Field
-        The fields that a scene may give.
+        The fields that a scene may set.
     domains : tuple of str
         The graphs that it has an edge in.
     motion_space : tuple of MotionStep
-        Of a joint; empty otherwise.
+        Motion space of a joint; empty for all other components.
     law : Law or None
-        Of a force element, or of the through variable along a joint's coordinate.
+        Law of a force element, or of the effort along a joint's coordinate.
     keeps_plane : Plane or None
-        Conditions under which the edge keeps its nodes within a plane; None if it never does.
+        Conditions under which the edge keeps its nodes in a plane; None if it never does.
     acts : Acts
-        Direction along which a user's law acts.
+        Direction along which a user-defined law acts.
     ports : tuple of Terminal
-        The terminal equations of a scalar component, one for each edge that it has in the graphs.
+        Terminal equations of a scalar component, one for each of its edges in the graphs.
     loss : Law or None
-        Of a scalar component: the power that it turns into heat, [W].
+        Power that a scalar component turns into heat, [W].
     terminals : tuple of str
-        Of a scalar component whose ports share nodes: names of its nodes, in order.
+        Node names of a scalar component whose ports share nodes, in order.
     optional_terminals : tuple of str
-        Names of further nodes that a scene may list after these; ``adapt`` takes them.
+        Names of further nodes that a scene may list after these; ``adapt`` connects them.
     adapt : callable or None
-        Where ports depend on the scene: takes the edge's name, its nodes as listed and its fields
-        as given; returns the component adapted to them, the nodes, and the fields that remain.
+        Function for components whose ports depend on the scene. It takes the edge's name, its nodes
+        and its fields as given, and returns the adapted component, the nodes and the remaining
+        fields.
     measures : tuple of PortMeasure
-        Of a scalar component: sums of variables of its ports, under names of its own.
+        Named sums of port variables of a scalar component.
     demands : tuple of Demand
         Conditions on its fields together.
     geometry : Component or None
-        Of a contact: the part of it that belongs to the multibody system, with the fields that say
-        what shapes may touch.
+        For a contact, its part in the multibody system, whose fields define the shapes that may
+        touch.
     """
 
     name: str
@@ -203,14 +204,15 @@ class Component:
     @property
     def n_freedoms(self) -> int:
         """Dimension of the motion space."""
-        # Rates are counted, not coordinates: a quaternion has four coordinates but three freedoms.
+        # Rates are counted instead of coordinates, because a quaternion has four coordinates but
+        # three rates.
         return sum(len(step.rates) for step in self.motion_space)
 
     @property
     def tree_weight(self) -> float | None:
         """Weight of the edge as a branch of the tree; None if it cannot be a branch."""
-        # A tree of minimum weight then has the fewest coordinates: a branch adds as many as its
-        # motion space has dimensions; a free body has the six absolute coordinates.
+        # Each branch adds as many coordinates as its motion space has dimensions, and a free body
+        # adds six, so that a tree of minimum weight has the fewest coordinates.
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:
@@ -224,7 +226,7 @@ class Component:
         return next((field for field in self.fields if field.name == name), None)
 
 
-#: Nodes and fields of an edge as stated in a scene, and the result of :attr:`Component.adapt`.
+#: Nodes and fields of an edge as a scene states them, and the result of :attr:`Component.adapt`.
 Nodes = Sequence[object]
 Given = Mapping[str, Any]
 Adapted = tuple[Component, Nodes, Given]
@@ -232,7 +234,7 @@ Adapt = Callable[[str, Nodes, Given], Adapted]
 
 
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Declare a required field of a law, which may depend on any variable.
+    """Declare a required field of a law, whose value may depend on any variable.
 
     ``sign`` is '', 'nonnegative', 'positive' or 'nonzero', if the field is constant.
     """
@@ -240,7 +242,7 @@ def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
 
 
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Declare an optional field of a law; a default of None leaves its term out.
+    """Declare an optional field of a law; if its default is None, its term is left out.
 
     ``sign`` is '', 'nonnegative' or 'positive', if the field is constant.
     """

@@ -1,4 +1,4 @@
-"""Contact: rigid stops, and bodies that touch, compliant or rigid.
+"""Rigid stops, and rigid or compliant contact of bodies.
 
 Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it is open, 1 and -1 while
 it is closed at its upper or its lower limit.
@@ -36,12 +36,12 @@ from cotree.errors import SceneError
 
 
 def rebound(across: Any, restitution: Any) -> Any:
-    """Return the change of a relative speed in an impact."""
+    """Return the change of the relative speed ``across`` in an impact."""
     return -(1 + restitution) * across
 
 
 def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
-    """Return the rebound speed in excess of the rest threshold."""
+    """Return the rebound speed minus the speed below which the contact stays closed."""
     import sympy
 
     return restitution * sympy.Abs(across) - rest_speed
@@ -79,7 +79,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
         return own, nodes, given
 
     fields = (
-        # A moving limit would do work on the node: the node moves, limits do not.
+        # The limits are fixed, because moving limits would do work on the node.
         Field("lower", unit, f"smallest {length}; unlimited if omitted"),
         Field("upper", unit, f"largest {length}; unlimited if omitted"),
         RESTITUTION,
@@ -92,7 +92,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Fields of the shapes that may touch; the contact laws do not use them.
+#: Fields that define the shapes that may touch; the contact laws do not use them.
 SHAPES = (
     Field("normal", "1", "normal of the first node's plane, towards the second node", Shape.VECTOR),
     Field("ball", "m", "radius of the first node's sphere, instead of a plane", sign="positive"),
@@ -120,7 +120,7 @@ SHAPES = (
     ),
 )
 
-#: Fields of dry friction at the contact.
+#: Fields for dry friction at the contact.
 FRICTION = optional(
     "friction", "1", "coefficient of friction; no friction if omitted", None, "nonnegative"
 )
@@ -136,7 +136,7 @@ GEOMETRY = Component(
 
 
 def spots_of(edge: str, given: Given) -> int:
-    """Count the points of an edge that may touch; raise SceneError for unsupported shapes."""
+    """Count the contact points of an edge; raise SceneError for unsupported shapes."""
     whose = f"edge '{edge}'"
     if ("normal" in given) == ("ball" in given):
         raise SceneError(
@@ -176,7 +176,7 @@ def spots_of(edge: str, given: Given) -> int:
 
 
 def box_edges(size: Any) -> tuple[int, ...]:
-    """Return the directions in which a box has corners; a size stated as 0 is that of a plate."""
+    """Return the axes along which a box is extended; a plate has a size of 0 along its normal."""
     if isinstance(size, Mapping) and "value" in size:
         return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
@@ -185,7 +185,7 @@ def box_edges(size: Any) -> tuple[int, ...]:
 
 
 def _is_written_zero(edge: Any) -> bool:
-    """Return whether a size is stated as the number zero, also in quotes or with a unit."""
+    """Return whether a scene states a size as the number zero, even if in quotes or with a unit."""
     if isinstance(edge, Mapping):
         return _is_written_zero(edge.get("value"))
     try:
@@ -195,12 +195,12 @@ def _is_written_zero(edge: Any) -> bool:
 
 
 def suffix_of(spot: int, n_spots: int) -> str:
-    """Return the suffix of the names of a point's ports: empty if there is one point."""
+    """Return the suffix of the port names of a contact point, empty if it is the only point."""
     return f"_{spot + 1}" if n_spots > 1 else ""
 
 
 def slide_name(direction: int, suffix: str) -> str:
-    """Return the name of the port along a direction of slip; ``suffix`` ends the point's ports.
+    """Return the name of the port along a slip direction; ``suffix`` is that of the contact point.
 
     In a planar system direction 0 is in the plane of motion.
     """
@@ -208,27 +208,27 @@ def slide_name(direction: int, suffix: str) -> str:
 
 
 def geometry_of(given: Given) -> Component:
-    """Return the part of a contact that belongs to the multibody system, by its fields."""
-    # A force through the second node does not affect its rotation.
+    """Return the part of a contact in the multibody system for the given fields."""
+    # If the force acts through the second node, it does not affect the node's rotation.
     is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
-#: Length added to depths under a root, [m], to keep derivatives finite.
+#: Length, [m], added to penetration depths in powers to keep derivatives finite.
 _OFFSET = 1e-30
 
 
 class _ContactForces:
-    """Laws of a point that may touch: a normal force while it penetrates, and friction."""
+    """Laws of a contact point: the normal force during penetration, and friction."""
 
     def __init__(self, exponent: Any, is_plane: bool, has_friction: bool) -> None:
         self._exponent = exponent
-        # Two directions of slip on a plane, the parts of three axes on a ball.
+        # A plane has two slip directions; a ball has the tangential parts of three axes.
         self._slips = ("slip1", "slip2") if is_plane else ("part1", "part2", "part3")
         self._has_friction = has_friction
 
     def _normal_force(self) -> Any:
-        """Return the normal force, which never pulls.
+        """Return the normal force, which is never tensile.
 
         The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the force
         of the spring times one plus a term that is proportional to the rate of approach.
@@ -237,20 +237,21 @@ class _ContactForces:
 
         depth = sympy.Max(-law_symbol("stretch"), 0)
         share = 1 - sympy.Rational(3, 2) * law_symbol("dissipation") * law_symbol("across")
-        # Far below rounding, the offset keeps second derivatives finite while the gap is open.
+        # The offset, far smaller than rounding errors, keeps second derivatives finite if the gap
+        # is open.
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
         return law_symbol("stiffness") * power * sympy.Max(share, 0)
 
     def _friction_force(self, normal: str, slides: tuple[str, ...]) -> Any:
         import sympy
 
-        # Regularised: the friction of each direction is smooth about rest.
+        # Friction is regularised: in each direction it is a smooth function of velocity near rest.
         squares = sum(law_symbol(f"across_{other}") ** 2 for other in slides)
         speed = sympy.sqrt(squares + law_symbol("transition") ** 2)
         return -law_symbol(f"through_{normal}") * law_symbol("friction") / speed
 
     def ports(self, n_spots: int) -> tuple[Terminal, ...]:
-        """Make the ports of all points."""
+        """Build the ports of all contact points."""
         force = Law.formed_by(lambda: -self._normal_force())
         found = []
         for spot in range(n_spots):
@@ -288,13 +289,13 @@ class _ContactForces:
 
 
 def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
-    """Sum the normal forces of all points."""
+    """Return the measure that sums the normal forces of all contact points."""
     terms = tuple((-1, "through", f"normal{suffix_of(i, n_spots)}") for i in range(n_spots))
     return (PortMeasure("force", "N", terms),)
 
 
 def _exponent(edge: str, given: Given) -> Any:
-    """Return the exponent of the law, a number not less than one."""
+    """Return the exponent of the contact law, and check that it is a number not less than one."""
     import sympy
 
     value = given.get("exponent", 1.5)
@@ -383,7 +384,7 @@ def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Termina
 
 
 def _disc(spot: int, end: str) -> list[Terminal]:
-    """Make the two slip directions of a point on a plane in space."""
+    """Build the ports for both slip directions of a contact point on a plane in space."""
     names = slide_name(0, end), slide_name(1, end)
 
     def most() -> Any:
@@ -391,9 +392,9 @@ def _disc(spot: int, end: str) -> list[Terminal]:
 
     def friction(name: str) -> Friction:
         return Friction(
-            # The component of the slip direction is a field that the scene adds.
+            # The scene adds a field with the component of the slip direction.
             Law.formed_by(lambda: most() * law_symbol(f"way_{name}")),
-            # In impacts the slip is that after the impact, and friction acts along it.
+            # In an impact, friction acts along the slip after the impact.
             Law.formed_by(lambda: most() * law_symbol(f"direction_{name}")),
             Law.formed_by(most),
             None,
@@ -419,7 +420,7 @@ def _ports(n_spots: int, has_friction: bool, is_planar: bool = True) -> tuple[Te
 
 
 def with_discs(component: Component) -> Component:
-    """Extend a rigid contact with friction in a plane to friction in space."""
+    """Extend a rigid contact from friction in planar motion to friction in spatial motion."""
     n_spots = sum(terminal.kind is Kind.STOP for terminal in component.ports)
     return replace(component, ports=_ports(n_spots, True, is_planar=False))
 

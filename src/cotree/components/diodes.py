@@ -1,9 +1,9 @@
-"""Junctions of semiconductors and the diode, with charges and capacities.
+"""Semiconductor junctions and the diode, with charges and capacitances.
 
-Capacities are the derivatives of charges, C = dQ/dv, so that the current into a junction is the
-rate of its charge.
+Capacitances are the derivatives of charges, C = dQ/dv, so that the capacitive current of a junction
+is the rate of its charge.
 
-An optional term is present if the scene gives its fields: a diode without charge has no state.
+An optional term is present only if the scene gives its fields. A diode without charge has no state.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
-    """Form the current of a junction, I (exp(v / V) - 1).
+    """Return the junction current I (exp(v / V) - 1).
 
     W. Shockley, Bell Syst. Tech. J. 28 (1949) 435.
     """
     import sympy
 
-    # Reverse currents saturate at -I; the thermal voltage is k T / e times the ideality factor.
+    # Reverse current saturates at -I. The thermal voltage V is k T / e times the ideality factor.
     return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
 
 
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
-    """Return C (1 - v/V)^-m, and above the fraction F of V the tangent to it.
+    """Return the capacitance C (1 - v/V)^-m, continued by its tangent for v > F V.
 
-    The base of the power is limited to at least 1 - F, so that it and its derivatives are always
-    defined. By default F is the field ``forward_share``; ``prefix`` is that of
+    The base of the power is at least 1 - F, so that the power and its derivatives are always
+    defined. By default F is the field ``forward_share``. For ``prefix`` see
     :func:`depletion_fields`.
     """
     import sympy
@@ -44,7 +44,8 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
     share = symbol("forward_share") if share is None else share
-    # ``over`` is the excess of v/V over F: it limits the base to 1 - F and drives the tangent.
+    # ``over`` is v/V - F if positive, else zero. It limits the base and is the argument of the
+    # tangent.
     over = sympy.Max(0, voltage / potential - share)
     base = 1 - voltage / potential + over
     # Value and slope are continuous at the start of the tangent.
@@ -52,10 +53,10 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
 
 
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
-    """Make the fields of a depletion capacitance, except the start of its linear continuation.
+    """Build the fields of a depletion capacitance, except the voltage at which its tangent begins.
 
-    ``prefix`` begins their names; the defaults are the built-in potential, [V], and the grading
-    coefficient.
+    Field names begin with ``prefix``. ``potential``, [V], and ``grading`` are the default built-in
+    potential and grading coefficient.
     """
     return (
         optional(
@@ -89,7 +90,7 @@ FORWARD_SHARE = optional(
 def split_extras(
     fields: tuple[Field, ...], given: Mapping[str, Any]
 ) -> tuple[frozenset[str], dict[str, Any]]:
-    """Return the names of ``fields`` that add a term to a law, and the other given ones.
+    """Return the names in ``fields`` that add a term, and the given values without absent terms.
 
     A field's term is left out if it is zero or not given.
     """
@@ -104,7 +105,7 @@ def split_extras(
 
 
 def is_absent(value: Any) -> bool:
-    """Return whether a field is not given, or zero as a number."""
+    """Return whether a field is not given, or given as the number zero."""
     return value is None or (isinstance(value, (int, float)) and value == 0)
 
 
@@ -113,7 +114,7 @@ _DOMAIN = "electrical"
 _DOC = "Shockley diode with the current I (exp(v / V) - 1)"
 _CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
-#: Optional fields, each of which adds a term to the laws, or a port.
+#: Optional fields, each of which adds a port or a term of a law.
 _EXTRAS = (
     optional("leakage", "S", "conductance parallel to the junction", 0.0, "nonnegative"),
     optional(
@@ -150,7 +151,7 @@ _FIELDS = (
 
 @lru_cache(maxsize=64)
 def _diode(has: frozenset[str]) -> Component:
-    """Make a diode with the terms of some fields."""
+    """Build a diode whose law includes the terms that the given fields switch on."""
     if "series_resistance" not in has:
         return scalar("diode", _DOC, _FIELDS, _junction(has, "", ("", "")))
     # A series resistance needs an inner node between two ports.
@@ -170,7 +171,7 @@ def _diode(has: frozenset[str]) -> Component:
 
 def _junction(has: frozenset[str], name: str, between: tuple[str, str]) -> Terminal:
     through, storage = Law.of(_current(has)), None
-    # With a charge the voltage is a state, and the static current is added to C dv/dt.
+    # If the junction stores charge, its voltage is a state, and the static current adds to C dv/dt.
     if has & {"junction_capacitance", "transit_time"}:
         storage = Law.of(_capacity(has))
     kind = Kind.DISSIPATOR if storage is None else Kind.ACROSS_STORAGE
@@ -186,7 +187,7 @@ def _current(has: frozenset[str]) -> Any:
         current += symbol("leakage") * v
     if "breakdown_voltage" in has:
         beyond = v + symbol("breakdown_voltage")
-        # Avalanche current, an exponential of the voltage beyond breakdown.
+        # Avalanche current, exponential in the voltage beyond breakdown.
         current -= symbol("breakdown_current") * sympy.exp(-beyond / thermal)
     return current
 
@@ -206,12 +207,12 @@ def _capacity(has: frozenset[str]) -> Any:
 
 
 def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:
-    """Keep the terms whose fields the scene gives."""
+    """Return the diode with the terms whose fields the scene gives."""
     has, rest = split_extras(_EXTRAS, given)
     return (_diode(has) if has else DIODE), nodes, rest
 
 
-# Its law is formed on first use only: importing SymPy takes long.
+# The law is formed on first use, since importing SymPy takes long.
 DIODE = scalar(
     "diode",
     _DOC,

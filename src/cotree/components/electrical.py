@@ -1,9 +1,9 @@
-"""Electrical components: elements of two nodes, couplings, sources and windings.
+"""Electrical components: two-node elements, couplings, sources and windings.
 
-Sources, couplings and semiconductors have modules of their own.
+Semiconductors are in modules of their own.
 
-Kinks of pulses and of piecewise linear waveforms are found from their laws, so that integration
-stops at each; see :mod:`cotree.dag.switching_times`.
+Integration stops at each kink of pulses and of piecewise linear waveforms. The times of kinks are
+derived from the laws; see :mod:`cotree.dag.switching_times`.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ RESISTOR = resistance(
     value("resistance", "ohm", "resistance R in v = R i", "nonzero"),
 )
 
-# i = C dv/dt also if C depends on states. If charge is a function of the voltage, the nonlinear
-# capacitor conserves it: i = dq/dt.
+# The law is i = C dv/dt even if C depends on states. A nonlinear capacitor whose charge is a
+# function of voltage conserves charge, because its law is i = dq/dt.
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
@@ -92,8 +92,8 @@ def _charge(port: str) -> Terminal:
     )
 
 
-# Each charge depends on both voltages; the derivatives of both form a matrix that need not be
-# symmetric, so that neither port is passive.
+# Each charge depends on both voltages. The matrix of their derivatives need not be symmetric, so
+# that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
     "two charges relative to a common terminal, each a function of both voltages",
@@ -108,11 +108,11 @@ THREE_TERMINAL_CAPACITOR = scalar(
 
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
-    """Return the resistance of a contact, interpolated logarithmically between open and closed."""
+    """Return a contact's resistance, interpolated logarithmically between open and closed."""
     import sympy
 
-    # Resistances differ by many decades: interpolating their logarithms keeps slopes moderate
-    # compared with the values.
+    # The two resistances differ by many decades. Interpolation of their logarithms keeps the slope
+    # moderate relative to the resistance.
     share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))
     return off_resistance * sympy.exp(share * sympy.log(on_resistance / off_resistance))
 
@@ -154,7 +154,7 @@ GYRATOR = ideal_gyration(
     (_DOMAIN, "secondary"),
 )
 
-#: Controlling ports: an open one measures a voltage, a short-circuited one a current.
+#: Controlling ports: an open port measures a voltage, a short-circuited port a current.
 _VOLTMETER = Terminal(
     _DOMAIN, Kind.THROUGH_SOURCE, "control", through=Law(lambda: 0), is_passive=False
 )
@@ -164,9 +164,9 @@ _AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=Law(lambda: 0
 def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
-    """Make a controlled source."""
-    # Power is absorbed at the controlled port only, and no other port supplies it: none of these
-    # components is passive.
+    """Build a source of voltage or current that is controlled by a voltage or current."""
+    # The controlled port exchanges power that the controlling port does not supply, so that these
+    # components are not passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
@@ -188,8 +188,8 @@ CCVS = _controlled(
 CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per control current"))
 
 
-# Infinite gain keeps voltage and current of the input zero; those of the output follow from the
-# rest of the network.
+# Infinite gain keeps input voltage and current zero. The rest of the network determines output
+# voltage and current.
 _INPUT = Terminal(
     _DOMAIN,
     Kind.NULLATOR,
@@ -214,7 +214,7 @@ NULLOR = scalar(
 )
 
 
-#: Period of a single pulse: longer than any run, [s].
+#: Period that makes a pulse occur only once, longer than any run, [s].
 _NEVER = 1e30
 
 VOLTAGE_SOURCE = across_source(
@@ -235,7 +235,7 @@ CURRENT_SOURCE = through_source(
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
     import sympy
 
-    # The argument is constant until the delay has passed, so that the waveform is continuous there.
+    # The argument is constant during the delay, so that the waveform is continuous at its end.
     passed = sympy.Max(0, t - delay)
     return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
 
@@ -252,11 +252,10 @@ def _pulse(
 ) -> Any:
     import sympy
 
-    # ``s`` is the time since the start of the current period; it is negative before the first
-    # pulse.
+    # ``s`` is the time since the start of the current period, negative before the first pulse.
     count = sympy.floor(sympy.Max(0, (t - delay) / period))
     s = t - delay - period * count
-    # Branches are evaluated in order; each begins at the end of the previous one.
+    # Branches are tested in order, and each interval begins where the previous one ends.
     share = sympy.Piecewise(
         (0, s <= 0),
         (s / rise, s < rise),
@@ -294,9 +293,8 @@ def _pulse_fields(unit: str) -> tuple[Field, ...]:
 def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
-    """Make voltage and current sources with a waveform."""
-    # One law is used for both sources: the field with the waveform determines the prescribed
-    # variable.
+    """Build a voltage source and a current source with the same waveform."""
+    # Both sources use one law. It prescribes the voltage in one and the current in the other.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
     return (
@@ -306,10 +304,10 @@ def _waveforms(
 
 
 def _tabled(source: Component) -> Adapt:
-    """Combine ``times`` and ``values`` into a table over time in the field of a source."""
+    """Return a function that combines ``times`` and ``values`` into a table, the source's field."""
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # Any scalar field accepts a table over an expression; here the expression is the time.
+        # Any scalar field accepts a table over an expression, which is the time here.
         rest = dict(fields)
         for name in ("times", "values"):
             if name not in rest:
@@ -322,7 +320,7 @@ def _tabled(source: Component) -> Adapt:
 
 
 def _piecewise(source: Component) -> Component:
-    """Make the source of a table over time."""
+    """Build a source whose value is interpolated in a table over time."""
     given = source.fields[0]
     name, doc = f"piecewise_{given.name}", "waveform that is linear between given points"
     fields = (
@@ -339,7 +337,7 @@ def _piecewise(source: Component) -> Component:
     return replace(own, fields=fields, adapt=_tabled(own))
 
 
-#: Port names of the windings, in order.
+#: Names of winding ports, in order.
 WINDINGS = ("primary", "secondary", "winding3", "winding4", "winding5", "winding6")
 
 _COMPLETE = (
@@ -351,24 +349,23 @@ _TOO_CLOSE = "couples its windings by more than their flux: give smaller couplin
 
 
 def coupling_field(i: int, j: int) -> str:
-    """Return the field name of the coupling of two windings, counted from 1."""
+    """Return the name of the field with the coupling of windings i and j, counted from 1."""
     first, second = sorted((i, j))
     return "coupling" if (first, second) == (1, 2) else f"coupling{first}{second}"
 
 
 def _induced(*values: Any) -> Any:
-    """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj and the rates."""
+    """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj, dij/dt of each."""
     import sympy
 
-    # Mutual inductance k sqrt(L Lj) times the rate of the other current.
     own, others = values[0], zip(values[1::3], values[2::3], values[3::3], strict=True)
     return sum(coupling * sympy.sqrt(own * other) * rate for coupling, other, rate in others)
 
 
 def _winding(i: int, n: int) -> Terminal:
-    """Make the port of a winding among n: its own flux, and the induction by the others."""
+    """Build the port of winding i of n: self-inductance and the voltages that others induce."""
     own = f"inductance{i}"
-    # ``_induced`` reads these names in groups of three: k, Lj and the rate of ij.
+    # ``_induced`` takes its arguments in groups of three: k, Lj and dij/dt.
     names = [own]
     for j in (j for j in range(1, n + 1) if j != i):
         names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
@@ -382,7 +379,7 @@ def _winding(i: int, n: int) -> Terminal:
 
 
 def _determinant(n: int, *couplings: Any) -> Any:
-    """Return the determinant of the matrix of the couplings of n windings, in order of pairs."""
+    """Return the determinant of the coupling matrix of n windings; couplings are listed by pair."""
     import sympy
 
     matrix = sympy.eye(n)
@@ -391,10 +388,10 @@ def _determinant(n: int, *couplings: Any) -> Any:
     return sympy.expand(matrix.det())
 
 
-# Positive leading minors make the matrix of inductances positive definite (Sylvester's criterion):
-# the stored energy is positive, and the fluxes determine the currents.
+# If all leading minors are positive, the inductance matrix is positive definite (Sylvester's
+# criterion): the stored energy is positive, and the fluxes determine the currents.
 def _demand(n: int) -> Demand:
-    """Require a positive minor of the first n windings: then the fluxes determine the currents."""
+    """Return the demand that the leading coupling minor for n windings be positive."""
     names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))
     return Demand(Law.taking(names, partial(_determinant, n)), _COMPLETE if n == 2 else _TOO_CLOSE)
 
@@ -406,7 +403,7 @@ def _windings(n: int) -> Component:
     couplings: list[Field] = [value("coupling", "1", doc, "")]
     if n > 2:
         pairs = combinations(every, 2)
-        # For two windings the coupling is required; for more, pairs may be uncoupled.
+        # Two windings require a coupling. With more windings, pairs may be uncoupled.
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
     return scalar(
         "coupled_inductors",
@@ -416,15 +413,15 @@ def _windings(n: int) -> Component:
             *couplings,
         ),
         *(_winding(i, n) for i in every),
-        # The first leading minor is one, so that only those of two or more windings are required.
+        # The first leading minor is always one, so that demands begin with two windings.
         demands=tuple(_demand(k) for k in range(2, n + 1)),
     )
 
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Make as many windings as have an inductance."""
+    """Build the component with as many windings as the scene gives inductances."""
     del edge
-    # The number of windings is the number of consecutive inductances in the scene.
+    # Windings are counted up to the first one without an inductance.
     n = 2
     while n < len(WINDINGS) and f"inductance{n + 1}" in fields:
         n += 1

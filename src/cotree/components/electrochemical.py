@@ -25,7 +25,7 @@ _ELECTRONS = optional(
     "electrons", "1", "electrons transferred per turnover of the reaction", 1.0, "positive"
 )
 
-#: State of charge, one when full: a positive current charges the cell.
+#: State of charge, one if the cell is full. A positive current charges the cell.
 STATE_OF_CHARGE = Integral("soc", "1", Law(lambda through, capacity: through / capacity))
 
 OPEN_CIRCUIT_VOLTAGE = scalar(
@@ -38,7 +38,8 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
-        # The state of charge, the integral of the through variable, may occur in ``voltage``.
+        # ``voltage`` may depend on the state of charge, which is the integral of the through
+        # variable.
         across=Law.field("voltage"),
         integral=STATE_OF_CHARGE,
     ),
@@ -57,8 +58,9 @@ def _butler_volmer(
 ) -> Any:
     import sympy
 
-    # i = i0 (exp(a n F eta / (R T)) - exp(-(1 - a) n F eta / (R T))), oxidation positive, without
-    # limits of mass transport (A. J. Bard and L. R. Faulkner, Electrochemical Methods, 2001).
+    # Butler-Volmer equation i = i0 (exp(a n F eta / (R T)) - exp(-(1 - a) n F eta / (R T))),
+    # positive for oxidation, without mass transport limits (A. J. Bard and L. R. Faulkner,
+    # Electrochemical Methods, 2001).
     eta = electrons * across / _thermal_voltage(temperature)
     return exchange_current * (sympy.exp(symmetry * eta) - sympy.exp(-(1 - symmetry) * eta))
 
@@ -97,7 +99,8 @@ def _nernst(
 ) -> Any:
     import sympy
 
-    # E = E0 + R T / (n F) ln(oxidised / reduced); only their ratio matters, so that units cancel.
+    # Nernst equation E = E0 + R T / (n F) ln(oxidised / reduced). Units of the two concentrations
+    # cancel.
     return standard_potential + _thermal_voltage(temperature) / electrons * sympy.log(
         oxidised / reduced
     )
@@ -117,25 +120,25 @@ NERNST = scalar(
 )
 
 
-_EVERY = range(1, 4)  # possible numbers of RC pairs in a cell
+_EVERY = range(1, 4)  # numbers of the RC pairs that a cell may have
 
 
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
-    """Chain the cell from plus to minus: resistance, RC pairs, charge storage.
+    """Build the ports of a cell in series from plus to minus: resistance, RC pairs, charge storage.
 
     This is Thevenin's equivalent circuit, v = OCV(soc) + R i + sum of v_k, with i positive into the
     plus node and R_k C_k dv_k/dt = R_k i - v_k. A capacity of 1 Ah is 3600 C.
     """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
-    # The remaining pair of nodes is that of the charge storage at the minus terminal.
+    # The last pair of nodes belongs to the charge storage at the minus terminal.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = Law.field(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
-    # The storage is an across source whose voltage depends on the integral of its own current.
+    # The charge storage is an across source whose voltage depends on the integral of its current.
     store = Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
@@ -148,7 +151,8 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
 
 
 def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
-    # Terminal voltage is the sum along the chain; in each RC pair the capacitor gives it.
+    # Terminal voltage is the sum along the chain. The voltage of an RC pair is that of its
+    # capacitor.
     parts = ("series", *(f"pair{i}" for i in pairs), "")
     return (
         PortMeasure("v", "V", tuple((1, "across", part) for part in parts)),
@@ -175,9 +179,9 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Leave out the RC pairs that a scene does not give."""
+    """Build the cell with the RC pairs whose fields the scene gives."""
     del edge
-    # A pair with only one of its two fields is kept, so that the missing field is reported.
+    # A pair with only one of its two fields is kept, so that the missing field raises an error.
     pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]
     given = tuple(replace(row, required=True) for row in _fields(pairs))
     own = replace(BATTERY_CELL, fields=given, ports=_ports(pairs), measures=_measures(pairs))

@@ -21,34 +21,34 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
 
-#: Function that maps symbols by field name to an expression.
+#: Function that takes a map from field names to symbols and returns an expression.
 _Expression = Callable[[Callable[[str], Any]], Any]
 
 
 def _is_positive(given: object) -> bool:
-    """Return whether a field is a positive number for all parameters."""
+    """Return whether a field is given as a positive number, which no parameter can change."""
     return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
 
 
 @dataclass(frozen=True)
 class _DryFriction:
-    """A component whose friction is one expression of its fields in sliding, and one at rest."""
+    """A component with dry friction: expressions for the sliding force and the force at rest."""
 
     domain: str  # domain of the port
-    force: _Expression  # law of the force of dry friction
+    force: _Expression  # dry friction force while sliding
     raised: _Expression  # maximum force at rest, if the field named by ``peak`` is given
-    peak: str  # name of that field
-    #: Fields without which there is no force: friction is disengaged if one of them is zero. The
-    #: last one may be a table over speeds.
+    peak: str  # name of the field with the maximum force at rest
+    #: Fields that are factors of the force: friction is disengaged if one of them is zero. The last
+    #: one may be a table over speeds.
     factors: tuple[str, ...]
     is_one_way: bool = False
-    backward: str = ""  # the field with the force of backward sliding, if it may differ
+    backward: str = ""  # field with the force of backward sliding, if that may differ
 
     def port(self, given: Given) -> Terminal:
-        """Form the terminal equation; absent fields do not occur in it."""
+        """Build the terminal equation from the given fields."""
 
         def pressed(force: Any) -> Any:
-            """Return zero force without a normal force: a one-way clutch has no mode for that."""
+            """Replace a negative force by zero, since a one-way clutch has no disengaged mode."""
             if is_engaged or not self.is_one_way:
                 return force
             import sympy
@@ -67,8 +67,8 @@ class _DryFriction:
                 return sliding(way)
             import sympy
 
-            # Decreases from the force at rest to that of sliding (L. C. Bo, D. Pavelescu, Wear 82
-            # (1982) 277, with the exponent two).
+            # Stribeck curve from the force at rest to the sliding force (L. C. Bo, D. Pavelescu,
+            # Wear 82 (1982) 277, with exponent two).
             share = sympy.exp(-((law_symbol("across") / law_symbol("stribeck_speed")) ** 2))
             return sliding(way) + (holding(way) - sliding(way)) * share
 
@@ -81,13 +81,13 @@ class _DryFriction:
             backward=Law.formed_by(lambda: -dry(-1) + viscous()),
             upper=Law.formed_by(holding),
             lower=None if self.is_one_way else Law.formed_by(lambda: -holding(-1)),
-            # A one-way clutch locks backwards even without a normal force.
+            # A one-way clutch locks in backward direction even without a normal force.
             grip=None if is_engaged or self.is_one_way else Law.formed_by(sliding),
         )
         return Terminal(self.domain, Kind.FRICTION, friction=friction)
 
     def component(self, name: str, doc: str, fields: tuple[Field, ...]) -> Component:
-        """Make the component type, whose laws depend on the fields that a scene gives."""
+        """Build the component type, whose laws adapt to the fields that a scene gives."""
 
         def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
             rest = dict(given)
@@ -106,7 +106,7 @@ class _DryFriction:
 
 
 def _curve(edge: str, field: str, given: Given, speed: str) -> dict[str, Any]:
-    """Make a lookup table of speeds and values: linear between, constant beyond."""
+    """Build a lookup table over speed, with linear interpolation and constant extrapolation."""
     rows = given[field]
     whose = f"{field} of edge '{edge}'"
     if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
@@ -196,7 +196,7 @@ def _pressed(speed_unit: str, torque: bool) -> tuple[Field, ...]:
 
 
 def _bristles(domain: str, force: str, force_unit: str, length: str) -> Component:
-    """Make friction of bristles that bend and slip.
+    """Build a friction component with the LuGre model of elastic bristles.
 
     The law is that of C. Canudas, H. Olsson, K. J. Astrom and P. Lischinsky, IEEE Trans. Autom.
     Control 40 (1995) 419.
@@ -238,13 +238,12 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
 
 
 def _gear_with_losses(given: Given) -> Component:
-    """Make a gear with friction in teeth and bearings, with the fields that a scene gives.
+    """Build a gear with friction in teeth and bearings, from the fields that a scene gives.
 
-    With the torque t that the gear transmits, at the input, and the torque T of the bearings, the
-    loss of the teeth is (t (1 - e) + T) / e if the input drives, and (1 - f) |t| + f T if the
-    output does, with the efficiencies e and f (C. Pelchen, C. Schweiger, M. Otter, Modeling and
-    Simulating the Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger one in its
-    own case.
+    Let t be the transmitted torque at the input, T the bearing torque, and e and f the
+    efficiencies. The tooth loss is (t (1 - e) + T) / e if the input drives, and (1 - f) |t| + f T
+    if the output drives (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the Efficiency
+    of Gearboxes, Modelica Conference 2002). In each case its own expression is the larger one.
     """
 
     def passed() -> Any:
@@ -268,7 +267,7 @@ def _gear_with_losses(given: Given) -> Component:
     def limit(way: int) -> Any:
         import sympy
 
-        # The input drives if its torque has the sign of the speed: forwards if positive.
+        # The input drives if its torque has the same sign as the speed.
         return (sympy.Max if way > 0 else sympy.Min)(drives(way), driven(way))
 
     friction = Friction(

@@ -1,4 +1,4 @@
-"""Hydraulic components: across is pressure, plus minus minus; through flows from plus to minus."""
+"""Hydraulic components: across is pressure at plus minus that at minus, through flow to minus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _DOMAIN = "hydraulic"
 
-# Water; oils have 850 to 900 kg/m^3.
+# Default: water. Oils have 850 to 900 kg/m^3.
 _DENSITY = optional("density", "kg/m^3", "density of the liquid", 1000.0, "positive")
 
 RESISTOR = resistance(
@@ -27,10 +27,10 @@ RESISTOR = resistance(
 
 
 def _root(pressure: Any, transition: Any) -> Any:
-    """Return the square root with the sign of the pressure; below the transition a polynomial.
+    """Return the signed square root of the pressure, and a polynomial below the transition.
 
-    Its first two derivatives equal those of the root at the transition, and its slope at zero is
-    finite. Beyond the transition its argument is one, and so is its value.
+    The first two derivatives of the polynomial equal those of the root at the transition, and its
+    slope at zero is finite. Beyond the transition ``u`` is 1 or -1, and the polynomial in u^2 is 1.
     """
     import sympy
 
@@ -41,8 +41,8 @@ def _root(pressure: Any, transition: Any) -> Any:
     return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
-# Torricelli: Q = Cd A sqrt(2 dp / rho), turbulent, with the sign of dp. A root alone has an
-# infinite slope at zero flow, at which Newton steps and sensitivities fail.
+# Turbulent flow by Torricelli's law, Q = Cd A sqrt(2 dp / rho), with the sign of dp. The root alone
+# would have an infinite slope at zero, where Newton steps and sensitivities would fail.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
     import sympy
 
@@ -55,7 +55,7 @@ def _valve(
     return opening * _orifice(across, area, coefficient, density, transition)
 
 
-# Sharp-edged openings contract the jet to about 0.62 of their area.
+# A sharp-edged opening contracts the jet to about 0.62 of its area.
 _COEFFICIENT = optional("coefficient", "1", "discharge coefficient", 0.62, "positive")
 _TRANSITION = optional(
     "transition", "Pa", "pressure drop below which the law is smoothed", 1.0, "positive"
@@ -78,7 +78,7 @@ VALVE = scalar(
         _DENSITY,
         _TRANSITION,
     ),
-    # A closed valve does not conduct: the equations are then only positive semidefinite.
+    # A closed valve does not conduct, so that the equations are only positive semidefinite.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
@@ -90,7 +90,7 @@ TANK = scalar(
         _DENSITY,
         optional("gravity", "m/s^2", "gravitational acceleration", 9.81, "positive"),
     ),
-    # p = rho g h and A dh/dt = Q, so that Q = A / (rho g) dp/dt.
+    # From p = rho g h and A dh/dt = Q follows Q = A / (rho g) dp/dt.
     Terminal(
         _DOMAIN,
         Kind.ACROSS_STORAGE,
@@ -120,15 +120,15 @@ _PIPE = Terminal(
     storage=Law.field("inertance"),
     between=("plus", "minus"),
 )
-# Lumped form of an elastic line, a pi section: inertance and friction between two equal capacities.
+# An elastic line as a pi section: inertance and friction between two equal capacities.
 _HALF = Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2))
 
 
 def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Put half the capacity of an elastic pipe at each end other than ground."""
+    """Connect half the capacity of an elastic pipe to each end that is not the ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
-    # A capacity between the ground and itself has no effect, and would be a self-loop.
+    # A capacity at the ground would have no effect, and its edge would be a self-loop.
     ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
     halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields
@@ -160,7 +160,7 @@ def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
     """Solve the curve ``rise = pressure - resistance q - quadratic q |q|`` for the flow -q."""
     import sympy
 
-    # This form avoids a difference of nearly equal numbers, and holds for quadratic = 0, too.
+    # This form of the root avoids cancellation and also holds for quadratic = 0.
     lack = pressure - across
     root = sympy.sqrt(resistance**2 + 4 * quadratic * sympy.Abs(lack))
     return -2 * lack / (resistance + root)

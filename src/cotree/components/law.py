@@ -1,4 +1,4 @@
-"""Laws: constitutive equations in SymPy, with their derivatives formed once, in advance.
+"""Laws: constitutive equations in SymPy, whose derivatives are formed once in advance.
 
 The sensitivity terminal equation of a component (paper, Eq. (4)) is its law's partial derivatives
 times the derivatives of the law's arguments. The partial derivatives are formed from the SymPy form
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def law_symbol(name: str) -> Any:
-    """Make the SymPy symbol of an argument of laws; SymPy is imported here."""
+    """Return the SymPy symbol for an argument of a law, and import SymPy if necessary."""
     import sympy
 
     return sympy.Symbol(name, real=True)
@@ -27,15 +27,15 @@ def law_symbol(name: str) -> Any:
 
 @dataclass(frozen=True)
 class Law:
-    """A scalar law: an expression of its arguments.
+    """A scalar constitutive law, given by a function of symbols.
 
     >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
     >>> law.partials["stiffness"]
     free_length - length
     """
 
-    #: Function of SymPy symbols that returns the law as an expression. Its argument names are the
-    #: arguments of the law.
+    #: Function that takes SymPy symbols and returns the law as an expression. The names of its
+    #: arguments are those of the law.
     function: Callable[..., Any]
 
     @cached_property
@@ -54,67 +54,68 @@ class Law:
 
     @classmethod
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
-        """Make a law whose arguments have other names than those in the function's signature."""
+        """Build a law whose argument names replace those in the function's signature."""
         made = cls(function)
-        # Stored under the name of the cached property, so that the signature is not inspected.
+        # Setting the cached property prevents the signature from being inspected.
         made.__dict__["arguments"] = arguments
         return made
 
     @classmethod
     def field(cls, name: str) -> Law:
-        """Make the law that returns one of its arguments, such as a field."""
+        """Build the law that is equal to a single argument, such as a field."""
         return cls.taking((name,), lambda given: given)
 
     @classmethod
     def of(cls, expression: Any) -> Law:
-        """Make the law of a SymPy expression whose symbols are real."""
+        """Build a law from a SymPy expression whose symbols are real."""
         # A set of symbols is unordered; sorting the names makes the C text reproducible.
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
     @classmethod
     def formed_by(cls, form: Callable[[], Any]) -> Law:
-        """Make the law of an expression that is formed on first use; see :meth:`of`.
+        """Build a law from a function that forms its expression on first use; see :meth:`of`.
 
-        SymPy is not imported before, since runs of compiled models do not need it.
+        SymPy is imported only then, since runs of compiled models do not need it.
         """
         return _Deferred(form)
 
     def uses(self, name: str) -> bool:
-        """Return whether the law depends on an argument; one that cancels does not count."""
+        """Return whether the law depends on an argument after cancellation."""
         return any(symbol.name == name for symbol in self.expression.free_symbols)
 
     def over(self, name: str) -> Law:
-        """Return the law divided by one of its arguments, simplified to remove a pole at zero."""
+        """Return the law divided by the argument ``name``, simplified to remove a pole at zero."""
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # If SymPy cannot decide a condition at zero, the value near zero is used.
+        # Conditions that single out zero are dropped, so that the expression beside zero holds
+        # there, too.
         divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
         divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)
-        made.__dict__["expression"] = divided  # replaces the function's result
+        made.__dict__["expression"] = divided  # takes precedence over the function
         return made
 
     @cached_property
     def partials(self) -> dict[str, Any]:
-        """The pre-formed partial derivatives, by argument; zero ones are absent.
+        """Partial derivatives that are not zero, by argument; formed once.
 
         The derivatives of a sign and of a floor are zero.
         """
         import sympy
 
-        # SymPy does not differentiate floor, and therefore not the remainder either.
+        # SymPy does not differentiate floor, nor the remainder, which contains it.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
         jumps = whole.atoms(sympy.floor, sympy.ceiling, sympy.sign)
-        # They are replaced by constants while the law is differentiated, since they are constant
-        # between their jumps.
+        # Functions that are constant between jumps are replaced by constants for the
+        # differentiation.
         constants = {item: sympy.Dummy(real=True) for item in jumps}
         fixed = whole.subs(constants)
         back = {dummy: item for item, dummy in constants.items()}
         derivatives = {
             name: _derivative(fixed, sympy.Symbol(name, real=True))
-            # SymPy's derivative of a step is an impulse, which events handle.
+            # SymPy's derivative of a step contains an impulse. Events handle it, so it is removed.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
             for name in self.arguments
@@ -122,7 +123,7 @@ class Law:
         return {name: value for name, value in derivatives.items() if value != 0}
 
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
-        """Form the law's value from its arguments, which may be duals."""
+        """Build the node of the law's value from its arguments, which may be dual numbers."""
         from cotree.dag.dual import is_varied, tangent_of, value_of, varied
         from cotree.dag.from_sympy import from_sympy
 
@@ -130,7 +131,7 @@ class Law:
         if not changing:
             return from_sympy(self.expression, dag, arguments)
         values = {name: value_of(argument) for name, argument in arguments.items()}
-        # Sensitivity graphs need the same derivatives of the same law for every direction.
+        # All sensitivity directions share the derivatives of a law, which are therefore stored.
         key = (self.expression, *values.items())
         if key not in dag.formed:
             formed = from_sympy(self.expression, dag, values)
@@ -138,7 +139,8 @@ class Law:
         value: Node
         partials: dict[str, Node]
         value, partials = dag.formed[key]
-        # Chain rule of the sensitivity terminal equation (Eq. (4)): partials times tangents.
+        # Chain rule of the sensitivity terminal equation (Eq. (4)): partial derivatives times
+        # tangents.
         d = dag.zero
         for name, partial in partials.items():
             if name in changing:
@@ -146,16 +148,16 @@ class Law:
         return varied(value, d)
 
     def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
-        """Evaluate one pre-formed partial derivative; None if it is or folds to zero."""
+        """Build the node of one partial derivative; return None if it is zero."""
         return self.partial_values(dag, arguments, [name]).get(name)
 
     def partial_values(
         self, dag: Dag, arguments: Mapping[str, Node], names: Iterable[str] | None = None
     ) -> dict[str, Node]:
-        """Evaluate the partial derivatives by some or all arguments; zero ones are absent.
+        """Build nodes of the nonzero partial derivatives by the given arguments, by default all.
 
-        They are the pre-formed ones unless the law has a root or a power of a clipped argument:
-        then the branch is chosen first (:mod:`cotree.dag.derivative`).
+        The stored derivatives are used unless the law has a root or a power of a clipped argument.
+        Then the branch is chosen before differentiation (:mod:`cotree.dag.derivative`).
         """
         from cotree.dag.derivative import Clips, tangents
         from cotree.dag.from_sympy import from_sympy
@@ -176,7 +178,7 @@ class Law:
 
     @cached_property
     def _has_root(self) -> bool:
-        """Return whether the law has an operation without a finite derivative at some arguments."""
+        """Return whether the law has an operation whose derivative is not finite everywhere."""
         from cotree.dag.derivative import SINGULAR
         from cotree.dag.from_sympy import from_sympy
         from cotree.dag.nodes import ARGUMENT, Dag, reachable
@@ -189,7 +191,7 @@ class Law:
 
 
 class _Deferred(Law):
-    """A law whose function takes no arguments and forms the expression."""
+    """A law whose function takes no arguments and returns the expression."""
 
     @cached_property
     def expression(self) -> Any:
@@ -201,9 +203,9 @@ class _Deferred(Law):
 
 
 def _derivative(expression: Any, symbol: Any) -> Any:
-    """Differentiate a SymPy expression; roots of sums get an exponent reduced by one.
+    """Differentiate a SymPy expression; the derivative of a root of a sum is a power of the sum.
 
-    SymPy divides them by their base instead, which is undefined at zero.
+    SymPy itself would divide the root by the sum, which is undefined at zero.
     """
     import sympy
 
@@ -212,7 +214,6 @@ def _derivative(expression: Any, symbol: Any) -> Any:
         return exponent.is_number and not exponent.is_integer and not item.base.is_Symbol
 
     found = [root for root in expression.atoms(sympy.Pow) if is_root(root) and root.has(symbol)]
-    # Each symbol represents a root of the argument, which is differentiated within its branch.
     roots = {root: sympy.Function(f"root_{i}", real=True)(symbol) for i, root in enumerate(found)}
     total = expression.xreplace(roots).diff(symbol)
     slopes = {

@@ -1,8 +1,8 @@
-"""One-dimensional mechanics: across is relative velocity, second node minus first.
+"""One-dimensional mechanics: across is the velocity of the second node relative to the first.
 
-The integral of across is stretch. The through variable flows from the second node into the element:
-tension is positive in a spring, and a given force, which acts on the second node, is the negative
-of the through variable.
+Stretch is the integral of across. The through variable flows from the second node into the element,
+so that it is positive for tension in a spring. A given force on the second node is the negative of
+the through variable.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cotree.errors import SceneError
 
 @dataclass(frozen=True)
 class _Motion:
-    """Terms and units of translation, or of rotation."""
+    """Words and units for translation or for rotation."""
 
     domain: str
     force: str
@@ -85,7 +85,7 @@ def _linear(m: _Motion) -> Terminal:
     return Terminal(
         m.domain,
         Kind.SPRING,
-        # The argument is named after the field, which is free_length or free_angle.
+        # The third argument is the field, either free_length or free_angle.
         through=Law.taking(
             ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
         ),
@@ -94,15 +94,15 @@ def _linear(m: _Motion) -> Terminal:
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
-    """Use an expression instead of a spring's stiffness."""
-    # The slope of the expression is arbitrary, so the port is not passive and has no constant
-    # ``storage``.
+    """Return a function that adapts a spring to its stiffness or to an expression of its force."""
+    # The expression may have any slope, so that the port is not passive and has no constant
+    # stiffness.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # A spring is either linear or given by an expression, with different fields and laws.
+        # A linear spring and one given by an expression have different fields and laws.
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -142,14 +142,14 @@ def _stop_law(
     damping: Any,
     transition: Any,
 ) -> Any:
-    """Add the springs beyond both limits; contact begins smoothly over the transition."""
+    """Return the force of the stops at both limits, which sets in smoothly over ``transition``."""
     import sympy
 
-    # (x + sqrt(x^2 + d^2)) / 2 is zero far below the limit, x far beyond it, and d / 2 at the limit
-    # itself.
+    # The penetration (x + sqrt(x^2 + d^2)) / 2 tends to zero below the limit and to x beyond it,
+    # and is d / 2 at the limit.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
-    # The derivative of that penetration rises from 0 to 1: damping begins with contact.
+    # Damping is proportional to the derivative of the penetration, which rises from 0 to 1.
     contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
     # Tension is positive: beyond the upper limit the stop pulls back, below the lower it pushes.
     return stiffness * (above + reach - below - depth) / 2 + damping * contact * across
@@ -172,14 +172,14 @@ def _stop(m: _Motion) -> Component:
                 "positive",
             ),
         ),
-        # Beyond the gap the force follows from stretch, hence a spring; damping adds the across
-        # variable.
+        # The force depends on stretch, so that the port is a spring. Damping also depends on
+        # across.
         Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False),
     )
 
 
 def _backlash(m: _Motion) -> Component:
-    """Make a backlash between two elastic limits, either of which may be absent."""
+    """Build a backlash with two elastic limits, one of which a scene may omit."""
     fields = (
         optional(
             "lower", m.length_unit, f"{m.length} below which the lower limit is in contact", None
@@ -203,8 +203,8 @@ def _backlash(m: _Motion) -> Component:
 
             above = k * sympy.Max(stretch - upper, 0) if has_upper else sympy.Integer(0)
             below = k * sympy.Max(lower - stretch, 0) if has_lower else sympy.Integer(0)
-            # Damping changes the elastic force by at most that force: a contact does not pull, and
-            # an impact begins without a jump.
+            # The damping force is at most as large as the elastic force, so that contact never
+            # pulls and the force does not jump when contact begins.
             reach = above + below
             return above - below + sympy.Max(-reach, sympy.Min(reach, d * across))
 
@@ -233,7 +233,8 @@ def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
         import sympy
 
-        # Smooth, so that no event is needed at rest; a loaded contact creeps instead of sticking.
+        # The law is smooth, so that no event is needed at rest. A loaded contact creeps instead of
+        # sticking.
         return force * sympy.tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")
@@ -273,8 +274,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
         Shape.EXPRESSION,
         required=True,
     )
-    # On a joint the velocity is that of the mechanism: a constraint prescribes it, and its
-    # multiplier is the effort.
+    # On a joint, the source is a constraint on the joint velocity, whose multiplier is the effort.
     held = Component(
         made.name,
         Role.CONSTRAINT,
@@ -290,7 +290,8 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Velocity sources, which become constraints on joints: whether they rotate, and their field.
+#: Velocity sources, which are constraints if they act on joints: whether they rotate, and their
+#: field.
 VELOCITY_SOURCES = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
@@ -299,7 +300,7 @@ MASS = storage(
     "translational_mass",
     "mass in translation along a line",
     value("mass", "kg", "mass of the body"),
-    # Inertial forces refer to an inertial frame, so an inertia must end at the ground.
+    # Inertial forces depend on absolute velocity, so that one node of a mass must be the ground.
     is_absolute=True,
 )
 
@@ -311,8 +312,8 @@ INERTIA = storage(
     is_absolute=True,
 )
 
-# The damper in parallel with the spring makes the shaft a dissipator: its relative speed follows
-# from torque and stretch at the same instant.
+# The damper in parallel with the spring makes the shaft a dissipator, because torque and stretch
+# determine the relative speed.
 SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",
@@ -380,7 +381,7 @@ _SET = ideal_coupling(
     reverses=True,
 )
 
-# Relative to the carrier, the planets form a gear between sun and ring, which rotate in opposite
+# In the frame of the carrier, the planets are a gear between sun and ring, which rotate in opposite
 # directions.
 PLANETARY_GEAR = replace(
     _SET,
@@ -432,7 +433,7 @@ _PAIRS = {
 }
 _COUNTERPARTS = {**_PAIRS, **{along: about for about, along in _PAIRS.items()}}
 
-#: Components between two nodes: those of one-dimensional graphs that may act on a joint.
+#: Components of one-dimensional graphs between two nodes, which may also act on a joint.
 ON_JOINTS = {
     "spring": ("translational_spring", "rotational_spring"),
     "damper": ("translational_damper", "rotational_damper"),

@@ -1,6 +1,6 @@
 """Multibody components: rigid bodies, arms, joints, constraints and force elements.
 
-Through variables act on the second node; the first gets the reaction.
+Forces and torques act on the second node, and their reactions on the first.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from cotree.components.component import (
 )
 from cotree.components.law import Law
 
-#: The two axes that follow each normal in cyclic order.
+#: The two in-plane axes for each normal, in cyclic order after it.
 PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
-    """Return the motion space of a body in the tree: translations first, then the rotation.
+    """Return the motion space of a free body, with translations before the rotation.
 
     ``plane`` is the normal, x, y or z, of the plane in which it moves, ``line`` the direction of
     the line; both are empty in space. A particle has no rotational inertia, so that its orientation
     does not matter.
     """
-    # The order of translations and rotation is the order of the coordinates among the states.
+    # States have the same order as these translations and rotations.
     if line:
         return (Freedom(line, "m", rotates=False, axis=line),)
     if plane:
-        # Coordinates are called x and y in every plane; only their axes depend on the normal.
+        # In every plane the coordinates are called x and y. Their axes depend on the normal.
         sliding = tuple(
             Freedom(name, "m", rotates=False, axis=axis)
             for name, axis in zip("xy", PLANE_AXES[plane], strict=True)
@@ -47,8 +47,8 @@ def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionSte
     return sliding if is_particle else (*sliding, FreeRotation())
 
 
-# The inertia edge runs from the ground to the centre of mass, where Newton's and Euler's equations
-# separate into translation and rotation.
+# The inertia edge runs from the ground to the centre of mass, for which Newton's equation contains
+# only translation and Euler's equation only rotation.
 RIGID_BODY = Component(
     "rigid_body",
     Role.BODY,
@@ -73,8 +73,8 @@ _ROTATION = Field(
     Shape.ROTATION,
 )
 
-# The empty motion space of an arm adds no coordinate; the edge keeps a plane only if it contains
-# the vector.
+# An arm adds no coordinate, since its motion space is empty. It keeps a plane only if its vector is
+# in the plane.
 ARM = Component(
     "arm",
     Role.ARM,
@@ -102,11 +102,11 @@ WELD = Component(
 
 
 def _along(coordinate: Any, rate: Any, stiffness: Any, free: Any, damping: Any, drive: Any) -> Any:
-    """Add the efforts along a coordinate; positive ones drive the second node along it."""
+    """Return the total effort along a coordinate; positive efforts increase the coordinate."""
     return -stiffness * (coordinate - free) - damping * rate + drive
 
 
-# One law serves angles and lengths; only the names of its arguments differ.
+# Argument names of the law for an angle and for a length.
 _TURNING = ("theta", "theta_dot", "stiffness", "free_angle", "damping", "torque")
 _SLIDING = ("s", "s_dot", "stiffness", "free_length", "damping", "force")
 
@@ -171,8 +171,8 @@ CYLINDRICAL = Component(
     ),
 )
 
-# The order of the freedoms matters: each axis is fixed in the frame that the earlier ones have
-# moved. Two rotations about different axes leave every plane, so that no plane is declared.
+# The order of the freedoms matters, because each axis is fixed in the frame that the previous
+# freedoms have moved. Rotations about two different axes keep no plane.
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
@@ -204,7 +204,7 @@ PLANAR = Component(
     keeps_plane=Plane(along=("normal",)),
 )
 
-# A free joint between two bodies has an empty reaction space: it only defines coordinates.
+# A free joint has an empty reaction space. It only defines coordinates.
 FREE = Component(
     "free",
     Role.JOINT,
@@ -212,8 +212,8 @@ FREE = Component(
     motion_space=body_space("", is_particle=False),
 )
 
-# A screw has one freedom: its translation follows from the angle by the pitch, so that its reaction
-# is the wrench that does no work on both together.
+# A screw has one freedom: the pitch relates translation to rotation, and the reaction wrench does
+# no work on the combined motion.
 SCREW = Component(
     "screw",
     Role.JOINT,
@@ -229,8 +229,7 @@ SCREW = Component(
 )
 
 
-# An empty Plane sets no condition: the distance of two points in a plane is independent of its
-# orientation.
+# The empty Plane sets no condition, because a distance constraint keeps every plane.
 DISTANCE = Component(
     "distance",
     Role.CONSTRAINT,
@@ -262,8 +261,8 @@ SLOT = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# Nonholonomic: it constrains a velocity and no position, since a blade reaches every place by
-# turning.
+# The constraint is nonholonomic: it restricts a velocity but no position, since a blade that turns
+# can reach every point.
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
@@ -280,8 +279,8 @@ KNIFE_EDGE = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# One equation constrains a position, the height of the disc's centre; two constrain velocities, the
-# slip along the plane.
+# One equation constrains the height of the disc's centre, and two constrain the slip velocity in
+# the plane.
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,
@@ -326,8 +325,7 @@ ROLLING_ELLIPSOID = Component(
     keeps_plane=Plane(within=("normal",)),
 )
 
-# Gears and expressions couple coordinates themselves, so they have no edge in a graph and their
-# domains are empty.
+# Gears and expressions couple coordinates directly. They have no edge in any graph and no domains.
 GEAR = Component(
     "gear",
     Role.CONSTRAINT,
@@ -383,7 +381,8 @@ AXIS = Field(
 )
 
 
-# Forces on the second node: tension pulls it towards the first, hence the minus signs.
+# The law is the force on the second node. Tension pulls it towards the first, hence the minus
+# signs.
 def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
     return -stiffness * (length - free_length) - damping * rate
 
@@ -392,7 +391,7 @@ def _damper(rate: Any, damping: Any) -> Any:
     return -damping * rate
 
 
-# Without an axis the force acts along the line of the nodes, which keeps every plane.
+# Without an axis the force acts along the line between the nodes, which keeps every plane.
 SPRING = Component(
     "spring",
     Role.LINE,
@@ -438,7 +437,7 @@ TORQUE = Component(
     keeps_plane=Plane(along=("torque",)),
 )
 
-# The law is an expression of the scene, so that the type has none.
+# The type has no law, because each edge has its own expression.
 LINE_FORCE = Component(
     "line_force",
     Role.LAW,
@@ -458,8 +457,7 @@ LINE_FORCE = Component(
 )
 
 
-# The formulation forms a law for each of the six directions of a bushing; hence it has no scalar
-# law.
+# A bushing has no scalar law: a law is formed for each of its six directions during formulation.
 BUSHING = Component(
     "bushing",
     Role.BUSHING,

@@ -1,4 +1,4 @@
-"""Parts of scalar components: fields of laws, linear components of one port, couplings."""
+"""Building blocks of scalar components: sources, storages, resistances, couplings, heat."""
 
 from __future__ import annotations
 
@@ -17,18 +17,17 @@ if TYPE_CHECKING:
 def scalar(
     name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
 ) -> Component:
-    """Make a scalar component with given terminal equations, in the graphs of their domains.
+    """Build a scalar component from the terminal equations of its ports.
 
-    ``options`` are further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``,
-    ...
+    ``options`` are further attributes of :class:`Component`, such as ``terminals`` and ``loss``.
     """
-    # Domains keep the order of the ports: with sets, the order of edges would vary between runs.
+    # Domains are in the order of the ports. A set would make the order of edges vary between runs.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
     return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
 
 
 def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a source that prescribes an across variable."""
+    """Build a source that prescribes an across variable."""
     law = Law.field(field.name)
     return scalar(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
 
@@ -36,11 +35,13 @@ def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
 def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
-    """Make a source that prescribes a through variable.
+    """Build a source that prescribes a through variable.
 
-    With ``acts_on_head`` it flows from tail to head within the source, not from head to tail.
+    If ``acts_on_head``, the field is the flow from tail to head in the source, else from head to
+    tail.
     """
-    # A through variable flows from head to tail inside; a load on the head is its negative.
+    # The through variable of an edge flows from head to tail inside; a load on the head is its
+    # negative.
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -54,10 +55,10 @@ def storage(
     kind: Kind = Kind.ACROSS_STORAGE,
     is_absolute: bool = False,
 ) -> Component:
-    """Make a linear storage, whose state is its across or its through variable.
+    """Build a linear storage, whose state is its across or its through variable.
 
-    ``field`` is the capacity, through = capacity * rate of across, or the inertance, across =
-    inertance * rate of through. ``is_absolute``: it must begin at the ground, as inertias do.
+    ``field`` is the capacity in through = capacity * rate of across, or the inertance in across =
+    inertance * rate of through. If ``is_absolute``, its tail must be the ground, as for inertias.
     """
     terminal = Terminal(domain, kind, storage=Law.field(field.name), is_absolute=is_absolute)
     return scalar(name, doc, (field,), terminal)
@@ -66,29 +67,28 @@ def storage(
 def content_storage(
     domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
 ) -> Component:
-    """Make a storage whose content, such as charge as a function of voltage, is a field."""
+    """Build a storage whose field is its content, such as a charge as a function of voltage."""
     content = Law.field(field.name)
     return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a dissipator with across = field * through."""
+    """Build a dissipator with across = field * through."""
     return scalar(name, doc, (field,), resistive(domain, field.name))
 
 
 def resistive(
     domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
 ) -> Terminal:
-    """Form the terminal equation across = field * through of a port.
+    """Build the terminal equation across = field * through of a port.
 
-    ``between`` are the terminals at head and tail, if ports share nodes.
+    ``between`` names the terminals at head and tail if ports share nodes.
     """
     return Terminal(
         domain,
         Kind.DISSIPATOR,
         port,
-        # Both forms are needed: a branch requires its across variable explicitly, a chord its
-        # through variable.
+        # Both forms are needed: a branch uses the law of across, a chord the law of through.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,
@@ -104,16 +104,15 @@ def ideal_coupling(
     *,
     reverses: bool = False,
 ) -> Component:
-    """Make a lossless transformer: across of the first port is ``field`` times that of the second.
+    """Build a lossless transformer: across of the first port is ``field`` times the second one.
 
-    Power is conserved, so the through variables have the inverse ratio, with opposite sign. Ports
-    are given as their domain and name; ``reverses`` changes the sign of the ratio.
+    Power is conserved, so that the through variables have the inverse ratio with opposite sign.
+    Each port is given by its domain and name. ``reverses`` changes the sign of the ratio.
     """
     sign = -1 if reverses else 1
     laws = (
-        # Across and through variable of the first port, then of the second: v1 = r v2 and f2 = -r
-        # f1. Each equation is solved for both variables, since the tree determines which form is
-        # needed.
+        # The laws v1 = r v2 and f2 = -r f1, each solved for both variables, because the tree
+        # determines which form is needed. The order is v1, f1, v2, f2.
         (f"across_{second[1]}", lambda v, r: sign * r * v),
         (f"through_{second[1]}", lambda f, r: -f / (sign * r)),
         (f"across_{first[1]}", lambda v, r: v / (sign * r)),
@@ -125,19 +124,19 @@ def ideal_coupling(
 def ideal_gyration(
     name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
 ) -> Component:
-    """Make a lossless gyrator: through of the first port is ``field`` times across of the second.
+    """Build a lossless gyrator: through of the first port is ``field`` times across of the second.
 
     Power is conserved, so that through of the second port is minus ``field`` times across of the
-    first. Ports are given as their domain and name.
+    first. Each port is given by its domain and name.
     """
     laws = (
-        # f1 = k v2 and f2 = -k v1, each solved for both variables: v1 f1 + v2 f2 is zero.
+        # The laws f1 = k v2 and f2 = -k v1, each solved for both variables.
         (f"through_{second[1]}", lambda f, k: -f / k),
         (f"across_{second[1]}", lambda v, k: k * v),
         (f"through_{first[1]}", lambda f, k: f / k),
         (f"across_{first[1]}", lambda v, k: -k * v),
     )
-    # Equations that couple across with through variables are not symmetric.
+    # Equations between across and through variables are not symmetric.
     return _coupled(name, doc, field, (first, second), laws, is_passive=False)
 
 
@@ -149,7 +148,7 @@ def _coupled(
     laws: Sequence[tuple[str, Callable[..., Any]]],
     is_passive: bool,
 ) -> Component:
-    """Couple two ports: each law gives a variable of one port in terms of the other port."""
+    """Build a component of two ports whose laws are functions of the other port's variables."""
     # Each port has two laws; the tree determines which one is used.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
@@ -171,11 +170,11 @@ HEAT = "heat"
 
 
 def loss_of(component: Component) -> Law | None:
-    """Return the heat of a component, [W]: its own loss, or all power of a dissipator."""
+    """Return the heat that a component produces, [W]: its loss, or all power of a dissipator."""
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
-        # The name of a single port is empty; in other ports its variables are ``across_`` and
+        # A single port has an empty name, so that the heat port calls its variables ``across_`` and
         # ``through_``.
         return Law(lambda across_, through_: across_ * through_)
     return None
@@ -183,12 +182,12 @@ def loss_of(component: Component) -> Law | None:
 
 @lru_cache(maxsize=256)
 def with_heat(component: Component) -> Component:
-    """Add a thermal port to a component, through which its loss flows.
+    """Add a thermal port, through which the heat of a component flows out.
 
-    The heat flows out of the component: minus the loss flows into its port.
+    The flow into the port is minus the loss.
     """
     loss = loss_of(component)
-    assert loss is not None  # this function is called only for components with a loss
+    assert loss is not None  # callers pass only components with a loss
     port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=Law.of(-loss.expression))
     return replace(
         component, ports=(*component.ports, port), domains=(*component.domains, "thermal")

@@ -1,8 +1,8 @@
-"""Components that users register, with laws in SymPy.
+"""User-defined components with laws in SymPy.
 
-The kind of a port follows from the arguments of its law: with the rate of a variable the port is a
-storage, with ``stretch`` a spring, with its own other variable a dissipator, with neither a source.
-A port whose law gives its content is a storage, too.
+The arguments of a law determine the kind of its port. If the law depends on the rate of a variable,
+the port is a storage; if on ``stretch``, a spring; if on the port's other variable, a dissipator;
+otherwise a source. A port whose law gives its content is a storage, too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name
 
-#: Arguments of force laws that are not fields, by the direction of the force.
+#: Arguments of force laws that are variables instead of fields, by the direction of the force.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
 
 
@@ -32,7 +32,7 @@ def make_component(
     units: Mapping[str, str] | None = None,
     doc: str = "",
 ) -> Component:
-    """Make a force element from a law.
+    """Build a force element from a law.
 
     Parameters
     ----------
@@ -64,10 +64,10 @@ def make_component(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
     made = checked_law(law, f"the law of component '{name}'")
-    # Arguments that are not variables of the force element are the fields of the new type.
+    # All arguments that are not variables of the force element become fields of the new type.
     rows = law_fields((name for name in made.arguments if name not in _GIVEN[acts]), units or {})
     if acts is Acts.LINE:
-        # Without an axis, the force acts along the line of the nodes.
+        # Without an axis, the force acts along the line between the nodes.
         rows = (AXIS, *rows)
     return Component(
         name,
@@ -82,18 +82,18 @@ def make_component(
 
 
 def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, ...]:
-    """Make the fields of a user-defined law from the names of its arguments and their units."""
+    """Build the fields of a user-defined law from argument names and units."""
     return tuple(
-        # Ports may share an argument, which is one field; its sign is not checked.
+        # An argument that several laws share is one field. Signs are not checked.
         value(check_name("field", name), units.get(name, ""), "", sign="")
         for name in dict.fromkeys(names)
     )
 
 
 def checked_law(function: Callable[..., Any], what: str) -> Law:
-    """Make a law, and check that it returns an expression of its arguments; ``what`` names it.
+    """Build a law and check that it is an expression of its arguments; messages call it ``what``.
 
-    Raises SceneError if it does not, or if it or one of its derivatives has no operation.
+    Raises SceneError if it is not, or if the law or a derivative has an unsupported operation.
     """
     import sympy
 
@@ -107,7 +107,7 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
             f"{what} returns no expression, but {brief(expression)}: return a SymPy "
             "expression or a number"
         )
-    # A symbol that the function did not receive would have no value in scenes.
+    # A symbol that is not an argument would have no value in scenes.
     free = {str(symbol) for symbol in expression.free_symbols}
     if odd := sorted(free - set(law.arguments)):
         raise SceneError(f"{what} uses {', '.join(odd)}, which is not one of its arguments")
@@ -116,11 +116,11 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 
 
 def _check_operations(law: Law, what: str) -> None:
-    """Form a law and its derivatives on trial, so that unsupported operations raise early."""
+    """Build a law and its derivatives on trial, and raise SceneError for unsupported operations."""
     from cotree.dag.nodes import Dag
 
-    # A separate arena keeps no nodes. Symbols of unknown value keep the law from folding, so that
-    # every operation is checked.
+    # The nodes are built in a separate Dag, which is discarded. Arguments are symbols, so that no
+    # operation folds to a constant and all are checked.
     dag = Dag()
     arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
     try:
@@ -134,7 +134,7 @@ def _check_operations(law: Law, what: str) -> None:
 
 
 def _predicate(error: Exception) -> str:
-    """Return the predicate of a message about a law."""
+    """Convert an exception to the predicate of a message about a law."""
     message = str(error)
     return (
         message.removeprefix("the law ")
@@ -143,7 +143,7 @@ def _predicate(error: Exception) -> str:
     )
 
 
-#: Arguments of laws that are neither variables of ports nor fields.
+#: Arguments of laws that are neither port variables nor fields.
 _NEITHER = frozenset({"t", "stretch", "potential_head", "potential_tail"})
 _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
@@ -152,7 +152,7 @@ _GIVES = ("across", "through", "content")
 #: A law, or laws by port name.
 Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
 
-#: The variable that all laws determine, or that of each port by name.
+#: The variable that all laws return, or a mapping of port names to such variables.
 Gives = str | Mapping[str, str]
 
 
@@ -167,7 +167,7 @@ def make_network_component(
     units: Mapping[str, str] | None = None,
     doc: str = "",
 ) -> Component:
-    """Make a scalar component from its laws.
+    """Build a scalar component from its laws.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def make_network_component(
     check_name("component", name)
     domain_of(domain)
     named = dict(laws) if isinstance(laws, Mapping) else {"": laws}
-    # A single port may go without a name; among several each needs one.
+    # Only a single port may have no name.
     for port in named:
         if port or len(named) > 1:
             check_name("port", port)
@@ -235,7 +235,7 @@ def _places(
     terminals: Sequence[str],
     between: Mapping[str, Sequence[str]],
 ) -> dict[str, tuple[str, str]]:
-    """Check between which of the named nodes each port is connected."""
+    """Return the two nodes of each port, and check that they are terminals or the ground."""
     if not terminals:
         return {}
     places = {}
@@ -254,7 +254,7 @@ def _places(
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Return the variable that the law of each port returns, if it is specified."""
+    """Return the specified variable that each port's law returns, and check it."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:
@@ -270,7 +270,7 @@ def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
 
 
 def _is_variable(argument: str, ports: Iterable[str]) -> bool:
-    """Return whether an argument is a variable of a port, its own or another."""
+    """Return whether an argument is a variable of this or another port."""
     siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
     return argument in _VARIABLES or argument in siblings
 
@@ -278,9 +278,9 @@ def _is_variable(argument: str, ports: Iterable[str]) -> bool:
 def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
-    """Make the terminal equation of a law."""
-    # A through variable follows from the across variable, its rate or its integral, and vice versa.
-    # The expression is examined, since an argument that cancels is irrelevant.
+    """Build the terminal equation of a port from its law."""
+    # A law of the through variable depends on across, its rate or its integral, and vice versa.
+    # Arguments that cancel in the expression are ignored.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -298,7 +298,8 @@ def _terminal(
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
-        # The rate is tested first: a storage may also depend on across, as a leaky capacitor does.
+        # The rate is tested first, because a storage may also depend on across, such as a leaky
+        # capacitor.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -314,7 +315,7 @@ def _terminal(
         across=None if is_through else law,
         through=law if is_through else None,
         storage=storage,
-        # The slopes of a user-defined law are unknown: its equations are not assumed to be
+        # The slopes of a user-defined law are unknown, so that its equations are not assumed to be
         # symmetric and positive definite.
         is_passive=False,
         between=between,
@@ -324,9 +325,9 @@ def _terminal(
 def _content(
     name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
 ) -> Terminal:
-    """Make the terminal equation of a storage from the law of its content."""
+    """Build the terminal equation of a storage from the law of its content."""
     used = [v for v in law.arguments if v in _NEITHER - {"t"} or _is_variable(v, ports)]
-    # ``stretch`` and potentials add words to the set that are neither across nor through.
+    # For ``stretch`` and potentials the set contains words other than across and through.
     of = {v.partition("_")[0] for v in used}
     if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
         raise SceneError(
@@ -334,7 +335,7 @@ def _content(
             "through, of its port, and of the same variable of other ports, but of no rate, "
             "stretch or potential"
         )
-    # A domain without a name for one of the contents has no storage by that variable.
+    # A domain that has no name for a content has no storage with that content.
     row, is_across = DOMAINS[domain], of == {"across"}
     if not (row.content if is_across else row.impulse)[0]:
         also = ": give through as a function of stretch" if row.stretch else ""
@@ -347,11 +348,11 @@ def _content(
 
 
 def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
-    """Split a law into the factor of a rate and the rest."""
+    """Split a law that is linear in a rate into the factor of the rate and the rest."""
     import sympy
 
     symbol = sympy.Symbol(rate, real=True)
-    # A storage: linear in the rate, with a factor that may depend on any other argument.
+    # The factor may depend on any argument except the rate.
     factor = sympy.diff(law.expression, symbol)
     if symbol in factor.free_symbols:
         raise SceneError(

@@ -14,7 +14,7 @@ from cotree.domains import DOMAINS
 
 
 class Kind(Enum):
-    """Kind of an edge, in the order in which edges become branches of the normal tree.
+    """Kind of an edge; edges with lower values become branches of the normal tree first.
 
     A nullator makes both of its variables zero, a norator neither. f-circuits use the nullator as a
     branch and the norator as a chord, f-cutsets vice versa.
@@ -22,15 +22,15 @@ class Kind(Enum):
 
     ACROSS_SOURCE = 0  # prescribes an across variable; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
-    COUPLED = 2  # coupled: a port of a transformer or gyrator
+    COUPLED = 2  # a port of a transformer or gyrator
     DISSIPATOR = 3  # resistors: algebraic relation of through and across
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
     SPRING = 5  # through depends on the integral of across; a branch only among springs
     THROUGH_SOURCE = 6  # prescribes a through variable; always a chord
     NULLATOR = 7
     NORATOR = 8
-    FRICTION = 9  # dry friction: sticks, or slides by a law; always a chord
-    STOP = 10  # a rigid stop: through keeps it closed, or is zero if open; always a chord
+    FRICTION = 9  # dry friction, which sticks or slides; always a chord
+    STOP = 10  # rigid stop, whose through variable is zero if it is open; always a chord
 
     @property
     def may_hold(self) -> bool:
@@ -40,7 +40,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Integral:
-    """A quantity of a port that its terminal equation, its fields or outputs may use: a state."""
+    """A state defined at a port, which terminal equations, fields and outputs may use."""
 
     #: The name of the state is ``edge.name``.
     name: str
@@ -50,7 +50,7 @@ class Integral:
 
 @dataclass(frozen=True)
 class PortMeasure:
-    """A sum of variables of a component's ports that outputs and fields may name."""
+    """A named sum of port variables of a component, for use in outputs and fields."""
 
     #: The name of the variable is ``edge.name``.
     name: str
@@ -60,12 +60,13 @@ class PortMeasure:
 
 @dataclass(frozen=True)
 class Touch:
-    """The direction of a port of a contact, at one of the points that may touch."""
+    """Contact point and direction of a port of a contact."""
 
     spot: int  # index of the contact point, from 0 on
-    #: Measure of the port: ``gap``; ``slip1`` or ``slip2``, one of two perpendicular directions of
-    #: slip; ``part1`` to ``part3``, a component of an axis tangential to a ball; ``spin1`` to
-    #: ``spin3``, an axis of the first node of a spherical joint.
+    #: What the port measures: ``gap``; ``slip1`` or ``slip2``, the slip along one of two
+    #: perpendicular directions; ``part1`` to ``part3``, the slip on a ball along the tangential
+    #: part of a coordinate axis; ``spin1`` to ``spin3``, the rotation about an axis of the first
+    #: node of a spherical joint.
     quantity: str
 
 
@@ -73,42 +74,41 @@ class Touch:
 class Friction:
     """Laws of an edge that sticks, slides forwards, slides backwards, or is disengaged.
 
-    While it sticks, the rate of across is zero, and through takes the value that keeps it so, as
-    long as that stays between two limits. All laws take the arguments of those of a
-    :class:`Terminal`.
+    While the edge sticks, its through variable keeps the rate of across zero and stays between two
+    limits. Laws have the same arguments as those of a :class:`Terminal`.
     """
 
-    #: Law of the through variable while across is positive, and while it is negative.
+    #: Laws of the through variable for positive across and for negative across.
     forward: Law
     backward: Law
-    #: The limits of through while friction sticks; beyond them it starts to slide forwards or
-    #: backwards. None if it never slides in that direction.
+    #: Limits of through while the edge sticks. It starts to slide forwards if through exceeds the
+    #: upper limit, and backwards below the lower one. None if it never slides in that direction.
     upper: Law
     lower: Law | None
-    #: Positive while friction is engaged; otherwise through is zero. None if friction is always
-    #: engaged.
+    #: Law that is positive while friction is engaged; otherwise through is zero. None if friction
+    #: is always engaged.
     grip: Law | None = None
-    #: Value whose sign is the argument ``side`` of the sliding laws, which are continuous at its
+    #: Law whose sign is the argument ``side`` of the sliding laws. These are continuous where it is
     #: zero.
     load: Law | None = None
-    #: Port of the same component whose rigid stop provides the normal force. Friction is
-    #: disengaged while the stop is open, and takes part in its impacts. Empty if there is none.
+    #: Port of the same component whose rigid stop provides the normal force; empty if there is
+    #: none. Friction is disengaged while the stop is open, and also acts in impacts at the stop.
     presser: str = ""
     suffix: str = ""  # suffix of its modes among the fields
-    #: For the second direction of friction on a plane: the port of the first direction, which has
-    #: the mode of both. The magnitude of the two forces together is limited.
+    #: For the second friction direction on a plane, the port of the first direction, which has the
+    #: common mode. The magnitude of the resulting force is limited.
     leader: str = ""
-    #: For the first direction of friction on a plane: the port of the second one.
+    #: For the first friction direction on a plane, the port of the second direction.
     follower: str = ""
 
     @property
     def is_disc(self) -> bool:
-        """Return whether its force is within a disc, with that along a second direction."""
+        """Return whether the resultant of this force and that of a second direction is limited."""
         return bool(self.leader or self.follower)
 
     @property
     def mode(self) -> str:
-        """The field of its mode."""
+        """The name of the field with its mode."""
         return f"mode_{self.leader}" if self.leader else f"mode{self.suffix}"
 
 
@@ -116,11 +116,11 @@ class Friction:
 class Stop:
     """Laws of a rigid stop: an edge whose stretch never exceeds a limit.
 
-    Within its limits through is zero. At a limit it keeps the rate of across zero, as long as it
-    does not pull. The laws take the arguments of those of a :class:`Terminal`.
+    Between the limits, through is zero. At a limit, through keeps the rate of across zero, as long
+    as it does not pull. Laws have the same arguments as those of a :class:`Terminal`.
     """
 
-    #: The gap at each limit; None if that limit is absent.
+    #: Laws of the gap at each limit; None if the limit is absent.
     upper_gap: Law | None
     lower_gap: Law | None
     rebound: Law  # change of across in an impact
@@ -143,26 +143,27 @@ class Terminal:
     domain: str  # domain of the graph that contains the port's edge
     kind: Kind  # kind of the port in the normal tree
     port: str = ""  # name of the port; empty if the component has only one port
-    #: Explicit law of the across variable; for through storages, the term in addition to
+    #: Explicit law of the across variable; for through storages, the term that is added to
     #: ``inertance * rate``.
     across: Law | None = None
-    #: Explicit law of the through variable; for across storages, the term in addition to
+    #: Explicit law of the through variable; for across storages, the term that is added to
     #: ``capacity * rate``.
     through: Law | None = None
     #: Capacity or inertance of a storage; for a spring whose law is linear in ``stretch``, its
     #: stiffness.
     storage: Law | None = None
-    #: For a storage given by its content: the content as a function of the variable that is the
-    #: state of its kind, of those of its siblings and of fields. Examples are charge of voltage,
-    #: flux linkage of current, volume of pressure. The rate of the content plus ``through`` or
-    #: ``across`` is the other variable; ``storage`` is then None.
+    #: For a storage given by its content, the content as a function of the port's state variable,
+    #: of those of sibling ports and of fields. Examples are charge as a function of voltage, flux
+    #: linkage of current, volume of pressure. The other variable is the rate of the content plus
+    #: the law ``through`` or ``across``. ``storage`` is then None.
     content: Law | None = None
     #: Whether the linear equations of the terminal are symmetric and positive definite.
     is_passive: bool = True
-    #: If ports of the component share nodes: the terminals at head and tail. ``ground`` is the
-    #: reference; other names are nodes inside the component.
+    #: Terminals at head and tail if ports of the component share nodes. ``ground`` is the
+    #: reference; names that are not terminals are inner nodes.
     between: tuple[str, str] = ("", "")
-    #: State ``stretch``: by default the integral of across, if the domain has a name for it.
+    #: The state called ``stretch``, by default the integral of across if the domain has a name for
+    #: it.
     integral: Integral | None = None
     #: Whether the tail must be the ground, the reference of motion and concentrations.
     is_absolute: bool = False
@@ -179,19 +180,18 @@ _ACROSS = Law.field("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:
-    """Return the quantity ``stretch`` of a terminal equation; None if it has no name."""
+    """Return the state ``stretch`` of a port; None if its domain has no name for it."""
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
-        return None  # slip distances are not determined by positions
-    # An integral of the component itself, such as a state of charge, takes precedence over that of
-    # the domain.
+        return None  # positions do not determine slip distances
+    # A component's own integral, such as a state of charge, takes precedence over the domain's.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)
 
 
 def content_of(terminal: Terminal) -> tuple[str, str] | None:
-    """Return symbol and unit of the content of a storage by content; None for all others."""
+    """Return symbol and unit of the content of a storage given by its content, else None."""
     if terminal.content is None:
         return None
     row = DOMAINS[terminal.domain]

@@ -1,4 +1,4 @@
-"""Thermal components: across is temperature, in kelvin; heat flows from plus to minus inside."""
+"""Thermal components: across is temperature, [K]; heat flows from plus to minus inside."""
 
 from __future__ import annotations
 
@@ -48,8 +48,7 @@ CONVECTION = scalar(
 def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
     import sympy
 
-    # Law of Stefan and Boltzmann. Temperatures are absolute, so both nodes are needed, not only
-    # their difference.
+    # Stefan-Boltzmann law. It depends on both absolute temperatures, not only on their difference.
     fall = potential_head**4 - potential_tail**4
     return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
 
@@ -61,11 +60,12 @@ RADIATION = scalar(
         value("area", "m^2", "area of the surface times its view factor"),
         optional("emissivity", "1", "effective emissivity of the two surfaces", 1.0, "positive"),
     ),
-    # The slopes by both temperatures differ, so its equations are not symmetric.
+    # The derivatives by the two temperatures differ in magnitude, so that equations are not
+    # symmetric.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
 )
 
-# Temperatures are absolute, since radiation depends on both of them, not on their difference.
+# Temperatures are absolute, since radiation does not depend on their difference alone.
 TEMPERATURE_SOURCE = across_source(
     _DOMAIN,
     "temperature_source",

@@ -1,7 +1,7 @@
-"""Transducers: components that couple several graphs by a port in each.
+"""Transducers: components with ports in several graphs, which they couple.
 
 A mechanical port connects two nodes of its graph, or acts on a multibody system: on a joint, or
-along the line of two nodes.
+along the line between two nodes.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from cotree.components.component import Adapted, Component, Field, Given, Nodes
 
 
-# Copper loss: the electromechanical conversion itself has none.
+# Copper loss; the electromechanical conversion is lossless.
 _LOSS = Law(lambda through_electrical, resistance: resistance * through_electrical**2)
 
 
 def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Component:
-    """Make a machine with a constant field, rotational or linear.
+    """Build a rotational or linear machine with a constant magnetic field.
 
-    v = R i + L di/dt + K w, and the torque or force is K i: one constant serves both directions,
-    since the conversion dissipates no power.
+    Its equations are v = R i + L di/dt + K w and a torque or force of K i. Both contain the same
+    constant, because the conversion is lossless.
     """
     moving = f"across_{port}"
     voltage = Law.taking(
@@ -35,7 +35,8 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     current = Law.taking(
         ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
     )
-    # The moving part makes the equations of windings unsymmetric, so that they are not passive.
+    # The coupling with the moving part makes the winding's equations unsymmetric, so that it is not
+    # passive.
     resistive = Terminal(
         "electrical",
         Kind.DISSIPATOR,
@@ -62,7 +63,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     made = scalar(name, doc, fields, winding, output, loss=_LOSS)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-        """Remove the winding's inductance if none is given."""
+        """Replace the winding by a resistance if no inductance is given."""
         if "inductance" in given:
             return made, nodes, given
         return replace(made, ports=(resistive, output)), nodes, given
@@ -103,7 +104,7 @@ HYDRAULIC_MACHINE = ideal_gyration(
 )
 
 
-# The reluctances of the iron and of the air gap add, and the latter is proportional to the gap.
+# The reluctances of iron and air gap add, and that of the air gap is proportional to its length.
 def _inductance(stretch: Any, inductance: Any, gap: Any, leakage: Any) -> Any:
     return leakage + inductance / (1 + stretch / gap)
 
@@ -120,7 +121,7 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
-    # v = R i + d(L(s) i)/dt: the storage is L di/dt, this is the rest, L'(s) s_dot i.
+    # In v = R i + d(L(s) i)/dt the storage is L di/dt. This law is the rest, with L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 
@@ -142,7 +143,8 @@ SOLENOID = scalar(
         storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
         is_passive=False,
     ),
-    # The force is the derivative of the coenergy, L(s) i^2 / 2, along s; through is its negative.
+    # The force is the derivative of the coenergy L(s) i^2 / 2 with respect to s; through is its
+    # negative.
     Terminal(
         "translational",
         Kind.THROUGH_SOURCE,

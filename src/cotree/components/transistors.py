@@ -1,4 +1,4 @@
-"""Transistors: bipolar ones by the Gummel-Poon model, and field-effect ones.
+"""Bipolar transistors (Gummel-Poon model) and field-effect transistors.
 
 With gains only, the model is that of Ebers and Moll. Currents of the junctions, with
 f = I (exp(vbe / (nf V)) - 1) and r the same for vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
@@ -41,7 +41,7 @@ _DOMAIN = "electrical"
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
 _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
-#: Optional fields, each of which adds a term to the laws, or a port.
+#: Optional fields, each of which adds a port or a term of a law.
 _EXTRAS = (
     optional("forward_ideality", "1", "forward ideality factor", 1.0, "positive"),
     optional("reverse_ideality", "1", "reverse ideality factor", 1.0, "positive"),
@@ -114,25 +114,26 @@ _CHARGES = {
     "be": {"be_capacitance", "forward_transit_time"},
     "bc": {"bc_capacitance", "reverse_transit_time"},
 }
-#: Fields that make the base charge depend on both voltages.
+#: Fields that make the base charge depend on both junction voltages.
 BASE_CHARGE = {
     "forward_early_voltage",
     "reverse_early_voltage",
     "forward_knee_current",
     "reverse_knee_current",
 }
-#: Names of the nodes, without the substrate.
+#: Node names, without the substrate.
 TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
-# SymPy forms these laws slowly, and a circuit has many transistors with the same terms.
+# Cached, because SymPy forms these laws slowly and many transistors of a circuit have the same
+# terms.
 @lru_cache(maxsize=256)
 def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
 ) -> Component:
-    """Make a transistor with the terms of some fields, of three nodes or four."""
-    # A resistance at a terminal needs an inner node, to which the junctions connect.
+    """Build a transistor whose laws include the terms that the given fields switch on."""
+    # A resistance at a terminal leads to an inner node, to which the junctions connect.
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
         for row in _RESISTANCES
@@ -154,18 +155,19 @@ def _transistor(
 
 
 def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
-    """Return currents into the terminals, and voltages between them.
+    """Return the measures for terminal currents and the voltages between terminals.
 
-    ``inner`` are the nodes behind terminals that have a resistance, ``substrate`` the sign of a
-    transistor with a port to the substrate, else zero.
+    ``inner`` maps each terminal that has a resistance to its inner node. ``substrate`` is the sign
+    of a transistor with a substrate port, else zero.
     """
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
         return ((sign, "across", end),) if end in inner else ()
 
-    # Voltage from a terminal to its inner node; the emitter's voltage drop has the opposite sign.
+    # ``drop`` is the voltage from a terminal to its inner node; at the emitter it has the opposite
+    # sign.
     be, bc = (1, "across", "be"), (1, "across", "bc")
-    # The substrate current flows to the collector of npn transistors, to the base of pnp ones.
+    # The substrate current flows to the collector in npn transistors, and to the base in pnp ones.
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
     own[0] = ()
     return (
@@ -183,7 +185,7 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
 
 
 class _Laws:
-    """Terminal equations of the junctions, as expressions of ``vbe`` and ``vbc``."""
+    """Terminal equations of the junctions, in terms of the voltages ``vbe`` and ``vbc``."""
 
     def __init__(self, sign: int, has: frozenset[str]) -> None:
         self.sign, self.has = sign, has
@@ -210,19 +212,21 @@ class _Laws:
         # High-level injection: gains fall beyond the knee currents.
         q2 = share(self.forward, "forward_knee_current")
         q2 += share(self.reverse, "reverse_knee_current")
-        # Without knee currents the root is one and qb is q1.
+        # Without knee currents the root is one, so that qb is q1.
         if q2 == 0:
             return q1
-        # Junctions block before the sum is negative; a root search may evaluate it there.
+        # The sum is never negative in operation, but a root search may evaluate it at such
+        # voltages.
         return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
 
     def _current(self, own: str) -> Any:
         import sympy
 
-        # From collector to emitter through the base; recombination in the base is added.
+        # Transport current from collector to emitter through the base, without recombination in the
+        # base.
         transport = (self.forward - self.reverse) / self._base_charge()
-        # The transport current flows forwards along the be port and backwards along the bc port;
-        # the two junctions' contributions to the base current remain in their sum.
+        # The transport current enters the be port with positive and the bc port with negative sign,
+        # so that it cancels in the base current, the sum of both port currents.
         if own == "be":
             total = transport + self.forward / symbol("forward_gain")
         else:
@@ -235,7 +239,7 @@ class _Laws:
         return total + symbol("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
-        """Return the derivatives of a junction's charge by its own and by the other voltage."""
+        """Return the derivatives of a junction's charge by its own voltage and by the other's."""
         import sympy
 
         v, capacity = self.voltage[own], sympy.Integer(0)
@@ -249,7 +253,7 @@ class _Laws:
         return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
 
     def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
-        """Make the port of a junction.
+        """Build the port of a junction.
 
         Parameters
         ----------
@@ -262,7 +266,8 @@ class _Laws:
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
             kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
-            # Rates of both voltages change sign with the currents.
+            # The sign of pnp transistors applies to voltage rates and currents, so that it cancels
+            # here.
             through += cross * symbol(f"across_rate_{other}")
         return Terminal(
             _DOMAIN,
@@ -275,13 +280,14 @@ class _Laws:
         )
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
-        """Make the port of the junction from the substrate, which never conducts forwards."""
-        # The substrate is p and meets n material, the collector of npn or the base of pnp
-        # transistors: the port has the same polarity for both, so that no sign enters.
+        """Build the port of the substrate junction, which never conducts forwards."""
+        # The p substrate adjoins n material, which is the collector of npn and the base of pnp
+        # transistors. Both have the same polarity, so that no sign enters.
         v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
-            # Always reverse biased: the linear continuation begins at zero voltage.
+            # The junction is always reverse biased, so that the linear continuation begins at zero
+            # voltage.
             storage = Law.of(depletion_capacity(v, "substrate", share=0))
         leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
         return Terminal(
@@ -295,17 +301,17 @@ class _Laws:
         )
 
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
-        # Laws are written for npn transistors; voltages and currents of pnp ones are reversed.
+        # Laws are written for npn transistors. For pnp ones, voltages and currents change sign.
         names = {own: "across", other: f"across_{other}"}
         return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
 
 
 def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
-    """Add to a transistor the terms whose fields a scene gives; ``sign`` as in :func:`_bipolar`."""
+    """Return a function that adds the terms whose fields a scene gives; see :func:`_bipolar`."""
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         has, rest = split_extras(_EXTRAS, given)
-        # A fourth node names the substrate.
+        # The optional fourth node is the substrate.
         has_substrate = len(nodes) == len(TERMINALS) + 1
         if "substrate_capacitance" in has and not has_substrate:
             raise SceneError(
@@ -313,8 +319,8 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
             )
         if not has and not has_substrate:
             return plain, nodes, rest
-        # The charge of the be junction then depends on vbc, too, and its current on the rate of
-        # vbc, which exists only where the bc port is a storage.
+        # The charge of the be junction then also depends on vbc, so that its current depends on the
+        # rate of vbc, which exists only if the bc port is a storage.
         is_coupled = "forward_transit_time" in has and has & BASE_CHARGE
         if is_coupled and not has & _CHARGES["bc"]:
             raise SceneError(
@@ -327,14 +333,15 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
 
 
 def _bipolar(name: str, doc: str, sign: int) -> Component:
-    """Make a bipolar transistor; ``sign`` is -1 for one whose junctions conduct the other way.
+    """Build a bipolar transistor; ``sign`` is 1 for npn and -1 for pnp.
 
     Transport form: Ic = It - Ibc', with It = I (exp(vbe / V) - exp(vbc / V)).
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
-        # The port's current with its base share 1/gain, minus that of the other junction: the
-        # transport current flows through the base from one junction to the other.
+        # The port current is the junction current times 1 + 1/gain, minus that of the other
+        # junction, because the transport current flows through the base from one junction to the
+        # other.
         own = junction_current(sign * across, current, thermal_voltage)
         return sign * (
             own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
@@ -373,10 +380,10 @@ _CHANNEL = ("across", "across_gs", "factor", "threshold", "modulation", "leakage
 
 
 def _mosfet(name: str, doc: str, sign: int) -> Component:
-    """Make a field-effect transistor; ``sign`` is -1 for one with a channel of holes.
+    """Build a field-effect transistor; ``sign`` is 1 for an n-channel and -1 for a p-channel.
 
-    Drain and source may change places: i = k/2 (a^2 - b^2) (1 + l |vds|), where a and b are the
-    excess voltages of the gate over the threshold, against source and drain, or zero.
+    The law i = k/2 (a^2 - b^2) (1 + l |vds|) is symmetric in drain and source. a and b are the gate
+    voltages relative to source and drain minus the threshold, but at least zero.
     """
 
     def law(
@@ -385,13 +392,14 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         import sympy
 
         vds, vgs = sign * across, sign * gate
-        # Square law with channel-length modulation, level 1 of H. Shichman and D. A. Hodges, IEEE
-        # Journal of Solid-State Circuits 3 (1968) 285: ohmic and saturated regions follow from a
-        # and b together.
+        # Square law with channel-length modulation (level 1: H. Shichman and D. A. Hodges, IEEE
+        # Journal of Solid-State Circuits 3 (1968) 285). a and b cover the ohmic and the saturated
+        # region.
         at_source = vgs - sign * threshold
         a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
-        # If both ends conduct, a - b equals vds, but the difference cancels for small vds: at 2 V
-        # rounding would leave a current of about 1e-18 A at zero voltage.
+        # In the ohmic region a - b equals vds, but the difference suffers from cancellation for
+        # small vds. At a gate voltage of 2 V, rounding would cause a current of about 1e-18 A at
+        # zero vds.
         is_open = sympy.Min(at_source, at_source - vds) > 0
         across_channel = sympy.Piecewise((vds, is_open), (a - b, True))
         channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
@@ -430,7 +438,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             _DOMAIN,
             Kind.THROUGH_SOURCE,
             "gs",
-            # The gate takes no static current: its port only measures the voltage.
+            # The gate has no static current. Its port only measures the voltage.
             through=Law(lambda: 0),
             is_passive=False,
             between=("gate", "source"),
@@ -447,7 +455,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
 
 
 def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
-    """Add the fourth node of a field-effect transistor if a scene names it.
+    """Return a function that adds the bulk node to a field-effect transistor if a scene names it.
 
     The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is the voltage of the bulk against
     the lower of source and drain. For v > 0 the root is continued linearly, as in SPICE.
@@ -470,7 +478,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     @lru_cache(maxsize=1)
     def made() -> Component:
         drain = replace(plain.ports[0], through=Law.of(shifted()))
-        # Like the gate, the bulk is a port without current.
+        # Like the gate, the bulk port has no current.
         bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
         return replace(
             plain,
