@@ -1,11 +1,9 @@
 """Across variables: prefix sums over the tree (paper, Eq. (2)).
 
-Quantities of a cluster are vectors resolved in its basis; those of a branch, in the basis of its
-parent. Accelerations contain minus gravity, so that weight needs no terminal equation. A
-sensitivity graph evaluates the same functions with duals; values that do not depend on its seed are
-those of the first graph.
-
-The first graph uses vectors and nodes, a sensitivity graph their duals.
+Vectors of a cluster are resolved in its own basis, vectors of a branch in the basis of its parent
+cluster. Gravity is subtracted from accelerations, so that weight needs no terminal equation. A
+sensitivity graph evaluates the same functions with dual numbers, and takes values that do not
+depend on its seed from the first graph.
 """
 
 from __future__ import annotations
@@ -28,14 +26,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Circuits:
-    """Sums of an across variable along paths of the tree, each formed once."""
+    """Sums of an across variable along paths of the tree, each computed once."""
 
     #: Topology and bases of the clusters.
     clusters: Clusters
     frames: Frames
     #: Function that returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: The circuits of the first graph if this is a sensitivity graph, for values that do not
+    #: The first graph's circuits if this is a sensitivity graph; they supply values that do not
     #: change.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
@@ -46,11 +44,11 @@ class Circuits:
             return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
-            # Paths from one ancestor share their beginnings: each sum adds one term to a known one.
+            # Paths from one ancestor share their beginnings: each sum adds one term to a known sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are resolved in the basis of the ancestor; terms are transformed from that of
-                # the parent.
+                # Sums are in the ancestor's basis, but each term is in the parent's basis:
+                # transform it.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -60,10 +58,10 @@ class Circuits:
 
 
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
-    """Resolve a vector of a cluster's basis in an ancestor's."""
+    """Transform a vector from a cluster's basis to an ancestor's basis."""
     while cluster != ancestor:
         # Bases change one branch at a time; a cluster that shares its parent's basis needs no
-        # change.
+        # transformation.
         a = frames.up(cluster, a)
         branch = clusters.branches[cluster]
         assert branch is not None
@@ -72,7 +70,7 @@ def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancesto
 
 
 def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int) -> Vector:
-    """Resolve a vector of an ancestor's basis in a cluster's."""
+    """Transform a vector from an ancestor's basis to a cluster's basis."""
     for branch in clusters.path(cluster, ancestor):
         a = frames.down(branch.child, a)
     return a
@@ -80,7 +78,7 @@ def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, clust
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions and velocities."""
+    """Positions and velocities of all clusters."""
 
     #: The clusters, and the axes in which vectors are resolved.
     system: System
@@ -92,8 +90,8 @@ class Motion:
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that leads to a cluster."""
-        # Each cluster except the ground, number 0, is carried by one branch; branches are in the
-        # order of the clusters.
+        # Each cluster except the ground (number 0) is the child of one branch, and branches are
+        # numbered like their child clusters.
         return self.geometry[cluster - 1]
 
     @cached_property
@@ -112,24 +110,24 @@ class Motion:
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
-        # The parent carries the whole offset; the motion space adds the motion relative to it.
+        # The offset moves with the parent; the motion space adds the motion relative to it.
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
             result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
         return result
 
     def arm(self, point: Point) -> Vector:
-        """Return a point's position from its cluster's origin, in the cluster's basis."""
+        """Return the vector from a cluster's origin to a point of it, in the cluster's basis."""
         return self.frames.resolved(point.cluster, point.local)
 
     def position(self, point: Point, ancestor: int = 0) -> Vector:
-        """Form the vector from an ancestor's origin to a point, in the ancestor's basis."""
+        """Return the vector from an ancestor's origin to a point, in the ancestor's basis."""
         arm = inwards(self.clusters, self.frames, self.arm(point), point.cluster, ancestor)
         zero = vector.zeros(self.system.dag)
         return vector.add(self.positions.between(ancestor, point.cluster, zero), arm)
 
     def velocity(self, point: Point, ancestor: int = 0) -> Vector:
-        """Form a point's velocity relative to an ancestor's origin, in the ancestor's basis."""
+        """Return a point's velocity relative to an ancestor's origin, in the ancestor's basis."""
         own = vector.cross(self.omega[point.cluster], self.arm(point))
         own = inwards(self.clusters, self.frames, own, point.cluster, ancestor)
         zero = vector.zeros(self.system.dag)
@@ -138,26 +136,26 @@ class Motion:
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Accelerations, less gravity."""
+    """Accelerations of all clusters, with gravity subtracted."""
 
     alpha: tuple[Vector, ...]  # angular acceleration of each cluster, [rad/s^2]
-    #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with an arm is the acceleration
-    #: between the ends of the arm.
+    #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with a vector that is fixed in
+    #: the cluster is the relative acceleration of the vector's two ends.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
-    #: Vector of each moving branch from the parent's origin to the child's, in the parent's basis.
+    #: Vector of each moving branch, from the parent's origin to the child's, in the parent's basis.
     across: tuple[Vector, ...]
     rates: tuple[Node, ...]  # accelerations: derivatives of the speeds
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Form the geometry of the branches and the angular velocities of the clusters ([1] eq. 2).
+    """Compute the geometry of branches and the angular velocities of clusters ([1] eq. 2).
 
     A sensitivity graph passes ``first``, the motion of the first graph, and reuses constant values.
     """
     geometry = []
-    # The ground comes first: it does not rotate. Branches follow those that carry them, so that
-    # each prefix sum adds one term (Eq. (2)).
+    # The ground comes first: it does not rotate. Each branch comes after the branches that carry
+    # it, so that each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
         assert branch is not None
@@ -176,19 +174,19 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
 
 
 def relative_spin(frames: Frames, geometry: Geometry) -> Vector:
-    """Form the angular velocity across a branch."""
+    """Compute the angular velocity of a branch's child relative to its parent."""
     return _moving(frames, geometry, geometry.turning)
 
 
 def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) -> Vector:
-    """Sum the directions of a motion space times the speeds."""
+    """Return the sum of the motion space's directions, each times its speed."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
     speeds = [frames.seen(v.symbol) for v in geometry.branch.speeds]
     return weighted(zero, directions, speeds)
 
 
 def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
-    """Return the weighted sum of vectors; ``zero`` if there are none."""
+    """Return the weighted sum of vectors, or ``zero`` if there are no vectors."""
     total = zero
     for item, factor in zip(vectors, factors, strict=True):
         total = vector.add(total, vector.scale(factor, item))
@@ -196,17 +194,17 @@ def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -
 
 
 def carrier_spin(motion: Motion, branch: Branch) -> Vector:
-    """Return the angular velocity of a branch's carrier, in the basis of its parent."""
+    """Return the angular velocity of a branch's carrier, in the basis of the branch's parent."""
     if branch.carrier != branch.child:
         return motion.omega[branch.carrier]
-    # The carrier is the child, whose vectors are in its own basis.
+    # Here the carrier is the child, whose angular velocity is in its own basis.
     return motion.frames.up(branch.child, motion.omega[branch.child])
 
 
 def accelerate(
     motion: Motion, rates: Sequence[Node], first: Accelerations | None = None
 ) -> Accelerations:
-    """Form the accelerations of the clusters for given rates of the speeds.
+    """Compute the cluster accelerations for given time derivatives of the speeds.
 
     A sensitivity graph passes ``first``, the first graph's accelerations, and keeps ``rates``
     constant: their derivatives are its unknowns.
@@ -226,13 +224,13 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # The term of the branch is unchanged. The sum to the origin is unchanged only if the
+            # The term of the branch is unchanged; the sum to the origin is unchanged only if the
             # sum to the parent is.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
-            # Otherwise the term of the first graph is used above, and only the sum is new.
+            # Otherwise only the sum is computed again, from the first graph's term.
             if len(steps) < child:
                 own = [rates[v.index] for v in branch.speeds]
                 spin = carrier_spin(motion, branch)
@@ -246,9 +244,9 @@ def accelerate(
 
 
 def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
-    """Form the angular acceleration across a branch whose carrier rotates."""
+    """Compute the relative angular acceleration of a branch whose carrier rotates."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
-    # Axes of the motion space are constant in the carrier; their rate in space is spin x e.
+    # The axes of the motion space are constant in the carrier; their rate in space is spin x e.
     gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
     return vector.add(weighted(zero, geometry.turning, rates), gyroscopic)
 
@@ -260,17 +258,17 @@ def _shift(
     spin: Vector,
     matrix: Sequence[Matrix],
 ) -> Vector:
-    """Form the acceleration of a branch's outer origin relative to the inner one."""
+    """Compute the acceleration of a branch's outer origin relative to its inner origin."""
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
-    # Tangential and centripetal acceleration of the arm that the parent carries.
+    # Tangential and centripetal acceleration of the arm that is fixed in the parent.
     total = vector.times(matrix[branch.parent], geometry.from_parent)
     total = vector.add(total, weighted(zero, geometry.sliding, rates))
-    # 2 omega x v of translations along axes that the carrier turns.
+    # Coriolis term 2 omega x v of translations along axes that rotate with the carrier.
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
-    # A joint that points inwards slides along axes of its child, which carries that part of the
-    # arm. Its matrix is in the basis of the child.
+    # A joint that points inwards slides along axes of its child, so that this part of the arm is
+    # fixed in the child. The child's matrix is in the child's basis.
     if not vector.is_zero(geometry.from_child):
         outer = frames.down(branch.child, geometry.from_child)
         carried = vector.times(matrix[branch.child], outer)
@@ -304,8 +302,8 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
-        # Accelerations are zero in the view for the right-hand side, and symbols in the view for
-        # the balances.
+        # In the view for the right-hand side all accelerations are zero; in the view for the
+        # balances they are symbols.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:
@@ -314,12 +312,12 @@ class View:
     def scalar(self, node: Node) -> Node:
         """Return a field, coordinate, speed or acceleration in this view."""
         if self.accelerations is not None:
-            # The symbol of an acceleration has the value at which this view was formed.
+            # An acceleration's symbol is replaced by the value for which this view was computed.
             node = self._rates.get(node, node)
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """Resolve a vector fixed in a cluster, up to explicit time, in an ancestor's basis."""
+        """Transform a vector that is constant in a cluster, apart from explicit time dependence."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
@@ -333,24 +331,24 @@ class View:
     def acceleration(self, point: Point, ancestor: int) -> Vector:
         """Return a point's acceleration relative to an ancestor's origin."""
         zero = vector.zeros(self.motion.system.dag)
-        # Gravity enters at the ground's origin only; sums from an ancestor do not contain it.
+        # Gravity is included at the ground's origin only; sums from an ancestor do not contain it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
         return vector.add(self._accelerations.between(ancestor, point.cluster, zero), own)
 
     def omega(self, cluster: int, ancestor: int) -> Vector:
-        """Return an angular velocity."""
+        """Return a cluster's angular velocity relative to an ancestor."""
         return self._inwards(self.motion.omega[cluster], cluster, ancestor)
 
     def alpha(self, cluster: int, ancestor: int) -> Vector:
-        """Return an angular acceleration."""
+        """Return a cluster's angular acceleration relative to an ancestor."""
         return self._inwards(self.across.alpha[cluster], cluster, ancestor)
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Substitute values for a formula's arguments."""
+        """Substitute this view's values for the arguments of a formula."""
         return self.motion.frames.formula(node, arguments)
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:
-        """Resolve a vector of an ancestor's basis in a cluster's."""
-        # Pulls are formed once, in the basis of the ancestor, for both clusters.
+        """Transform a vector from an ancestor's basis to a cluster's basis."""
+        # Pulls are computed once, in the ancestor's basis, for both clusters.
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

@@ -1,6 +1,6 @@
-"""Chords that constrain: joints that close loops, and constraints, as rows of measures.
+"""Constraints by chords: rows for joints that close loops, and for constraint components.
 
-The across variable of a chord joint is zero along its reaction space; a multiplier acts there.
+The across variable of a chord joint is zero along its reaction space, in which its multiplier acts.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Row:
 
 
 def constraint_rows(motion: Motion) -> list[Row]:
-    """List the rows of every chord joint, constraint and prescribed motion."""
+    """List the constraint rows of all chord joints, constraints and prescribed motions."""
     rows: list[Row] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
@@ -66,7 +66,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows for the across variables of a chord joint along its reaction space."""
+    """Return rows that keep a chord joint's across variables zero along its reaction space."""
     trees = motion.system.trees
     if not trees.is_branch(edge.name, rotates=False):
         yield from _translation_rows(motion, edge)
@@ -79,7 +79,7 @@ def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Row:
 
 
 def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows that keep the nodes together, except for translations of the motion space."""
+    """Return rows that keep the two nodes together, except along the joint's translations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     sliding = [s for s in edge.component.motion_space if isinstance(s, Freedom) and not s.rotates]
     if "vector" in edge.vectors:
@@ -90,7 +90,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
         for place, unit in zip("xyz", vector.identity(dag), strict=True):
             yield _named(edge, place, "m", Coincidence(ends, unit))
         return
-    # A free or spatial joint leaves every translation open.
+    # A free or spatial joint constrains no translation.
     if len(sliding) == 3:
         return
     if len(sliding) == 2:
@@ -104,14 +104,14 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if screws:
         along = AxisLength(ends, carried_by(motion, ends, 0, axis))
         symbols = [dag.symbol("measure", i) for i in range(2)]
-        # A screw advances by its pitch for each radian of the whole angle.
+        # A screw advances by its pitch for each radian of its total angle.
         held = symbols[0] - edge.scalars[screws[0].pitch] * symbols[1]
         parts = (along, whole_angle(motion, edge))
         yield _named(edge, "along", "m", Composite(parts, held, motion.system.time))
 
 
 def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
-    """Return rows that keep the second node at the end of a vector fixed in the first."""
+    """Return rows that keep the second node at the tip of a vector fixed in the first node."""
     dag = motion.system.dag
     for i, place in enumerate("xyz"):
         axis = carried_by(motion, ends, 0, vector.identity(dag)[i])
@@ -121,7 +121,7 @@ def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
 
 
 def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows that keep the nodes' axes aligned, except for rotations of the motion space."""
+    """Return rows that keep the axes of both nodes aligned, except for the joint's rotations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     turning = [s for s in edge.component.motion_space if s.rotates]
     if any(isinstance(s, FreeRotation) for s in turning):
@@ -129,7 +129,7 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     units = vector.identity(dag)
     if not turning:
         for i, place in enumerate(("xy", "yz", "zx")):
-            # Axes are parallel if each axis of one node is perpendicular to the next of the other.
+            # The axes agree if each axis of one node is perpendicular to the next of the other.
             mark = units[(i + 1) % 3]
             if edge.rotation is not None:
                 mark = vector.transposed_times(edge.rotation, mark)
@@ -139,12 +139,12 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if len(turning) == 2:
         u, v = edge.vectors["axis"], edge.vectors["axis2"]
         a, b = carried_by(motion, ends, 0, u), carried_by(motion, ends, 1, v)
-        # A universal joint keeps the angle between the axes of its two forks.
+        # A universal joint keeps the angle between its two fork axes constant.
         held = dag.symbol("measure", 0) - vector.dot(u, v)
         yield _named(edge, "turn", "", Composite((Cosine(ends, a, b),), held, motion.system.time))
         return
     axis = _axis_of(edge)
-    # The axis stays perpendicular to two directions that the second node carries.
+    # The axis stays perpendicular to two directions that are fixed in the second node.
     a = carried_by(motion, ends, 0, axis)
     for i, direction in enumerate(plane_axes(axis)):
         b = carried_by(motion, ends, 1, direction)
@@ -156,7 +156,7 @@ def _axis_of(edge: BoundEdge) -> Vector:
 
 
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Measure the rotation of a chord joint about its axis without a jump at half a turn.
+    """Return the rotation angle of a chord joint as a measure that does not jump at half a turn.
 
     Raises FormulationError if only its sine and cosine are known, so that the angle would jump.
     """
@@ -172,12 +172,12 @@ def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
 
 
 def joint_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Measure the rotation of a chord joint about its axis; in space, between -pi and pi."""
+    """Return the rotation angle of a chord joint as a measure; in space, between -pi and pi."""
     return _angle_about(motion, edge, _axis_of(edge))
 
 
 def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
-    """Measure the rotation of an edge's second node about an axis of its first."""
+    """Return the angle of an edge's second node about an axis of its first node, as a measure."""
     ends = chord_ends(motion, edge)
     reference = plane_axes(axis)[0]
     return Angle(
@@ -190,7 +190,7 @@ def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
 
 
 def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
-    """Sum the angles between the nodes if everything rotates about one normal."""
+    """Return the sum of the angles between the nodes, or None if the motion is not planar."""
     system = motion.system
     if not system.plane:
         return None
@@ -202,7 +202,7 @@ def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
 
 
 def node_angle(motion: Motion, point: Point, plane: str) -> Node:
-    """Sum the rotations about the normal of a plane, from the ground to a node."""
+    """Return the sum of all rotations about a plane's normal, from the ground to a node."""
     n = "xyz".index(plane)
     total = motion.system.dag.zero
     for branch in motion.clusters.turning_path(point.cluster):
@@ -218,9 +218,9 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
 def chord_measure(
     motion: Motion, edge: BoundEdge, name: str, space: Sequence[MotionStep] = ()
 ) -> Measure | None:
-    """Measure a coordinate or a rate of a chord by name; None if it does not exist.
+    """Return the measure of a chord's coordinate or rate by name, or None if it does not exist.
 
-    ``space`` is the motion space that a body would have as a branch; joints have their own.
+    ``space`` is the motion space that a body would have as a branch; joints define their own.
     """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
@@ -252,7 +252,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
     edge = system.edges.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = chord_measure(motion, edge, last)
-        # An expression must not jump at half a turn.
+        # Measures in expressions must not jump at half a turn.
         if isinstance(found, Angle):
             return whole_angle(motion, edge)
         if found is not None:
@@ -266,7 +266,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
 
 
 def expression_measure(motion: Motion, expression: Expression, offset: Node) -> Composite:
-    """Measure an expression of coordinates and positions, minus an offset."""
+    """Return the measure of an expression of coordinates and positions, minus an offset."""
     system = motion.system
     parts: list[Measure] = []
     known: dict[str, Node] = {**system.parameters, "t": system.time}
@@ -289,10 +289,10 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
 
 
 def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
-    """Return the row of a joint's prescribed motion."""
+    """Return the row of a joint with a prescribed motion."""
     name = edge.component.motion_space[0].coordinates[0][0]
     measure = named_measure(motion, f"{edge.name}.{name}")
-    assert measure is not None  # fields are called motion only if there is one coordinate
+    assert measure is not None  # only joints with a single coordinate have the field ``motion``
     dag = motion.system.dag
     held = dag.symbol("measure", 0) - edge.scalars["motion"]
     unit = edge.component.motion_space[0].coordinates[0][1]
@@ -318,7 +318,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)
     x, y, z = (entry if square is dag.one else entry / length for entry in axis)
-    # Axes in a coordinate plane give perpendiculars with the fewest operations.
+    # If the axis lies in a coordinate plane, this choice needs the fewest operations.
     if not z.is_zero and y.is_zero:
         return (z, dag.zero, -x), (dag.zero, dag.one, dag.zero)
     if not z.is_zero and x.is_zero:

@@ -1,12 +1,12 @@
 """Rigid clusters: nodes connected by branches with an empty motion space.
 
 Such branches give no equation. Their across variables are constant in the cluster's frame, so their
-circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at the
-cluster's origin. The moving branches remain between clusters; if the trees of translation and
-rotation differ, a cluster's origin and its axes are reached by different branches.
+circuit sums are computed once, from parameters only, and the inertias of all nodes of a cluster are
+lumped at its origin. Moving branches connect the clusters. If the trees of translation and rotation
+differ, different branches lead to a cluster's origin and to its axes.
 
-The translation tree places the origins of the clusters, the rotation tree orients their axes. If
-the trees are equal, one step does both.
+The translation tree determines the positions of the cluster origins, the rotation tree the
+directions of the cluster axes. If the trees are equal, both are determined in one step.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Point:
-    """A node as a point of its cluster."""
+    """A node as a point of a rigid cluster."""
 
     cluster: int
     local: Vector  # position relative to the cluster's origin, in the cluster's frame
-    turn: Matrix | None = None  # from the node's axes to the cluster's; None if equal
+    turn: Matrix | None = None  # rotation from node axes to cluster axes; None if equal
 
     def resolved(self, a: Vector) -> Vector:
-        """Resolve a vector given in the node's axes in the cluster's."""
-        # Most nodes have the axes of their cluster and need no product.
+        """Transform a vector from node axes to cluster axes."""
+        # Most nodes have the axes of their cluster, so that no product is needed.
         return a if self.turn is None else vector.times(self.turn, a)
 
 
 @dataclass(frozen=True)
 class Branch:
-    """A branch with a motion space, from a parent cluster to its child.
+    """A branch with a motion space, which leads from a parent cluster to its child.
 
-    The child's origin is the branch's outer node. A joint of successive degrees of freedom is
-    several branches, with empty clusters between them.
+    The child's origin is the branch's outer node. A joint with successive degrees of freedom
+    consists of several branches, with empty clusters between them.
     """
 
     edge: str  # joint to which the branch belongs
@@ -56,18 +56,18 @@ class Branch:
     #: The cluster relative to which the child's axes rotate: the parent, unless the trees differ.
     turn_parent: int
     child: int
-    #: Cluster in whose axes the motion space is constant: that of the edge's first node; for
-    #: angular velocities, of its second node.
+    #: Cluster in whose axes the motion space is constant: the cluster of the edge's first node, or
+    #: of its second node for angular velocities.
     carrier: int
     anchor: Vector  # position of the branch's inner node in the parent's frame
-    #: Coordinates and speeds of the branch; None if it only combines the origin and the axes of the
-    #: child.
+    #: Coordinates and speeds of the branch; None if the branch only combines an origin and axes
+    #: that the two trees determine separately.
     step: Step | None
     axes: tuple[Vector, ...]  # direction of each speed, in the axes of the carrier
     #: Translation along the axis per unit of each speed: one for a translation, zero for a
     #: rotation, the pitch for a screw.
     slides: tuple[Node, ...]
-    #: For a free rotation: the initial axes of the child, in those of the turn parent.
+    #: For a free rotation: the child's axes at identity rotation, in axes of ``turn_parent``.
     mount: Matrix | None = None
 
     @property
@@ -88,7 +88,7 @@ class Branch:
     @property
     def position(self) -> Node:
         """The single coordinate of a branch along one axis."""
-        # A free rotation has four coordinates, which `quaternion` gives.
+        # A free rotation has four coordinates, which are returned by `quaternion`.
         return self.coordinates[0].symbol
 
     @property
@@ -101,7 +101,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class EdgeEntry:
-    """The branches of an edge that lead a tree from one cluster to another."""
+    """The branches that represent one edge of a tree between two clusters."""
 
     sign: int  # +1 if the edge points away from the ground, else -1
     #: Clusters of the innermost and outermost branches of the edge.
@@ -111,7 +111,7 @@ class EdgeEntry:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass, first moment and second moment about the origin of a rigid cluster, in its axes."""
+    """Mass, first moment and second moment of a rigid cluster about its origin, in its axes."""
 
     mass: Node
     moment: Vector
@@ -120,13 +120,13 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Clusters:
-    """The rigid clusters of a system; number 0 is the ground, parents come before children."""
+    """The rigid clusters of a system: number 0 is the ground, parents come before children."""
 
     points: dict[str, Point]  # points of all nodes
     branches: tuple[Branch | None, ...]  # the branch that carries each cluster; None for the ground
-    #: The lumped inertia of each cluster; None without inertia.
+    #: Lumped inertia of each cluster; None if it has no inertia.
     inertias: tuple[Inertia | None, ...]
-    #: For each graph, the branches that belong to every edge with a motion space.
+    #: For each graph, the branches of every edge with a motion space.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
@@ -140,23 +140,23 @@ class Clusters:
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
-        """List the branches of the rotation tree that rotate a cluster, ground first."""
+        """List the rotation tree's branches that rotate a cluster, starting at the ground."""
         found: list[Branch] = []
         while cluster:
             branch = self.branches[cluster]
             assert branch is not None
-            # Translations leave the axes unchanged.
+            # Translations do not change the axes.
             if branch.turns:
                 found.append(branch)
             cluster = branch.turn_parent
         return found[::-1]
 
     def common_ancestor(self, a: int, b: int) -> int:
-        """Return the outermost cluster on both paths to the ground."""
+        """Return the outermost cluster that is on both clusters' paths to the ground."""
         while a != b:  # a parent has a smaller number than its children
             branch = self.branches[max(a, b)]
             assert branch is not None
-            # The cluster of the larger number cannot be an ancestor of the other: move it inwards.
+            # The cluster of the larger number is no ancestor of the other: move on to its parent.
             a, b = min(a, b), branch.parent
         return a
 
@@ -167,14 +167,14 @@ def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
     ``offset`` leads from the origin to the centre of mass, [m]; ``tensor`` is None for a particle.
     """
     moment = vector.scale(mass, offset)
-    # A particle has no inertia about its own centre, but about the origin.
+    # A particle has no inertia about its own centre of mass, only about the origin.
     steiner = _steiner(moment, offset)
     return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
 
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
-    """Form m (c.c 1 - c c^T) from m c and c."""
-    # Each product m c_i c_j is formed once and used in two entries of the tensor.
+    """Compute m (c.c 1 - c c^T) from m c and c."""
+    # Each product m c_i c_j is computed once and used in two entries of the tensor.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
     return ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
@@ -184,7 +184,7 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
     """Add two inertias about the same origin."""
     if a is None:
         return b
-    # Mass and both moments refer to one origin and one set of axes, so they are added.
+    # Mass and both moments refer to the same origin and axes, so they can be added.
     return Inertia(
         a.mass + b.mass, vector.add(a.moment, b.moment), vector.matadd(a.tensor, b.tensor)
     )
@@ -210,15 +210,15 @@ class _Walks:
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch | None] = [None]
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
-        # The step of the rotation tree to each node, and the rotation from the node's axes to its
-        # cluster's (None if equal).
+        # For each node, the step of the rotation tree that leads to it, and the rotation from the
+        # node's axes to its cluster's axes (None if equal).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
-        """Traverse the translation tree; a body waits until the rotation tree has reached it."""
-        # Each round places the nodes that both trees have reached. If a round places none, the
-        # trees wait for each other, and no order of the clusters exists.
+        """Traverse the translation tree; a node waits until the rotation tree has reached it."""
+        # Each round processes the nodes that both trees have reached. If a round processes none,
+        # the trees wait for each other, and no order of the clusters exists.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -227,13 +227,13 @@ class _Walks:
             rest = waiting
 
     def _is_done(self, step: TreeStep) -> bool:
-        """Place a node of the translation tree; return False if it has to wait."""
+        """Process a node of the translation tree; return False if it has to wait."""
         inner = self.points.get(step.parent)
         if inner is None:
             return False
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # Arms and welds are branches of both trees or of neither.
+            # Arms and welds are branches of both trees, or of neither.
             self.points[step.child] = self._fixed_point(edge, step, inner)
             return True
         turning = self._entering(step.child)
@@ -244,7 +244,7 @@ class _Walks:
         return True
 
     def _opposite(self, waiting: list[TreeStep]) -> str:
-        """Describe the bodies that the trees reach in opposite orders."""
+        """Return an error message about bodies that the two trees reach in opposite orders."""
         step = next(step for step in waiting if step.parent in self.points)
         turning = self._entering(step.child)
         return (
@@ -257,14 +257,14 @@ class _Walks:
     def _entering(self, node: str) -> TreeStep:
         """Return the step of the rotation tree that leads into a node's cluster."""
         step = self._to[node]
-        # Arms stay within a cluster, which is entered by the nearest other edge inwards.
+        # Arms stay within a cluster; the nearest inner edge that is not an arm leads into it.
         while self.system.edges[step.edge].component.role is Role.ARM:
             step = self._to[step.parent]
         return step
 
     def _turn(self, node: str) -> Matrix | None:
-        """Return a node's own axes in its cluster's, which the rotation tree determines."""
-        # Walk inwards to a node of known axes, then compose the rotations outwards.
+        """Return the rotation from a node's axes to its cluster's axes, from the rotation tree."""
+        # Walk inwards to a node whose axes are known, then compose the rotations outwards.
         unknown = []
         while node not in self._turns:
             unknown.append(self._to[node])
@@ -278,41 +278,41 @@ class _Walks:
     def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # The rotation of an arm or a weld gives the second node's axes in the first's.
+            # The rotation of an arm or a weld expresses the second node's axes in the first's.
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)
             return _product(turn, own)
         steps = self.system.steps.get(step.edge, ())
-        # The outer node's axes become the child's.
+        # The outer node's axes become the child's axes.
         return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
 
     def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
-        """Place the other node of an arm or a weld."""
+        """Determine the position of the other node of an arm or a weld."""
         arm = edge.vectors.get("vector")
         if step.sign > 0:
-            # The arm is given in the axes of the edge's first node: that is the inner node here.
+            # The arm is given in the axes of the edge's first node, which is the inner node here.
             local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
             return Point(inner.cluster, local, self._turn(step.child))
-        # The first node is the outer one, whose axes must be known to resolve the arm.
+        # The first node is the outer node here; its axes must be known to resolve the arm.
         first = replace(inner, turn=self._turn(step.child))
         if arm is None:
             return first
         return replace(first, local=vector.sub(first.local, first.resolved(arm)))
 
     def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
-        """Form the branches that lead into a cluster, and return the cluster's origin."""
+        """Build the branches that lead into a cluster, and return the cluster's origin."""
         first = len(self.branches)
         if turning == step:
             place = self._along(step, inner, inner)
-            # An edge with an empty motion space forms no branch.
+            # An edge with an empty motion space has no branch.
             if len(self.branches) > first:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
             return place
-        # A joint slides in the axes of its first node: those of the cluster at which it starts, or
-        # of the one to which it leads, whose axes are then found first.
+        # A joint slides in the axes of its first node. If that node is in the cluster to which the
+        # joint leads, the axes of that cluster are determined first.
         place, turned = inner, self.points[turning.parent]
         if step.sign > 0:
             place = self._along(step, place, place)
@@ -331,7 +331,7 @@ class _Walks:
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
-        """Form a branch for each step of an edge's motion space."""
+        """Build a branch for each step of an edge's motion space."""
         # An edge that points inwards is traversed from its second node: its last step comes first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
@@ -353,15 +353,15 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
 def _branch(
     edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Make one branch of a joint, starting at ``place``, and its outer node.
+    """Build one branch of a joint that starts at ``place``, and its outer node.
 
-    ``turned`` is the point at which its rotation begins; it differs from ``place`` only if the
-    trees differ.
+    ``turned`` is the point at which the branch's rotation begins; it differs from ``place`` only if
+    the trees differ.
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
-    # At zero coordinates the child's axes are those of the turn parent, so that the inner node's
-    # rotation applies to the outer node, too.
+    # At zero coordinates the child's axes equal those of the turn parent, so that the inner node's
+    # rotation also applies to the outer node.
     inner, outer = turned.cluster, Point(child, zero, turned.turn)
     carrier = inner if sign > 0 else child
     mount: Matrix | None = None
@@ -374,8 +374,8 @@ def _branch(
         axes = (turned.resolved(axis[own.kind.axis]),)
         slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
     elif own is not None:
-        # Angular velocities of a free rotation are in the axes of the edge's second node, which
-        # become the child's axes where the edge points outwards.
+        # Angular velocities of a free rotation are in axes of the edge's second node, which are the
+        # child's axes if the edge points outwards.
         axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
         slides = (dag.zero, dag.zero, dag.zero)
         carrier = child if sign > 0 else inner
@@ -410,7 +410,7 @@ def _inertias(
         with system.dag.labelled(f"inertia of {body.name}"):
             tensor = body.inertia
             if tensor is not None and point.turn is not None:
-                # Given in the axes of the body's node; lumped tensors are in those of the cluster.
+                # The body's tensor is in axes of its node; lumped tensors are in cluster axes.
                 tensor = vector.congruence(point.turn, tensor)
             own = shifted(body.scalars["mass"], point.local, tensor)
             inertias[point.cluster] = combined(inertias[point.cluster], own)

@@ -1,4 +1,4 @@
-"""Constraints: rows of measures that stay zero, with multipliers as their through variables."""
+"""Constraints: measures that must stay zero, with multipliers as dual through variables."""
 
 from __future__ import annotations
 
@@ -23,51 +23,50 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Constraints:
-    """The constraints of a scene."""
+    """The constraint equations of a scene."""
 
     rows: tuple[Row, ...]  # rows whose rate depends on at least one speed
     multipliers: tuple[Node, ...]  # symbols of the constraint forces (multipliers)
-    applied: tuple[Applied, ...]  # generalised forces of the multipliers
-    #: Derivative of each rate by each speed, shape (n_rows, n_speeds).
+    applied: tuple[Applied, ...]  # generalised forces due to the multipliers
+    #: Derivative of each rate with respect to each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]
-    #: Sums of squares of the gradient's terms, without cancellation.
+    #: Sums of the squared terms of the gradient, in which nothing cancels.
     sizes: tuple[tuple[Node, ...], ...]
-    values: tuple[Node | None, ...]  # values of the measures; None for those that have only a rate
+    values: tuple[Node | None, ...]  # values of the measures; None if a measure has only a rate
     rates: tuple[Node, ...]  # rates of the measures
-    #: Accelerations of the measures at zero accelerations of the coordinates, plus stabilisation
+    #: Accelerations of the measures if all coordinate accelerations are zero, plus stabilisation
     #: terms.
     biases: tuple[Node, ...]
     baumgarte: float  # decay rate of constraint violations
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
-    """Form the constraints of a scene, and the rows that no motion changes (those out of a plane).
+    """Form the constraints of a scene, and list the rows that no motion can change.
 
-    ``view`` is the first graph at zero accelerations; ``baumgarte`` is the decay rate, [1/s], of
-    violated constraints.
+    Such rows act out of the plane of motion, for example. ``view`` is the first graph at zero
+    accelerations; ``baumgarte`` is the decay rate of constraint violations, [1/s].
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
     for row in (*constraint_rows(motion), *prescribed_rate_rows(motion)):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
-            # The power of the pull for a unit of each speed is the derivative of the rate by that
-            # speed: a row of G, without differentiating the value.
+            # The power of the pull per unit of each speed is the derivative of the rate with
+            # respect to that speed: a row of G, without differentiating the value.
             gradient = tuple(along_speeds(motion, pull))
-        # If the row is zero, no multiplier could act on any speed, and the matrix would be
-        # singular.
+        # If the row is zero, the multiplier acts on no speed, and the matrix would be singular.
         if all(entry.is_zero for entry in gradient):
             idle.append(row)
         else:
             kept.append((row, pull, gradient))
-    # Multipliers are numbered after the accelerations: both are unknowns of one system.
+    # Multipliers are numbered after the accelerations, since both are unknowns of one system.
     symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
     values, rates, biases = [], [], []
     for row, _, _ in kept:
         with dag.labelled(f"constraint of {row.edge}"):
             values.append(row.measure.value(view))
             rates.append(row.measure.rate(view))
-            # The accelerations of the view are zero, so c'' = G v' + b gives b.
+            # The accelerations of the view are zero, so c'' = G v' + b yields b.
             biases.append(stabilised(row.measure, view, baumgarte))
     constraints = Constraints(
         tuple(row for row, _, _ in kept),
@@ -96,12 +95,11 @@ def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, 
 
 
 def stabilised(measure: Measure, view: View, rate: float) -> Any:
-    """Form c'' + 2 b c' + b^2 c of a measure c, without the last term if c has no value.
+    """Return c'' + 2 b c' + b^2 c of a measure c, without the last term if c has no value.
 
-    The rate b = 0 leaves c'' alone (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
+    With the rate b = 0 it is c'' (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
     """
-    # With rate b a violation decays like exp(-b t), critically damped; without stabilisation it may
-    # grow.
+    # A violation decays like exp(-b t), critically damped; without stabilisation it may grow.
     total = measure.acceleration(view)
     if rate:
         total = total + (2.0 * rate) * measure.rate(view)
@@ -111,18 +109,18 @@ def stabilised(measure: Measure, view: View, rate: float) -> Any:
 
 
 def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Project a pull on the motion spaces of the branches: its power per unit of each speed."""
+    """Project a pull on the motion spaces: its power per unit of each speed."""
     return _along_speeds(motion, pull, project, lambda effort: effort)
 
 
 def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Sum the squared terms of :func:`along_speeds`: its magnitude without cancellation."""
+    """Sum the squared terms of :func:`along_speeds`, in which nothing cancels."""
     return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
 
 
 def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
     turning, shifting = geometry.turning[i], geometry.shifting[i]
-    # |e|^2 |T|^2 bounds (e.T)^2: entries far below the bound are rounding.
+    # |e|^2 |T|^2 is an upper bound of (e.T)^2: entries far below the bound are rounding errors.
     turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
     return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
 
@@ -133,15 +131,15 @@ def _along_speeds(
     projected: Callable[[Geometry, int, Wrench], Node],
     of_effort: Callable[[Node], Node],
 ) -> list[Node]:
-    """Traverse the branches inwards from each cluster that is pulled."""
+    """Traverse the branches inwards from each cluster on which a wrench acts."""
     dag, frames = motion.system.dag, motion.frames
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
-        # Efforts act along speeds and need no projection.
+        # Efforts act along speeds directly and need no projection.
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
-        # Each wrench is propagated separately, since sizes add squares term by term. Parents have
-        # smaller numbers, so that no sum beyond its own cluster changes.
+        # Each wrench is propagated separately, since the sizes add squares term by term. Parents
+        # have smaller numbers, so that clusters with larger numbers are not affected.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):
@@ -156,5 +154,5 @@ def _along_speeds(
 
 
 def multiplier_loads(applied: Sequence[Applied]) -> list[Pull]:
-    """Multiply each pull by the value of its through variable."""
+    """Return each pull multiplied by the value of its through variable."""
     return [row.pull.scaled(row.magnitude) for row in applied]

@@ -1,4 +1,4 @@
-"""Measures of contact: of a blade, of a rolling disc, and of bodies that may touch."""
+"""Contact measures: of a blade, of a rolling disc, and of bodies that may touch."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class Slip:
-    """Velocity of the second node relative to the first body, along an axis of the second."""
+    """Velocity of the second node relative to the first body, along an axis of the second node."""
 
     ends: Ends
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Return None: the coordinate does not exist."""
+        """Return None, since no such coordinate exists."""
         return None
 
     def _velocity(self, view: View) -> Any:
         omega, _ = _against_first(self.ends, view)
-        # The rate of r in space minus the part due to the rotation of the first body.
+        # Rate of change of r in space, minus the part due to the rotation of the first body.
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
@@ -51,14 +51,14 @@ class Slip:
             vector.cross(alpha, self.ends.reach(view)),
             vector.cross(omega, self.ends.closing(view)),
         )
-        # Product rule of e.(r' - omega x r), with omega' = alpha; a term for e' follows.
+        # Product rule for e.(r' - omega x r), with omega' = alpha; the term for e' is added below.
         own = vector.sub(self.ends.opening(view), carried)
         return vector.dot(self.axis.value(view), own) + vector.dot(
             self.axis.rate(view), self._velocity(view)
         )
 
     def pull(self, view: View) -> Pull:
-        """Apply a unit force across the blade."""
+        """Return a unit force across the blade, and its reaction."""
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -76,7 +76,7 @@ class Facing(Protocol):
 
 @dataclass(frozen=True)
 class Centres:
-    """The direction between the centres of two balls, of an edge by its name."""
+    """The direction from one ball's centre to the other's, for the edge with the given name."""
 
     ends: Ends
     edge: str
@@ -90,7 +90,7 @@ class Centres:
         return self._polar(view)[1]
 
     def rate(self, view: View) -> Any:
-        """Return the part of r' perpendicular to it, divided by the distance."""
+        """Return the part of r' perpendicular to the direction, divided by the distance."""
         length, along = self._polar(view)
         closing = self.ends.closing(view)
         across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
@@ -110,7 +110,7 @@ class Tangent:
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
     def rate(self, view: View) -> Any:
-        """Return the time derivative for a constant axis."""
+        """Return the time derivative if the axis is constant."""
         n, n_rate = self.facing.value(view), self.facing.rate(view)
         turned = vector.add(
             vector.scale(vector.dot(n_rate, self.axis), n),
@@ -158,15 +158,15 @@ class Tilted:
         return vector.sub(self.axis, vector.scale(share, between))
 
     def rate(self, view: View) -> Any:
-        """Return the time derivative for constant axes."""
+        """Return the time derivative if both axes are constant."""
         share, height, between = self._parts(view)
         n_rate = self.facing.rate(view)
         change = (vector.dot(n_rate, self.axis) - share * vector.dot(n_rate, self.up)) / height
         return vector.neg(vector.add(vector.scale(change, between), vector.scale(share, n_rate)))
 
 
-#: Perpendicular unit vectors, times seven. The opposite of the last is a direction in which no body
-#: lies by symmetry.
+#: Perpendicular unit vectors, multiplied by seven. By symmetry, no body lies in the direction
+#: opposite to the last one.
 _SKEW = ((3, -6, 2), (6, 2, -3), (2, 3, 6))
 
 
@@ -174,7 +174,7 @@ class Surface(Protocol):
     """The shape of the second body, and its lowest point."""
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return the depth of the lowest point below the second node."""
+        """Return how far the lowest point is below the second node."""
         ...
 
     def place(self, view: View, facing: Facing) -> Any:
@@ -182,13 +182,13 @@ class Surface(Protocol):
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the time derivative of place; the point moves over the body."""
+        """Return the time derivative of ``place``; the point moves over the body."""
         ...
 
 
 @dataclass(frozen=True)
 class Ball:
-    """A sphere about the second node; of radius zero, a point."""
+    """A sphere about the second node, or a point if the radius is zero."""
 
     radius: Node
 
@@ -207,7 +207,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Rim:
-    """A circle about the second node, perpendicular to an axle that it carries."""
+    """A circle about the second node, perpendicular to an axle that is fixed in the node."""
 
     axle: Carried
     radius: Node
@@ -217,7 +217,7 @@ class Rim:
         """Return the part of the normal in the plane of the disc, its length, and its direction."""
         n, d = facing.value(view), self.axle.value(view)
         # The contact is the lowest point of the rim, opposite to the projection of the normal on
-        # the disc. If the disc lies flat the projection vanishes, and no point is lowest.
+        # the disc. If the disc lies flat, the projection vanishes, and there is no lowest point.
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
         origin = (
             f"tilt of edge '{self.edge}', whose axis must not be parallel to the normal; tilt "
@@ -226,19 +226,19 @@ class Rim:
         return part, *vector.polar(part, origin)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return r |p|: n.up is |p|, the sine of the angle between normal and axle."""
+        """Return r |p|, where |p| = n.up is the sine of the angle between normal and axle."""
         return view.scalar(self.radius) * self._down(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return the vector from the centre to the contact."""
+        """Return the vector from the centre to the contact point."""
         return vector.scale(-view.scalar(self.radius), self._down(view, facing)[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the time derivative of place."""
+        """Return the time derivative of ``place``."""
         _, length, up = self._down(view, facing)
         n, d = facing.value(view), self.axle.value(view)
         n_rate, d_rate = facing.rate(view), self.axle.rate(view)
-        # Rate of n - (n.d) d, by the product rule.
+        # Time derivative of n - (n.d) d, by the product rule.
         along = vector.dot(n_rate, d) + vector.dot(n, d_rate)
         turned = vector.add(vector.scale(along, d), vector.scale(vector.dot(n, d), d_rate))
         part_rate = vector.sub(n_rate, turned)
@@ -249,7 +249,7 @@ class Rim:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """An ellipsoid about the second node, along axes that it carries."""
+    """An ellipsoid about the second node, along axes that are fixed in the node."""
 
     axes: tuple[Carried, Carried, Carried]
     semiaxes: Vector
@@ -268,11 +268,11 @@ class Ellipsoid:
         return entries, function("sqrt", total)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return the distance of the tangential plane."""
+        """Return the distance of the tangential plane from the centre."""
         return self._entries(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return - sum a^2 m e / depth, the point at which the surface is normal to n."""
+        """Return - sum a^2 m e / depth, the point at which n is normal to the surface."""
         entries, depth = self._entries(view, facing)
         parts = [
             vector.scale(-(s * m / depth), axis.value(view))
@@ -281,7 +281,7 @@ class Ellipsoid:
         return vector.add(vector.add(parts[0], parts[1]), parts[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the time derivative of place, by the product rule."""
+        """Return the time derivative of ``place``, by the product rule."""
         n, n_rate = facing.value(view), facing.rate(view)
         entries, depth = self._entries(view, facing)
         squares = self._squares(view)
@@ -302,18 +302,18 @@ class Ellipsoid:
 
 @dataclass(frozen=True)
 class Touching:
-    """Velocity of the second body at its contact with the first, along a direction."""
+    """Velocity of the second body at its contact with the first body, along a direction."""
 
-    ends: Ends  # a node on the plane, or the centre of the ball; and the node of the second body
+    ends: Ends  # node on the plane or centre of the ball, and the node of the second body
     facing: Facing  # normal direction of the contact
     surface: Surface  # shape of the second body
     direction: Facing  # direction in which the velocity is measured
-    #: For the normal direction: height of the first body's surface above its node, so that the
-    #: value is the gap. None for other directions.
+    #: For the normal direction: height of the first body's surface above its node, from which the
+    #: gap is computed. None for other directions.
     rise: Node | None
 
     def value(self, view: View) -> Any:
-        """Return the gap, across the contact."""
+        """Return the gap, or None along other directions than the normal."""
         if self.rise is None:
             return None
         height = vector.dot(self.facing.value(view), self.ends.reach(view))
@@ -324,7 +324,7 @@ class Touching:
         contact = self.surface.place(view, self.facing)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
-        # The velocity of the material point at the contact; it is zero in pure rolling.
+        # Velocity of the material point at the contact, which is zero in pure rolling.
         own = vector.add(self.ends.closing(view), vector.cross(spin, contact))
         carried = vector.cross(omega, vector.add(self.ends.reach(view), contact))
         return vector.sub(own, carried)
@@ -343,7 +343,7 @@ class Touching:
         turn = view.alpha(cluster, self.ends.ancestor)
         own = vector.add(self.ends.opening(view), vector.cross(turn, contact))
         own = vector.add(own, vector.cross(spin, contact_rate))
-        # Product rule of omega x (r + contact), where the contact moves over both surfaces.
+        # Product rule for omega x (r + contact); the contact point moves over both surfaces.
         place = vector.add(self.ends.reach(view), contact)
         moving = vector.add(self.ends.closing(view), contact_rate)
         carried = vector.add(vector.cross(alpha, place), vector.cross(omega, moving))
@@ -352,13 +352,13 @@ class Touching:
         )
 
     def pull(self, view: View) -> Pull:
-        """Return a force at the contact, and its reaction."""
+        """Return a unit force at the contact point, and its reaction."""
         beyond = self.surface.place(view, self.facing)
         return pull_in_place(view, self.ends, self.direction, beyond=beyond)
 
 
 def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
-    """Return the shape of the body at the second end: a disc, an ellipsoid, a sphere or a point."""
+    """Return the shape of the second body: a disc, an ellipsoid, a sphere or a point."""
     if "semiaxes" in edge.vectors:
         x, y, z = (carried_by(motion, ends, 1, e) for e in vector.identity(motion.system.dag))
         return Ellipsoid((x, y, z), edge.vectors["semiaxes"])
@@ -369,7 +369,7 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
 
 
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
-    """Measure the gap or a slip at one of the points of a contact.
+    """Return the measure of the gap or of a slip at one point of a contact.
 
     Raises FormulationError if a planar contact law acts in a system that is not planar.
     """
@@ -389,7 +389,7 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
 def _direction(
     motion: Motion, edge: BoundEdge, ends: Ends, facing: Facing, quantity: str
 ) -> Facing:
-    """Return a direction of slip: one of two tangents, or the tangential part of an axis of a ball.
+    """Return a slip direction: a tangent, or the tangential part of an axis of a ball.
 
     The two tangents and the normal form a right-handed system. In a planar system the first tangent
     is normal x e, where e is the axis perpendicular to the plane of motion, and the second one is
@@ -405,7 +405,7 @@ def _direction(
             along = first, vector.cross(normal, first)
         return carried_by(motion, ends, 0, along[index])
     if quantity.startswith("part"):
-        # The perpendicular parts of three axes always span the tangential plane.
+        # The tangential parts of the three axes always span the tangential plane.
         return Tangent(facing, axes[index])
     if plane:
         return Across(facing, axes["xyz".index(plane)])
@@ -429,12 +429,12 @@ def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
 
 
 def _offset(edge: BoundEdge, spot: int) -> Vector | None:
-    """Return the point relative to the node, in its axes; None if it is the node."""
+    """Return the position of a contact point in node axes, or None if it is the node itself."""
     if "size" in edge.vectors:
         size = edge.vectors["size"]
         corner = list(vector.zeros(size[0].dag))
         sides = [i for i in range(3) if not size[i].is_zero]
-        # An edge of zero length keeps two corners at one point, for a constant number of points.
+        # An edge of zero length has two corners at one point, so the number of points is constant.
         signs = list(product((-1, 1), repeat=len(sides)))
         for i, sign in zip(sides, signs[spot % len(signs)], strict=True):
             corner[i] = 0.5 * sign * size[i]

@@ -1,7 +1,7 @@
-"""Checks of a scene and its first graph by its numbers, before further work.
+"""Numerical checks of a scene and its first graph before expensive work begins.
 
-Deriving sensitivities, writing C and compiling it take minutes for a large robot; these checks find
-errors in the numbers at once.
+Sensitivities, C text and compilation take minutes for a large robot; these checks find errors in
+the numbers at once.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Singular values below this are rounding, for a matrix with rows and columns of length one.
+#: Singular values below this are rounding errors, for a matrix with rows and columns of length one.
 _ROUNDING = 1e-15
-#: Number of random configurations; a motion must be without inertia in all of them.
+#: Number of random configurations; a motion without inertia must be without it in all of them.
 _N_TRIED = 3
 
 
 @contextmanager
 def within_range(scene: SceneDescription) -> Iterator[None]:
-    """Return the scene's value that probably makes a constant overflow."""
+    """Raise an error that names the scene value most likely to have made a constant overflow."""
     try:
         yield
     except ArithmeticError as error:
-        # The value farthest from one is most likely to exceed the range of doubles.
+        # The value farthest from one is the most likely to exceed the range of doubles.
         rows = [(abs(math.log(abs(x))), x, where) for x, where in _numbers(scene) if x]
         _, number, where = max(rows, default=(0.0, 0.0, f"scene '{scene.name}'"))
         raise FormulationError(
@@ -52,7 +52,7 @@ def within_range(scene: SceneDescription) -> Iterator[None]:
 
 
 def _numbers(scene: SceneDescription) -> Iterator[tuple[float, str]]:
-    """List the numbers in a scene, with their owners."""
+    """List the numbers in a scene, with descriptions of their owners."""
     for edge in scene.edges.values():
         for name, value in (*edge.fields.items(), *edge.initial.items()):
             for number in _constants(value):
@@ -77,18 +77,18 @@ def _constants(value: object) -> Iterator[float]:
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Raise for errors that occur at every state.
+    """Raise errors that occur in every state.
 
-    ParameterError if the scene's values violate a guard; SingularSystemError if the bordered mass
-    matrix is singular in every configuration.
+    ParameterError if scene values violate a guard; SingularSystemError if the bordered mass matrix
+    is singular in every configuration.
     """
     system = first.system
     names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
-        # Infinities are errors, too, and every guard fails for nan.
+        # Infinity is an error, too; it is replaced by nan, which violates every guard.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
-    # Pivots known to be positive need no trial.
+    # Pivots known to be positive need no numerical test.
     if all(first.is_safe[: len(system.speeds)]):
         return
     found = _motion_without_inertia(first)
@@ -102,7 +102,7 @@ def check_numbers(first: FirstGraph) -> None:
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
     i, what = speeds[0].index, "moves no inertia"
-    # The inertia is nonzero, but may be a rounding error of that of a long arm or another body.
+    # The inertia is nonzero, but may be a rounding error of another body's or a long arm's inertia.
     if len(speeds) == 1 and own[i] != 0.0:
         what += f" beyond rounding errors of the {carried[i]:.3g} that its joint carries"
     raise SingularSystemError(
@@ -116,16 +116,16 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | None:
-    """Return speeds that neither mass matrix nor constraints resist at random states, or None.
+    """Return speeds that mass matrix and constraints do not resist in random states, or None.
 
-    With them, the inertia that each speed moves and the inertia beyond its joint.
+    Also return the inertia that each speed moves, and the inertia beyond its joint.
     """
     n = len(first.system.speeds)
-    # The mass matrix, and below it the gradients: speeds in the common null space have neither
-    # inertia nor constraints.
+    # The rows of the mass matrix, followed by the constraint gradients: speeds in their common null
+    # space have neither inertia nor constraints.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
-    # The seed is fixed, so that the result for a scene is always the same.
+    # The seed is fixed, so that a scene always has the same result.
     random = np.random.default_rng(0)
     result = None
     for _ in range(_N_TRIED):
@@ -134,7 +134,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # One configuration in which all speeds have inertia or constraints is sufficient.
+        # If all speeds have inertia or constraints in one configuration, no further one is tested.
         rows = found.reshape(-1, n)
         motion = _null_vector(rows, least)
         if motion is None:
@@ -146,13 +146,13 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
 def _random_state(
     first: FirstGraph, symbols: Sequence[Node], random: np.random.Generator
 ) -> dict[Node, float]:
-    """Assign a number to every symbol: parameters their own, quaternions of unit length."""
+    """Assign a number to every symbol: scene values of parameters, unit quaternions."""
     system = first.system
     values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
     values |= {s: first.scene.parameters[name].number for name, s in system.tunable.items()}
     for step in chain(*system.steps.values()):
         if isinstance(step.kind, FreeRotation):
-            # A normal distribution has no preferred direction.
+            # Normally distributed entries have no preferred direction.
             turn = random.normal(size=len(step.coordinates))
             turn /= np.linalg.norm(turn)
             values |= {c.symbol: x for c, x in zip(step.coordinates, turn.tolist(), strict=True)}
@@ -160,7 +160,7 @@ def _random_state(
 
 
 def _carried(first: FirstGraph) -> Array:
-    """Sum the inertia that uncertain speeds may move, as a reference for rounding."""
+    """Sum the inertia that uncertain speeds may move, as a reference for rounding errors."""
     n_clusters = len(first.motion.clusters.branches)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
@@ -179,11 +179,11 @@ def _carried(first: FirstGraph) -> Array:
 
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
-    """Return a null vector up to rounding, or None; ``least`` bounds the scales of the diagonal."""
+    """Return a null vector up to rounding, or None; ``least`` is a lower bound of the diagonal."""
     if not np.all(np.isfinite(rows)):
         return None
     n = len(least)
-    # Scaled to a unit diagonal, so that the bound does not depend on units.
+    # Scale to a unit diagonal, so that the bound does not depend on units.
     sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))
     sizes[sizes == 0.0] = 1.0
     scaled = rows / sizes

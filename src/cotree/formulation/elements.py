@@ -1,7 +1,7 @@
-"""Terminal equations of the force elements: chords whose through variable follows from a law.
+"""Terminal equations of force elements: chords whose law determines the through variable.
 
-All vectors of an element are resolved in the basis of the nearest common ancestor of its nodes, so
-that only the circuit between them is summed.
+All vectors of an element are in the basis of its nodes' nearest common ancestor, so that only the
+circuit between the nodes is summed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force at a cluster's origin and a torque, in the cluster's basis."""
+    """A torque, and a force at a cluster's origin, in the cluster's basis."""
 
     force: Vector
     torque: Vector
@@ -41,37 +41,37 @@ class Wrench:
 
 
 class Sums:
-    """Sums of wrenches on clusters; in a sensitivity graph, of their derivatives."""
+    """Sums of wrenches on clusters or, in a sensitivity graph, of their derivatives."""
 
     def __init__(self, n_clusters: int) -> None:
         self._on_cluster: list[Wrench | None] = [None] * n_clusters
 
     def gather(self, cluster: int, wrench: Wrench) -> None:
-        """Add a wrench."""
+        """Add a wrench to a cluster's sum."""
         known = self._on_cluster[cluster]
         self._on_cluster[cluster] = wrench if known is None else known.plus(wrench)
 
     def at(self, cluster: int) -> Wrench | None:
-        """Return the sum on a cluster; None if there is no wrench."""
+        """Return the sum on a cluster, or None if there is no wrench."""
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench on a cluster must be added, given the nodes in it."""
+        """Return whether a wrench with the given nodes must be added to a cluster's sum."""
         return True
 
 
 @dataclass(frozen=True)
 class Action:
-    """Force and torque of an element on its second node; the first gets the reaction."""
+    """Force and torque of an element on its second node; the first node gets the reaction."""
 
     edge: BoundEdge  # edge of the force element
     #: End points of the element.
     first: Point
     second: Point
     ancestor: int  # cluster in whose basis the vectors are resolved
-    arms: tuple[Vector, Vector]  # positions of the two nodes relative to their clusters' origins
+    arms: tuple[Vector, Vector]  # vectors from the clusters' origins to the two nodes
     reach: Vector  # vector from the first node to the second
-    arguments: Mapping[str, Node]  # arguments of its scalar law
+    arguments: Mapping[str, Node]  # arguments of the element's scalar law
     #: Force on the second node.
     force: Vector
     torque: Vector
@@ -79,7 +79,7 @@ class Action:
 
 
 def actions(motion: Motion) -> list[Action]:
-    """Form the terminal equations of every force element."""
+    """Form the terminal equations of all force elements."""
     found = []
     for edge in motion.system.edges.values():
         if edge.component.role in (Role.LINE, Role.FORCE, Role.TORQUE):
@@ -92,7 +92,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
-    # Motion of the ancestor moves both nodes equally, and cancels in the circuit between them.
+    # Motion of the ancestor moves both nodes equally, so that it cancels in their circuit.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (
@@ -111,7 +111,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
-    """Resolve a vector given in a node's axes in the basis of an ancestor."""
+    """Transform a vector from node axes to the basis of an ancestor."""
     own = motion.frames.resolved(point.cluster, point.resolved(local))
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
@@ -125,7 +125,7 @@ def _line(
     arms: tuple[Vector, Vector],
     reach: Vector,
 ) -> Action:
-    """Apply a scalar law of length and rate along an axis, or along the line of the nodes."""
+    """Apply a scalar law of length and rate along an axis, or along the line between the nodes."""
     law = edge.component.law
     assert law is not None
     is_central = "axis" not in edge.vectors
@@ -144,11 +144,11 @@ def _line(
         length = vector.dot(direction, reach)
     seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
     arguments = {**seen, "length": length}
-    # The rate requires velocities: form it only if the law depends on it.
+    # The rate requires velocities: compute it only if the law depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
-        # The rate of e.r is e.r' + e'.r; along the line of the nodes e'.r vanishes, since e' is
-        # perpendicular to it.
+        # The rate of e.r is e.r' + e'.r. Along the line between the nodes e'.r vanishes, since e'
+        # is perpendicular to it.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             turn = axis_spin(motion, first, ancestor, direction)
@@ -171,23 +171,23 @@ def _line(
 
 
 def _is_inert(edge: BoundEdge) -> bool:
-    """Return whether the damping is identically zero."""
+    """Return whether an element's damping is identically zero."""
     damping = edge.scalars.get("damping")
     return damping is not None and damping.is_zero
 
 
 def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
-    """Form the rate of an axis fixed in the first node, omega x axis, in an ancestor's basis."""
+    """Return the rate omega x axis of an axis fixed in the first node, in an ancestor's basis."""
     clusters, frames = motion.clusters, motion.frames
     omega = inwards(clusters, frames, motion.omega[first.cluster], first.cluster, ancestor)
     return vector.cross(omega, direction)
 
 
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
-    """Return the wrenches of an element on the clusters of its nodes, except the ground."""
+    """Return the wrenches of an element on its nodes' clusters, except on the ground."""
     found = []
     moved = [(action.second, 1, action.arms[1])]
-    # The reaction acts at the point of the force, so that the pair has no moment.
+    # The reaction acts at the same point as the force, so that the pair has no moment.
     reaction_arm = action.arms[0]
     if not action.is_central:
         # A force along an axis need not pass through the first node; a central one does.
@@ -197,7 +197,7 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # Wrenches of a cluster are summed at its origin, hence the moment of the arm.
+        # The wrenches of a cluster are summed at its origin: add the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
         found.append(
             (
@@ -211,10 +211,10 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
 def settled(
     motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
 ) -> Wrench:
-    """Resolve a wrench from an ancestor's basis in that of a point's cluster, times ``sign``."""
+    """Transform a wrench from an ancestor's basis to a point's cluster, times ``sign``."""
     clusters, frames = motion.clusters, motion.frames
     return Wrench(
-        # Formed once in the ancestor's basis, and resolved outwards for each node.
+        # The wrench is computed once in the ancestor's basis, and transformed for each node.
         outwards(clusters, frames, vector.signed(sign, force), ancestor, point.cluster),
         outwards(clusters, frames, vector.signed(sign, torque), ancestor, point.cluster),
     )
