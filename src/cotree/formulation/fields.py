@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Resolver = Callable[[str], "Node"]
 
-#: Fields that are directions: their length has no effect.
+#: Fields that are directions, whose length has no effect.
 UNIT_VECTORS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -48,7 +48,7 @@ class BoundEdge:
 
 @dataclass(frozen=True)
 class Resolvers:
-    """Functions from names to nodes: of parameters; also time; also coordinates and inputs."""
+    """Functions from names to nodes, each with a larger scope: parameters; time; all variables."""
 
     constant: Resolver
     timed: Resolver
@@ -64,10 +64,10 @@ class Resolvers:
 def bind_edge(
     edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge to nodes; axes become unit vectors.
+    """Bind the fields of an edge to nodes, and normalise its axes to unit length.
 
-    Also returns the guards on parameter values. ``at_scene`` evaluates a node of parameters at the
-    scene's values. Raises ParameterError if an axis has no direction or a constant the wrong sign.
+    Also return the guards on parameter values. ``at_scene`` evaluates a node of parameters at scene
+    values. Raises ParameterError if an axis has no direction or a constant has the wrong sign.
     """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
@@ -82,7 +82,7 @@ def bind_edge(
             assert isinstance(value, Expression)
             expressions[name] = value
         elif isinstance(value, Expression):
-            # A message about an undefined value names its field.
+            # Error messages about undefined values name the field.
             scalars[name] = value.lower(dag, resolve)
             dag.note_origin(scalars[name], f"{name} of edge '{edge.name}'")
         elif row.shape is Shape.INERTIA:
@@ -94,11 +94,11 @@ def bind_edge(
             if name in UNIT_VECTORS and not row.timed:
                 where = f"{name} of edge '{edge.name}'"
                 square = vector.dot(vectors[name], vectors[name])
-                if square.value is None:  # its length may be zero for some parameters
+                if square.value is None:  # the length may be zero for some parameter values
                     guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
-        # A planar joint slides along two axes that follow from its normal.
+        # A planar joint slides along two axes that are computed from its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
     first, second = edge.nodes or ("ground", "ground")  # an edge without nodes acts on a joint
     bound = BoundEdge(
@@ -108,7 +108,7 @@ def bind_edge(
 
 
 def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
-    """Return three expressions as nodes."""
+    """Return a triple of expressions as nodes."""
     x, y, z = (item.lower(dag, resolve) for item in value)  # type: ignore[union-attr]
     return (x, y, z)
 
@@ -116,7 +116,7 @@ def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
 def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     rows: list[Vector] = []
     for i, row in enumerate(cast("Sequence[Any]", value)):
-        if isinstance(row, Expression):  # a list holds the three principal values
+        if isinstance(row, Expression):  # a list contains the three principal moments
             entries = [dag.zero] * 3
             entries[i] = row.lower(dag, resolve)
             rows.append((entries[0], entries[1], entries[2]))
@@ -126,10 +126,10 @@ def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def _unit(axis: Vector, square: Node, where: str) -> Vector:
-    """Scale an axis of known squared length to unit length; numbers are folded."""
+    """Scale an axis with the given squared length to unit length; numbers are folded."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
-    # A length of one up to rounding needs no division, so that axes of numbers stay as given.
+    # A length that is one up to rounding needs no division, so that numerical axes remain as given.
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
@@ -150,14 +150,14 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
                 if not is_varying(entry)
             ]
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            # The diagonal has the sign that the field requires; the minors bound the other entries.
+            # The diagonal must have the required sign; minors bound the other entries.
             entries = (bound.inertia[i][i] for i in range(3))
             found += [
                 Guard(entry, f"entry {i + 1} of {what}", is_strict)
                 for i, entry in enumerate(entries)
             ]
             minors += _minors(bound.inertia, what, at_scene)
-    # Constants are checked now, parameters whenever ``prepare`` gets their values.
+    # Constants are checked now, parameters whenever ``prepare`` receives their values.
     for guard in found:
         if guard.value.value is not None:
             guard.check(guard.value.value)
@@ -170,33 +170,33 @@ def is_varying(node: Node) -> bool:
 
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
-    """Return guards for the minors of an inertia tensor, which are nonnegative for a real body."""
-    # Thin rods, and tensors with entries of 1e-35, have minors of zero up to rounding: a fraction
-    # of the tensor's size is added to its diagonal as a tolerance.
+    """Return guards on the minors of an inertia tensor, which are nonnegative for a real body."""
+    # Minors of thin rods, and of tensors with entries of 1e-35, are zero up to rounding. As a
+    # tolerance, a small fraction of the trace is added to the diagonal.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
     found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    # Remove guards that the scene's values violate: they would reject the scene.
+    # Omit guards that scene values violate, since they would reject the scene.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
     number = at_scene(guard.value)
-    return number >= 0.0 or not math.isfinite(number)  # the guard reports nan
+    return number >= 0.0 or not math.isfinite(number)  # nan is reported by the guard itself
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
-    """Form the matrix whose columns are the turned axes, from three rows or from angles, [rad].
+    """Return the matrix whose columns are the rotated axes, from three rows or from angles, [rad].
 
-    Roll, pitch and yaw turn about the fixed x, y and z axis, in this order.
+    Roll, pitch and yaw are rotations about the fixed x, y and z axes, in this order.
     """
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
         matrix = vector.identity(dag)
-        # Fixed axes: later rotations multiply from the left.
+        # For rotations about fixed axes, later ones are multiplied from the left.
         for axis, angle in zip(vector.identity(dag), angles, strict=True):
             if not angle.is_zero:
                 matrix = vector.matmul(about(axis, angle).matrix, matrix)
@@ -206,17 +206,17 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
-    """Return two unit axes that form a right-handed system with a unit normal.
+    """Return two unit axes that form a right-handed system with the given unit normal.
 
-    They are the next coordinate axes if the normal is one. Otherwise the first is the projection on
-    the plane of the coordinate axis that follows the normal's largest entry.
+    If the normal is a coordinate axis, they are the other two. Otherwise the first one is the
+    projection on the plane of the coordinate axis that follows the normal's largest entry.
     """
     dag = normal[0].dag
-    # An entry of parameters has no known size; any choice is valid if it is not singular.
+    # The size of a symbolic entry is unknown; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt; the start is not the axis of the largest entry, so it is never parallel to the
-    # normal.
+    # Gram-Schmidt orthogonalisation. The start axis does not belong to the largest entry, so that
+    # it is never parallel to the normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:
@@ -231,10 +231,10 @@ def resolver_of(
     refused: Mapping[str, str] | None = None,
     advice: str = "",
 ) -> Resolver:
-    """Return the function from names to nodes; later mappings of ``known`` take precedence.
+    """Return a function from names to nodes; later mappings in ``known`` take precedence.
 
-    ``allowed`` and ``advice`` complete its error messages: permitted names, and an alternative.
-    Names in ``refused`` exist elsewhere but are not allowed here; each has an advice of its own.
+    Error messages contain ``allowed``, the permitted names, and ``advice``, an alternative. Names
+    in ``refused`` exist but are not allowed here; each has its own advice.
     """
     others = refused or {}
     by_name = {name: node for mapping in known for name, node in mapping.items()}
@@ -242,12 +242,12 @@ def resolver_of(
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        # Distinguish a name that is not allowed here from a misspelt one.
+        # Distinguish names that are not allowed here from misspelt ones.
         if allowed and (name == "t" or "." in name or name in others):
             own = others.get(name, advice)
             message = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
             raise ExpressionError(message)
-        # T usually denotes a temperature or a torque, rarely the time.
+        # T usually denotes a temperature or a torque, rarely time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
         raise ExpressionError(f"uses the unknown name '{name}'{hint}")
 
@@ -255,11 +255,11 @@ def resolver_of(
 
 
 class FieldNames:
-    """Names that fields may use: parameters, inputs, states, outputs and across variables.
+    """The names that fields may use: parameters, inputs, states, outputs and across variables.
 
-    The motion, and so the across variables, is formed after the first fields are bound: a variable
-    gets a symbol when a field uses it, until :meth:`gathered` is called. ``others`` are nodes and
-    edges of the scalar networks.
+    Across variables are computed only after the first fields have been bound. Therefore a field
+    that uses one gets a symbol for it, until :meth:`gathered` is called. ``others`` are the nodes
+    and edges of the scalar networks.
     """
 
     def __init__(
@@ -277,26 +277,26 @@ class FieldNames:
         self._is_gathered = False
 
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
-        """Return the node of a name; ``resolve`` resolves the names inside an output.
+        """Return the node of a name; ``resolve`` returns the nodes of names inside an output.
 
-        Raises ExpressionError if the name is unknown, or an output that depends on itself.
+        Raises ExpressionError if the name is unknown, or an output depends on itself.
         """
-        # In expressions a parameter hides an output of the same name.
+        # In expressions a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
-        # Names of states also contain dots; they are known and need no symbol of a measure.
+        # State names contain dots, too, but their symbols are already known.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
         if name not in self._measured:
-            assert not self._is_gathered  # a new symbol would not be evaluated any more
+            assert not self._is_gathered  # a new symbol would no longer be evaluated
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 
     def _output(self, name: str, resolve: Resolver) -> Node:
         if name in self._pending:
             raise ExpressionError(f"uses output '{name}', which depends on itself")
-        # Outputs may use outputs; a pending name means a cycle.
+        # An output may use other outputs; if it is still pending, it depends on itself.
         self._pending.append(name)
         found = self._scene.outputs[name].lower(self._dag, resolve)
         self._pending.remove(name)
@@ -308,7 +308,7 @@ class FieldNames:
         return tuple(self._measured)
 
     def gathered(self) -> dict[str, Node]:
-        """Return the symbols of all across variables by name, and accept no further ones."""
+        """Return the symbols of all across variables by name; no further ones are then accepted."""
         self._is_gathered = True
         return dict(self._measured)
 
@@ -320,16 +320,16 @@ def initial_values(
     resolve: Resolver,
     start: Mapping[str, Node],
 ) -> dict[str, Node]:
-    """Bind the initial values of a branch, by short names of its coordinates and rates.
+    """Bind the initial values of a branch; keys are short names of its coordinates and rates.
 
-    ``start`` has the values that the scene does not give; the others are zero. Raises SceneError if
-    the scene gives a value for a coordinate that the branch does not have.
+    ``start`` contains the values that the scene does not give; all others are zero. Raises
+    SceneError if the scene gives a value for a coordinate that the branch does not have.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
-    # Without a rotation the quaternion is one, not zero.
+    # The identity rotation is the quaternion (1, 0, 0, 0).
     if "q0" in values:
         values["q0"] = dag.one
-    # The scene's own values, below, take precedence.
+    # Initial values that the scene itself gives, set below, take precedence.
     values |= start
     for name, given in edge.initial.items():
         if name == "rotation" and "q0" in values:
@@ -341,14 +341,14 @@ def initial_values(
                 f"scene, so it has no initial '{name}'{nearest(name, values)}"
             )
         else:
-            # All but rotations are single expressions; the scene has checked their shape.
+            # All except rotations are single expressions, as the scene has checked.
             assert isinstance(given, Expression)
             values[name] = given.lower(dag, resolve)
     return values
 
 
 def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
-    """Convert roll, pitch and yaw, or a matrix of numbers, to a quaternion."""
+    """Convert roll, pitch and yaw angles, or a matrix of numbers, to a quaternion."""
     assert isinstance(given, tuple)
     if isinstance(given[0], Expression):
         return quaternion_of_angles(lower_vector(given, dag, resolve))
@@ -360,15 +360,15 @@ def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
 def guards_of(
     value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
 ) -> Iterator[Guard]:
-    """Raise if a value jumps with the ``moving`` symbols; guard it if only parameters decide.
+    """Raise if a value jumps when ``moving`` symbols change; return guards if parameters decide.
 
-    ``what`` and ``breach`` are subject and predicate of the message.
+    ``what`` and ``breach`` are the subject and the predicate of the error message.
     """
     if not is_timed(value, time):
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
         return
-    # A margin is negative if the value jumps; a constant margin is decided now.
+    # A negative margin means that the value jumps; constant margins are checked now.
     for margin in margins(time.dag, value, time):
         if margin.value is None:
             yield Guard(margin, what, False, breach)
@@ -389,9 +389,9 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Guard prescribed motions and prescribed values of constraints.
+    """Return guards on prescribed motions and on prescribed values of constraints.
 
-    Raises FormulationError if one of them jumps, or its rate does.
+    Raises FormulationError if a value or its rate jumps.
     """
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return
@@ -399,6 +399,6 @@ def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
         if edge.component.role is Role.JOINT and name != "motion":
             continue
         (rate,) = tangents([value], {time: time.dag.one})
-        # A jump of the position, or of the speed, would require an impulse.
+        # A jump of the position or the speed would require an impulse.
         for node in (value,) if edge.component.name in VELOCITY_SOURCES else (value, rate):
             yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

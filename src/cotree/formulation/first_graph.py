@@ -1,8 +1,8 @@
-"""The first graph: from a scene and its tree to governing equations, step by step.
+"""The first graph: from a scene and its trees to the equations of motion, step by step.
 
-This module contains the branch-chord formulation in order: bind the components, lump rigid
-clusters, f-circuits (across), terminal equations (loads), f-cutsets (through) projected on the
-motion spaces.
+The steps of the branch-chord formulation are, in order: bind the components, lump rigid clusters,
+f-circuits (across variables), terminal equations (loads), f-cutsets (through variables) projected
+on the motion spaces.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ if TYPE_CHECKING:
 def bind_events(
     scene: SceneDescription, system: System, states: Sequence[State]
 ) -> tuple[EventRow, ...]:
-    """Bind the events of a scene to the states that they set.
+    """Bind the events of a scene to the states that they change.
 
-    Raises SceneError if an event sets anything but modes and states with rates of their own, or
-    sets a speed that its impact changes.
+    Raises SceneError if an event sets anything except modes and states with a rate, or sets a speed
+    that its impact changes.
     """
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
-    # Conditions come first; see event_expressions. Results are ordered as outputs, one expression
-    # for each event, then new values and restitutions event by event.
+    # Results are ordered like the expressions in ``event_expressions``: after the outputs the
+    # condition of each event, then the new values and the restitution of each event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
         _check(event, system, states, places, speeds)
@@ -77,7 +77,7 @@ def bind_events(
         targets = tuple(places[target] for target in event.set)
         new_values = range(place, place + len(targets))
         if has_impact:
-            # An impact may change every speed of the mechanism, through its constraints.
+            # An impact may change all speeds of the mechanism, because of its constraints.
             targets += tuple(speeds.values())
         rows.append(
             EventRow(
@@ -97,7 +97,7 @@ def bind_events(
                 event.part is ModePart.SLIP and len(targets) > 2,
             )
         )
-        # The coefficient of restitution is stored after the new values.
+        # The coefficient of restitution follows the new values.
         place, result = new_values.stop + has_impact, result + len(targets)
     return tuple(rows)
 
@@ -109,7 +109,7 @@ def _check(
     places: Mapping[str, int],
     speeds: Collection[str],
 ) -> None:
-    """Raise if an event sets a variable that cannot be set."""
+    """Raise if an event sets a variable that must not be set."""
     if event.restitution is not None and not speeds:
         raise SceneError(f"event '{event.name}' has an impact, but the scene has no moving mass")
     for target in event.set:
@@ -138,10 +138,10 @@ def _check(
 def started(
     states: Sequence[State], jumps: Mapping[str, Node], system: System
 ) -> tuple[State, ...]:
-    """Return the modes of jumps by the signs of their expressions at the initial states, at t = 0.
+    """Return the initial modes of jumps: the signs of their expressions at the initial states.
 
-    A mode that depends on more than parameters starts at zero;
-    :func:`cotree.model.start.find_start` finds it.
+    The time is zero. A mode that depends on more than parameters is set to zero here;
+    :func:`cotree.model.start.find_start` determines it.
     """
     if not jumps:
         return tuple(states)
@@ -149,7 +149,7 @@ def started(
     known = {state.symbol: state.initial for state in states} | {system.time: system.dag.zero}
     for state in states:
         if state.name in jumps:
-            # In order, since a jump may depend on the modes of earlier jumps.
+            # In this order, since a jump may depend on the modes of earlier jumps.
             known[state.symbol] = _at_start(jumps[state.name], of_time, known)
     return tuple(
         replace(state, initial=known[state.symbol]) if state.name in jumps else state
@@ -160,7 +160,7 @@ def started(
 def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, Node]) -> Node:
     try:
         (found,) = substitute(substitute([value], of_time), known)
-    except (ArithmeticError, ValueError):  # the constant is undefined; later checks raise the error
+    except (ArithmeticError, ValueError):  # undefined constant: later checks report the error
         return value.dag.zero
     is_known = kinds_in([found]) <= {PARAMETER}
     return found if is_known else value.dag.zero
@@ -168,22 +168,22 @@ def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, No
 
 @dataclass(frozen=True, repr=False)
 class FirstGraph:
-    """The first graph, solved for its through and across variables."""
+    """The governing equations of a scene, solved for through and across variables."""
 
-    scene: SceneDescription  # the scene of the graph
-    #: Across and through variables, in terms of the accelerations and multipliers ``unknowns``.
+    scene: SceneDescription  # the scene from which the equations were formed
+    #: Across and through variables as functions of ``unknowns``, the accelerations and multipliers.
     motion: Motion
     loads: Loads
     view: View
     balance: Balance
-    #: Through variables along measures: laws of chord joints, then multipliers.
+    #: Through variables along measures: first the laws of chord joints, then the multipliers.
     applied: tuple[Applied, ...]
     constraints: Constraints  # constraints of the chords
-    holdings: tuple[HoldingRow, ...]  # equations of the multipliers of dry friction and stops
+    holdings: tuple[HoldingRow, ...]  # equations for the multipliers of dry friction and stops
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
-    measured: Mapping[Node, Node]  # values of the symbols that stand for across variables in fields
+    measured: Mapping[Node, Node]  # values of the symbols that represent across variables in fields
     reactions: frozenset[Node]  # those symbols that represent accelerations or reactions
-    unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
+    unknowns: tuple[Node, ...]  # symbols of accelerations, followed by those of multipliers
     matrix: Sequence[Sequence[Node]]  # mass matrix, bordered by the constraint Jacobian
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
     is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive at every state
@@ -193,16 +193,15 @@ class FirstGraph:
     outputs: Outputs
     network: Network | None = None  # scalar networks; their states follow the speeds
     couplings: tuple[Coupling, ...] = ()  # ports through which networks act on the multibody system
-    #: Whether storages of the networks are coupled to joints, so that they contribute to the mass
-    #: matrix.
+    #: Whether storages of the networks are coupled to joints, and so contribute to the mass matrix.
     has_far_inertia: bool = False
-    #: Links of the tree, if the unknowns are eliminated along it; see :func:`tree_links`.
+    #: Tree links if the unknowns are eliminated along the tree; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 
     @property
     def system(self) -> System:
-        """The bound scene."""
+        """The scene with its fields bound to nodes."""
         return self.motion.system
 
 
@@ -217,32 +216,33 @@ def form_first_graph(
     Parameters
     ----------
     scene, trees : SceneDescription, Trees
-        The scene and the trees of its translation and rotation graphs.
+        The scene, and the trees of its translation and rotation graphs.
     own_axes : collection of int
         Clusters whose vectors are resolved in their own axes (:mod:`cotree.formulation.frames`).
     baumgarte : float
         Rate b, [1/s], with which c'' + 2 b c' + b^2 c = 0 replaces c'' = 0
-        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); zero leaves it to projection.
+        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); with zero, only projection
+        keeps c small.
 
     Raises
     ------
     ModelError
-        If an expression or a field of the scene is wrong.
+        If an expression or a field of the scene is invalid.
     ParameterError
-        If a constraint that no motion changes is not met.
+        If a constraint that no motion can affect is violated.
     SingularSystemError
-        If a coordinate moves nothing that has inertia.
+        If a coordinate moves no inertia.
     """
     dag = Dag()
     whole = with_stops(with_friction(with_ball_joints(scene)))
     scene = whole.mechanics
-    # Bodies in the tree start at positions given by the joints, as functions of parameters.
+    # The joints determine the initial positions of bodies in the tree, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
     system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, own_axes))
-    # f-circuits (Eq. (2)), twice: at zero accelerations for the right-hand side, and at the symbols
-    # of the accelerations for balances and outputs.
+    # f-circuits (Eq. (2)) are formed twice: with zero accelerations for the right-hand side, and
+    # with symbolic accelerations for balances and outputs.
     still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
     view = View(motion, accelerate(motion, accelerations))
@@ -250,10 +250,10 @@ def form_first_graph(
     # mechanism.
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
-    # Terminal equations (Eq. (3)): laws depend on positions and velocities only.
+    # Terminal equations (Eq. (3)): these laws depend on positions and velocities only.
     laws = [*applied_laws(motion, still), *attached.loads]
     loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
-    # Each chord closes an f-circuit, which keeps the across variables of its reaction space zero.
+    # Each chord closes an f-circuit: across variables along its reaction space remain zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
     holdings = form_holdings(motion, still, attached)
@@ -264,15 +264,15 @@ def form_first_graph(
         check_inertia(system, mass, constraints.gradient)
         return mass
 
-    # Storages coupled to joints add entries that elimination along the tree cannot represent.
+    # Elimination along the tree cannot include the inertia of storages coupled to joints.
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
     # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
-    # lambda; at zero accelerations and multipliers it is -f.
+    # lambda. At zero accelerations and multipliers it is -f.
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     is_safe, pivot_guards = safe_pivots(system, clusters)
-    # The same balance at the unknowns, from which outputs read reactions.
+    # The same balance with symbolic unknowns, from which outputs read reactions.
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     owners = {*whole.nodes, *whole.edges}
@@ -300,7 +300,7 @@ def form_first_graph(
             *constraints.multipliers,
             *(row.multiplier for row in holdings),
         ),
-        # If all pivots are positive, all speeds have inertia.
+        # If all pivots are positive, every coordinate moves inertia.
         matrix=LateMatrix(
             lambda: _bordered(form_mass(), constraints, holdings, dag),
             len(is_safe),
@@ -313,7 +313,7 @@ def form_first_graph(
             *constraints.biases,
             *(row.jump - row.share * row.bias for row in holdings),
         ),
-        # A multiplier has a zero on the diagonal, which is never a positive pivot.
+        # Multipliers have zeros on the diagonal, so their pivots are not positive.
         is_safe=(*is_safe, *(False for _ in (*constraints.rows, *holdings))),
         guards=(
             *system.guards,
@@ -325,7 +325,7 @@ def form_first_graph(
         rates=(
             *_kinematic_rates(system),
             *accelerations,
-            # Modes change at events only.
+            # Modes change only at events.
             *(dag.zero for _ in system.modes),
             *(network.rate_values if network else ()),
         ),
@@ -346,14 +346,14 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
 def _measured(
     observer: Observer, reacting: Collection[str], scene: SceneDescription
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Form the variables that fields use; also return which are accelerations and reactions."""
+    """Form the across variables that fields use; also return those that need accelerations."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A name that no network has denotes a variable of the mechanism. Its value affects the
-            # motion, so that an angle must not jump at half a turn.
+            # A name that does not belong to a network denotes a variable of the mechanism. It
+            # affects the motion, so that an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value
@@ -364,14 +364,14 @@ def _measured(
                 "be used in fields of friction and dampers on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
-    # Reactions include the forces of friction, which are represented by symbols.
+    # Reactions include friction forces, which are represented by symbols.
     values = substitute([observer.value(name) for name in late], found)
     found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
     return found, frozenset(symbols[name] for name in late)
 
 
 def _place(name: str, scene: SceneDescription) -> str:
-    """Return which field or output uses a name, for messages."""
+    """Return a description of the field or output that uses a name, for error messages."""
     values = (value for edge in scene.edges.values() for value in edge.fields.values())
     fields = (item for value in values for item in entries(value))
     users = (item.where for item in (*fields, *scene.outputs.values()) if name in item.names)
@@ -379,9 +379,9 @@ def _place(name: str, scene: SceneDescription) -> str:
 
 
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
-    """Describe the tree for elimination along it.
+    """Return the links of the tree for elimination along it, or an empty tuple.
 
-    Empty if a pivot may vanish, or if translation and rotation have different trees.
+    It is empty if a pivot may vanish, or if translation and rotation have different trees.
     """
     n = len(first.system.speeds)
     # Articulated inertias require one parent for each body, and all inertia within the tree.
@@ -411,27 +411,26 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
 
 @dataclass(frozen=True)
 class HoldingRow:
-    """The equation of the multiplier of a unilateral constraint on the mechanism.
+    """The equation for the multiplier of a unilateral constraint on the mechanism.
 
-    With the share s of the edge, the equation is s (J v' + b) - jump = (1 - s) multiplier: the
-    relative acceleration is zero while the edge holds, and the multiplier is zero in the other
-    modes.
+    With the share s of the edge, the equation is s (J v' + b) - jump = (1 - s) multiplier: while
+    the edge holds, the relative acceleration is zero; in all other modes, the multiplier is zero.
     """
 
     name: str  # name of the force
     multiplier: Node  # symbol of the multiplier
-    share: Node  # one while the edge sticks or is closed, zero in the other modes
+    share: Node  # one while the edge sticks or is closed, otherwise zero
     jump: Node  # prescribed change of the rate in impacts, otherwise zero
     measure: Measure  # measure along which the force acts
-    gradient: tuple[Node, ...]  # J: derivatives of its rate by the speeds
+    gradient: tuple[Node, ...]  # J: derivatives of the measure's rate with respect to the speeds
     column: tuple[Node, ...]  # generalised forces per unit of the multiplier
-    #: Sums of squares of the gradient's terms, without cancellation, while the edge is held.
+    #: Sums of the squared terms of the gradient, in which nothing cancels, while the edge holds.
     sizes: tuple[Node, ...]
-    bias: Node  # b: its acceleration at zero accelerations of the coordinates
+    bias: Node  # b: acceleration of the measure if all coordinate accelerations are zero
 
 
 def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[HoldingRow, ...]:
-    """Form the equations of unilateral multipliers; ``view`` is at zero accelerations."""
+    """Form the equations of unilateral multipliers; ``view`` has zero accelerations."""
     if not attached.holding:
         return ()
     dag, found = motion.system.dag, []
@@ -471,12 +470,12 @@ def _bordered(
     holdings: Sequence[HoldingRow],
     dag: Dag,
 ) -> tuple[tuple[Node, ...], ...]:
-    """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0].
+    """Border the mass matrix with the constraints to the symmetric matrix [M, -G^T; -G, 0].
 
-    Unilateral constraints add rows s J, with -(1 - s) on the diagonal, and their columns.
+    Unilateral constraints add the rows s J, with -(1 - s) on the diagonal, and their columns.
     """
     border = _border(constraints, holdings, dag)
-    # The signs make the matrix symmetric, as sensitivity graphs and L D L^T expect.
+    # With these signs the matrix is symmetric, as sensitivity graphs and L D L^T require.
     n = len(constraints.gradient)
     columns = [*(row.column for row in holdings)]
     upper = [
@@ -489,7 +488,7 @@ def _bordered(
 def _border(
     constraints: Constraints, holdings: Sequence[HoldingRow], dag: Dag
 ) -> list[tuple[Node, ...]]:
-    """Form the rows of constraints and friction below the mass matrix."""
+    """Form the rows of constraints and unilateral multipliers below the mass matrix."""
     n_held, n = len(constraints.gradient), len(constraints.gradient) + len(holdings)
     zeros = [dag.zero] * n
     rows = [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
@@ -509,10 +508,10 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 
 
 def _is_given(scene: SceneDescription, name: str) -> bool:
-    """Return whether the scene prescribes the initial value of a state."""
+    """Return whether the scene gives the initial value of a state."""
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
-    # The four entries of a quaternion are given together or not at all.
+    # The four entries of a quaternion are given together, or none is.
     turn = {"q0", "q1", "q2", "q3"}
     if short in turn:
         return not (turn | {"rotation"}).isdisjoint(initial)
@@ -520,13 +519,13 @@ def _is_given(scene: SceneDescription, name: str) -> bool:
 
 
 def _kinematic_rates(system: System) -> tuple[Node, ...]:
-    """Form the rates of the coordinates from the speeds."""
+    """Return the rates of the coordinates as functions of the speeds."""
     rates: list[Node] = []
     for steps in system.steps.values():
         for step in steps:
             speeds = [speed.symbol for speed in step.speeds]
             if isinstance(step.kind, FreeRotation):
-                # q' = q o (0, omega) / 2: coordinates and speeds differ in number.
+                # q' = q o (0, omega) / 2: there are four coordinates but three speeds.
                 rates += quaternion_rates([c.symbol for c in step.coordinates], speeds)
             else:
                 rates += speeds

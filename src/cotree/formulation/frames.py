@@ -1,9 +1,9 @@
-"""Axes in which each cluster's vectors are resolved, and the geometry of the moving branches.
+"""The axes in which each cluster's vectors are resolved, and the geometry of moving branches.
 
-A cluster's vectors are resolved in its parent's axes or in its own. Ground axes throughout suit
-planar chains, in which rotation angles add; own axes suit spatial arms, whose inertias are then
-constant. Both give the same values; :mod:`cotree.choice` counts their costs. If the trees differ, a
-cluster has two parents, and ground axes are used.
+A cluster's vectors are resolved in its parent's axes or in its own axes. Ground axes for all
+clusters suit planar chains, in which rotation angles add; own axes suit spatial arms, since
+inertias are then constant. Both choices yield equal values; :mod:`cotree.choice` compares their
+costs. If the trees differ, a cluster has two parents, and ground axes are used.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frames:
-    """Axes of the clusters, and the values resolved in them.
+    """The axes of all clusters, and functions that transform vectors and tensors between them.
 
     The first graph uses plain values. In a sensitivity graph the axes rotate with the seed, and
-    values are duals (:class:`cotree.sensitivity.turning.Turning`).
+    values are dual numbers (:class:`cotree.sensitivity.turning.Turning`).
     """
 
-    #: Rotation from each cluster's axes to its basis, in which its vectors are resolved.
+    #: Rotation from each cluster's axes to its basis, the axes in which its vectors are resolved.
     rotations: tuple[Rotation, ...]
-    #: Rotation from each cluster's basis to its parent's; None if they are equal.
+    #: Rotation from each cluster's basis to its parent's basis; None if they are equal.
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
@@ -43,22 +43,22 @@ class Frames:
 
     @property
     def turned(self) -> frozenset[int]:
-        """The clusters whose bases rotate along the seed; none in the first graph."""
+        """The clusters whose bases rotate along the seed; the first graph has none."""
         return frozenset()
 
     def up(self, cluster: int, a: Vector) -> Vector:
-        """Resolve a vector of a cluster's basis in its parent's."""
+        """Transform a vector from a cluster's basis to its parent's basis."""
         step = self.steps[cluster]
         return a if step is None else vector.times(step, a)
 
     def down(self, cluster: int, a: Vector) -> Vector:
-        """Resolve a vector of the parent's basis in the cluster's own."""
+        """Transform a vector from the parent's basis to the cluster's basis."""
         step = self.steps[cluster]
-        # Steps are rotations, whose inverse is the transpose.
+        # The steps are rotations, and the inverse of a rotation is its transpose.
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
-        """Resolve a vector field of the cluster's axes in its basis."""
+        """Transform a vector field from a cluster's axes to its basis."""
         return vector.times(self.rotations[cluster].matrix, local)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
@@ -66,122 +66,121 @@ class Frames:
         return a
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
-        """Resolve a symmetric tensor field of the cluster's axes in its basis."""
+        """Transform a symmetric tensor field from a cluster's axes to its basis."""
         return vector.congruence(self.rotations[cluster].matrix, local)
 
     def carried(self, branch: Branch, local: Vector) -> Vector:
-        """Resolve a vector field of a branch's carrier in the basis of the branch's parent."""
+        """Transform a vector field from the carrier's axes to the basis of the branch's parent."""
         return vector.times(self.carrier_axes(branch), local)
 
     def carrier_axes(self, branch: Branch) -> Matrix:
-        """Return the axes of a branch's carrier, resolved in the parent's basis."""
+        """Return the axes of a branch's carrier in the basis of the branch's parent."""
         if branch.carrier != branch.child:
             return self.rotations[branch.carrier].matrix
-        # From the child's axes to its basis, then to that of its parent.
+        # From the child's axes to the child's basis, then to the parent's basis.
         step = self.steps[branch.child]
         own = self.rotations[branch.child].matrix
         return own if step is None else vector.matmul(step, own)
 
     def seen(self, node: Node) -> Node:
-        """Return a field, coordinate or speed in this graph; the value itself in the first one."""
+        """Return a field, coordinate or speed as a value of this graph."""
         return node
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Substitute values for a formula's arguments."""
+        """Substitute values for the arguments of a formula."""
         return substitute([node], arguments)[0]
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector from vectors and tensors that rotate with a cluster."""
+        """Compute a vector from vectors and tensors that rotate with a cluster."""
         return form(*vectors)
 
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
-    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
+    """Resolve the clusters in ``own_axes`` in their own axes, all others in their parents' axes."""
     assert system.trees.is_one or not own_axes  # with two parents, neither basis is suitable
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):
         for branch in clusters.branches[1:]:
             assert branch is not None
-            # From the child's axes to the basis of its turn parent.
+            # From the child's axes to the basis of its ``turn_parent``.
             relative = _turned(rotations[branch.turn_parent], branch)
             if branch.turns and branch.child in own_axes:
                 rotations.append(no_rotation(system.dag))
-                # The child has its own basis: its fields are constant there, and the rotation leads
-                # to the parent's.
+                # The child has its own basis: its fields are constant in it, and this rotation
+                # transforms them to the parent's basis.
                 steps.append(relative.matrix)
             else:
-                # The child shares its parent's basis: vectors need no rotation between the two, but
-                # its fields do.
+                # The child shares its parent's basis: its vectors need no transformation to the
+                # parent, but its fields do.
                 rotations.append(relative)
                 steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
 
 
 def _turned(parent: Rotation, branch: Branch) -> Rotation:
-    """Rotate the axes of the turn parent by a branch."""
+    """Return the rotation of a branch's child, from the rotation of its turn parent."""
     if not branch.turns:
         return parent
     if branch.quaternion is None:
-        # Angles about one axis are added before their sine and cosine are formed, see `then`.
+        # Angles about the same axis are added before sine and cosine are computed, see `then`.
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
-    # The quaternion rotates the axes of the edge's second node to those of its first; an edge that
-    # points inwards needs the inverse.
+    # The quaternion rotates from the axes of the edge's second node to those of its first; an edge
+    # that points inwards needs the inverse.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
-        # The inner node may be rotated within its cluster, by a weld or an arm.
+        # A weld or an arm may have rotated the inner node within its cluster.
         matrix = vector.matmul(branch.mount, matrix)
     return Rotation(matrix if parent.is_identity else vector.matmul(parent.matrix, matrix))
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A moving branch, resolved in the basis of its parent."""
+    """The geometry of a moving branch, in the basis of its parent."""
 
     branch: Branch
     axes: tuple[Vector, ...]  # unit axes of the motion space, from first to second node
-    #: Parts of the vector from the parent's origin to the child's that are fixed in the parent and
-    #: in the child.
+    #: The vector from the parent's origin to the child's origin has two parts: one is fixed in the
+    #: parent, the other in the child.
     from_parent: Vector
     from_child: Vector
-    #: Motion space: angular velocity of the child and velocity of its origin, per unit of each
-    #: speed.
+    #: Motion space: the child's angular velocity and its origin's velocity, per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
     sliding: tuple[Vector, ...]  # part of ``shifting`` that is a translation along the axes
 
     @property
     def offset(self) -> Vector:
-        """The vector from the parent's origin to the child's."""
+        """The vector from the parent's origin to the child's origin."""
         return vector.add(self.from_parent, self.from_child)
 
 
 def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
-    """Resolve a branch in the basis of its parent."""
+    """Compute the geometry of a branch in the basis of its parent."""
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
-    # Translations of a motion space are coordinates along axes that the carrier rotates.
-    slide = zero  # displacement in the carrier's frame
+    # Translations of a motion space are coordinates along axes that rotate with the carrier.
+    slide = zero  # displacement in axes of the carrier
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
             slide = vector.add(slide, vector.scale(length * branch.position, axis))
     if branch.sign > 0:
-        # The edge begins at the inner node: its parent carries the anchor and the slide.
+        # The edge begins at the inner node: anchor and displacement are fixed in the parent.
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
-        # The edge begins at the outer node: the child carries the slide, which is positive inwards.
+        # The edge begins at the outer node: the displacement (positive inwards) is the child's.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
-        # Speeds are positive along the edge; sums run outwards, hence the sign.
+        # Speeds are positive along the edge, but sums run outwards; hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
-        # If a child rotates about a point of its parent, the part of the vector that is fixed in
+        # If the child rotates about a point of its parent, the part of the vector that is fixed in
         # the child moves, too.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(
