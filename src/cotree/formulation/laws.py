@@ -1,7 +1,7 @@
-"""Through variables along measures: laws of chord joints, bushings, and user-defined laws.
+"""Through variables along measures: laws of chord joints, of bushings, and user-defined laws.
 
-A law is a formula of the values and rates of measures and of the edge's fields; its value is a
-through variable along a measure.
+A law is a formula whose arguments are values and rates of measures, and fields of the edge. Its
+value is a through variable along a measure.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Applied:
-    """A through variable along a measure."""
+    """A through variable that acts along a measure."""
 
-    #: Edge and name of the law.
+    #: Name of the edge, and name of the law.
     edge: str
     name: str
     measure: Measure  # dual across variable
     pull: Pull  # wrenches and efforts per unit of the through variable
     magnitude: Node  # value of the through variable
     formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
-    #: Measure that each symbol represents; if the flag is true, the rate of the measure.
+    #: For each symbol: the measure that it represents; True if it represents its rate.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
     potential: Node | None = None  # stored energy of a linear spring; None for other laws
 
     def amount(self, view: View) -> Any:
-        """Evaluate the law in a view."""
-        assert self.formula is not None  # a constraint force (multiplier) has no law
+        """Return the value of the law in a view."""
+        assert self.formula is not None  # a multiplier (constraint force) has no law
         return view.formula(self.formula, _seen(self.arguments, view))
 
 
@@ -67,7 +67,7 @@ def _seen(arguments: Mapping[Node, tuple[Measure, bool]], view: View) -> dict[No
 
 
 def applied_laws(motion: Motion, view: View) -> list[Applied]:
-    """Evaluate the laws that act along measures."""
+    """Evaluate all laws that act along measures."""
     found: list[Applied] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
@@ -99,19 +99,19 @@ def _act(
 
 
 def _symbols(motion: Motion) -> tuple[Node, Node]:
-    """Return the symbols of a measure and of its rate."""
+    """Return the symbols that represent a measure and its rate."""
     dag = motion.system.dag
     return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
 
 
 def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate the law of a joint along its coordinate if the joint is a chord."""
+    """Evaluate the law of a chord joint along the joint's coordinate."""
     law = edge.component.law
     if law is None:
         return
     step = edge.component.motion_space[0]
     assert isinstance(step, Freedom)
-    # The law of a branch acts along its speed, and is evaluated in through._joint_efforts.
+    # The law of a branch acts along its speed; ``through._joint_efforts`` evaluates it.
     if motion.system.trees.is_branch(edge.name, step.rotates):
         return
     measure = chord_measure(motion, edge, step.name)
@@ -122,7 +122,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
     formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
     if formula.is_zero:
         return
-    # A law that depends on the angle, not only on its rate, would jump at half a turn.
+    # A law that depends on the angle itself, not only on its rate, would jump at half a turn.
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
     stored = stored_energy(scalars, value) if "stiffness" in scalars else None
@@ -131,23 +131,23 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
 
 
 def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
-    """Form the energy of a linear spring at a length or an angle."""
+    """Return the energy of a linear spring at a length or an angle."""
     rest = scalars.get("free_angle", scalars.get("free_length"))
-    # Zero if the edge has no free length or angle.
+    # Without a free length or angle, it is zero.
     stretch = at if rest is None else at - rest
     return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
 
 def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a bushing along and about the axes of its first node."""
+    """Evaluate the laws of a bushing along and about the axes of its first node."""
     ends, units = chord_ends(motion, edge), vector.identity(motion.system.dag)
     a = [carried_by(motion, ends, 0, unit) for unit in units]
     b = [carried_by(motion, ends, 1, unit) for unit in units]
     value, rate = _symbols(motion)
     dag = motion.system.dag
     first, second, third = (dag.symbol("measure", i) for i in range(3))
-    # 2 q_i^2 of the relative quaternion, 1 - cos for a rotation about that axis: smooth at every
-    # orientation, in contrast to three successive angles.
+    # 2 q_i^2, with the relative quaternion q: 1 - cos for a rotation about axis i. This is smooth
+    # at every orientation, in contrast to three successive angles.
     bend = 0.5 * (1.0 + first - second - third)
     along = tuple(Cosine(ends, a[i], b[i]) for i in range(3))
     for i, letter in enumerate("xyz"):
@@ -158,8 +158,8 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
             edge.vectors.get(name, vector.zeros(dag))[i]
             for name in ("stiffness", "damping", "rotation_stiffness", "rotation_damping")
         )
-        # Through variables on the second node oppose measures and rates. A torque per unit measure
-        # is the derivative of the energy.
+        # Through variables act on the second node, against measures and rates. The torque per unit
+        # of a measure is the derivative of the energy.
         rows = (
             ("", length, -(pull * value + drag * rate), stored_energy({"stiffness": pull}, value)),
             ("rotation_", turn, -twist, twist * value),
@@ -167,7 +167,7 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
         )
         for prefix, measure, formula, stored in rows:
             if not formula.is_zero:
-                # A spin has a rate and no value.
+                # A spin has a rate but no value.
                 arguments = {rate: (measure, True)}
                 if stored is not None:
                     arguments[value] = measure, False
@@ -176,13 +176,13 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a user-defined law, in Python or as an expression of the scene."""
+    """Evaluate a user-defined law: a Python function or an expression of the scene."""
     ends = chord_ends(motion, edge)
     if edge.component.acts is Acts.VELOCITY:
         yield from _against_motion(motion, edge, view)
         return
     measure: Measure = Distance(ends)
-    # Along an axis the length is signed; the distance of two nodes is not.
+    # A length along an axis has a sign; the distance between two nodes has none.
     if "axis" in edge.vectors:
         measure = AxisLength(ends, carried_by(motion, ends, 0, edge.vectors["axis"]))
     value, rate = _symbols(motion)
@@ -199,7 +199,7 @@ def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
-    """Return a resolver of names in which an edge's own names precede those of the scene."""
+    """Return a resolver of names in which the edge's own names take precedence over the scene's."""
 
     def resolve(name: str) -> Node:
         return own[name] if name in own else motion.system.signals.node(name)
@@ -208,18 +208,17 @@ def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
 
 
 def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a law of speed against the relative velocity: law(speed) / speed times velocity."""
+    """Evaluate a law of speed: law(speed) / speed times the relative velocity, reversed."""
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law
     assert law is not None
-    # Along the axes of the nodes' common ancestor: three through variables, one factor.
+    # In the axes of the nodes' common ancestor: three through variables with one common factor.
     parts = [Coincidence(ends, unit) for unit in vector.identity(dag)]
     rates = [dag.symbol("measure rate", i) for i in range(3)]
     arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
     square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
     known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
-    # The law is divided by the speed symbolically, so that no 0 / 0 occurs at rest if a limit
-    # exists.
+    # The division by the speed is symbolic, so that no 0 / 0 occurs at rest if the limit exists.
     factor = law.over("speed").value(dag, known)
     for letter, part, rate in zip("xyz", parts, rates, strict=True):
         yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)
@@ -227,9 +226,9 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
 
 @dataclass(frozen=True)
 class JointElement:
-    """A component that acts on a joint."""
+    """A component that acts on a joint's coordinate."""
 
-    #: Name and type of the edge.
+    #: Name of the edge, and its component type.
     edge: str
     type: str
     turns: bool  # whether it prescribes a rotation, not a translation
@@ -237,23 +236,23 @@ class JointElement:
 
 @dataclass(frozen=True)
 class PrescribedRate:
-    """A coordinate with a prescribed rate: only its rate is constrained."""
+    """A coordinate whose rate is prescribed, but not its value."""
 
-    measure: Measure  # measure that is the coordinate
+    measure: Measure  # the coordinate as a measure
     #: The prescribed rate, a function of parameters and time, and the symbol of time.
     speed: Node
     time: Node
 
     def value(self, view: View) -> Any:
-        """Return None: initial positions are free."""
+        """Return None, since the initial position is arbitrary."""
         return None
 
     def rate(self, view: View) -> Any:
-        """Return the deviation of the rate."""
+        """Return the actual rate minus the prescribed rate."""
         return self.measure.rate(view) - view.formula(self.speed, {})
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of the deviation."""
+        """Return the time derivative of this difference."""
         (change,) = tangents([self.speed], {self.time: self.time.dag.one})
         return self.measure.acceleration(view) - view.formula(change, {})
 
@@ -263,7 +262,7 @@ class PrescribedRate:
 
 
 def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
-    """List the rows of sources of velocity on joints."""
+    """List the constraint rows of velocity sources that act on joints."""
     for edge in motion.system.edges.values():
         if edge.component.role is Role.CONSTRAINT and edge.component.name in VELOCITY_SOURCES:
             turns, field = VELOCITY_SOURCES[edge.component.name]
@@ -274,11 +273,11 @@ def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
 
 
 def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
-    """Measure the coordinate ``joint`` or ``joint.coordinate`` on which a component acts.
+    """Return the measure of ``joint`` or ``joint.coordinate``, on which a component acts.
 
-    Raises SceneError if there is no such coordinate, or it slides but the component rotates.
+    Raises SceneError if it does not exist, or is a translation but the component needs a rotation.
     """
-    # A joint of a part has dots in its name.
+    # The name of a joint within a part contains dots.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)
     joint, wanted = (joint, wanted) if joint else (wanted, "")
     edge = motion.system.edges.get(joint)
@@ -306,7 +305,7 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
 def _joint_message(
     element: JointElement, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
-    """Describe why a component cannot act on a joint, and which can."""
+    """Return an error message: why a component cannot act on a joint, and which ones can."""
     own = f"edge '{element.edge}'"
     does, what = ("turns", "angle") if element.turns else ("slides", "length")
     on = f"joint '{joint.name}' of type '{joint.component.name}'"

@@ -1,22 +1,23 @@
 """The mass matrix: singularity checks, augmented bodies, and pivots that are certainly positive.
 
-Suppose that each joint moves the inertia of the rigid cluster that it carries, with all other
-joints locked. If that inertia is positive definite for every joint, every motion has kinetic
-energy: with clusters taken from the ground outwards, the velocities of the coordinates map to those
-of the clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is
-then positive definite in every configuration, and so is each of its Schur complements.
+Suppose that each joint moves the inertia of the cluster that it carries while all other joints are
+locked. If that inertia is positive definite for every joint, every motion has kinetic energy: the
+cluster velocities are a linear map of the coordinate velocities; from the ground outwards its
+matrix is block triangular, and its diagonal blocks are injective. Then the mass matrix is positive
+definite in every configuration, and so is each of its Schur complements.
 
-This requires clusters whose kinetic energy is never negative. A cluster whose inertia tensor, at
-the scene's values, is physically impossible makes the pivots of all joints that move it unsafe.
+This requires that the kinetic energy of a cluster is never negative. If the inertia tensor of a
+cluster is physically impossible at the scene's values, the pivots of all joints that move it are
+unsafe.
 
 If the trees differ, the clusters beyond a branch do not move as one body, so that they have no
 composite inertia. But all mass that the translation tree carries beyond a branch moves with the
-branch's outer node, so that it is a point mass of the inner cluster there (an augmented body: J.
-Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). A rotation of a cluster then depends on its
-augmented first moment and inertia only.
+branch's outer node, and acts as a point mass of the inner cluster at that node (augmented body: J.
+Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). Then the equations of a cluster's rotation
+contain only its augmented first moment and inertia.
 
-Elimination along the tree does not need the mass matrix and takes O(n) operations; the matrix of a
-chain has n^2 entries. The matrix is formed only if its rows are used.
+Elimination along the tree needs O(n) operations and no mass matrix, which has n^2 entries for a
+chain. Therefore the matrix is formed only if its rows are used.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Distance of two nodes, in metres or radians, below which a gap that no motion can close is
-#: rounding.
+#: Largest gap between two nodes, in metres or radians, that counts as a rounding error if no motion
+#: can close the gap.
 _LARGEST_GAP = 1e-9
 
 
@@ -56,10 +57,10 @@ def check_inertia(
 ) -> None:
     """Raise SingularSystemError if a coordinate moves no inertia and no constraint determines it.
 
-    ``gradient`` is of the constraints' rates by the speeds, (n_constraints, n_speeds).
+    ``gradient`` is the derivative of constraint rates by speeds, (n_constraints, n_speeds).
     """
-    # A structural test, for the message: rows that vanish for some states only are found at run
-    # time.
+    # This structural test has a clear message; rows that vanish only in some states are detected at
+    # run time.
     for speed, row in zip(system.speeds, matrix, strict=True):
         held = (constraint[speed.index] for constraint in gradient)
         if all(entry.is_zero for entry in (*row, *held)):
@@ -72,16 +73,16 @@ def check_inertia(
 
 
 def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
-    """Guard the constraints that no motion changes.
+    """Return guards for the constraints that no motion changes.
 
-    Raises ParameterError if one fails for all parameters.
+    Raises ParameterError if such a constraint is violated for all parameter values.
     """
     guards = []
     for row in rows:
         gap = row.measure.value(view)
         kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
-        # A constraint on rates only, or one that depends on states, is not violated by parameters
-        # alone.
+        # Parameters alone cannot violate a constraint that has only a rate, or that depends on
+        # states.
         if gap is None or not kinds <= {"p", "t"}:
             continue
         guard = Guard(
@@ -94,7 +95,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
                 "joint that moves in this direction"
             ),
         )
-        # A guard is a function of parameters only, so a gap that depends on time has none.
+        # A guard is a function of parameters only, so there is none for a gap that depends on time.
         if "t" in kinds:
             raise ParameterError(guard.demand)
         if guard.value.value is None:
@@ -105,17 +106,17 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return for each coordinate whether its own cluster gives it inertia.
+    """Return for each coordinate whether its own cluster gives it inertia, and the guards.
 
-    The guards are values that must stay positive when parameters change.
+    The guards are values that must remain positive when parameters change.
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
-    # A tensor of negative energy reduces the inertia of every joint that moves it.
+    # A tensor with negative energy reduces the inertia of every joint that moves it.
     unsafe = _below(clusters, _unreal(system, clusters))
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
-        # Positive at the scene's values now; guards keep it so when parameters change.
+        # These are positive at the scene's values; guards detect changes of parameters.
         is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
         is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
@@ -134,8 +135,8 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
             found.append(cluster)
-    # If the scene's values compensate a nonphysical tensor, other values may not, since the tensor
-    # has no guard.
+    # Even if the scene's values compensate for an impossible tensor, other values may not, and the
+    # tensor has no guard.
     for body in system.bodies:
         if body.inertia is None or _is_real(system, body.inertia):
             continue
@@ -147,27 +148,27 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
 
 
 def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
-    """Return whether all rotations of a tensor have positive energy, at the scene's values."""
+    """Return whether every rotation of a tensor has positive energy at the scene's values."""
     try:
         central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
         room = ROUNDING * np.trace(central)
         mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
         if inertia is not None and mass:
             moment = np.array([system.at_scene(entry) for entry in inertia.moment])
-            # Steiner: the tensor of a real body about its centre of mass has no negative
+            # Steiner's theorem: about its centre of mass, the tensor of a real body has no negative
             # eigenvalue.
             central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
         if system.plane:
-            # In a plane, rotations are about its normal only.
+            # In planar motion, rotations are about the plane's normal only.
             axis = "xyz".index(system.plane)
             return bool(mass >= 0.0 and central[axis, axis] >= -room)
         return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
-    except (ArithmeticError, ValueError):  # ArithmeticError, or ValueError such as LinAlgError
+    except (ArithmeticError, ValueError):  # ValueError includes LinAlgError
         return False
 
 
 def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
-    """Return the given clusters and all clusters whose motion moves them."""
+    """Return the given clusters, and all clusters whose motion also moves them."""
     found: set[int] = set()
     waiting = list(outer)
     while waiting:
@@ -185,14 +186,14 @@ def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
 
 
 def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
-    """Collect the branches into each cluster that has nodes, from the ground outwards."""
+    """Group the branches by the cluster with nodes to which they lead, from the ground outwards."""
     held = {point.cluster for point in clusters.points.values()}
     found: list[list[Branch]] = []
     own: list[Branch] = []
     for branch in clusters.branches[1:]:
         assert branch is not None
         own.append(branch)
-        # A joint of several steps is one motion; the intermediate massless clusters have no nodes.
+        # A joint of several steps is one motion; its massless intermediate clusters have no nodes.
         if branch.child in held:
             found.append(own)
             own = []
@@ -200,7 +201,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 
 
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
-    """List values that are positive if the joint's own cluster has inertia in all its motions."""
+    """List values that are positive if all motions of a joint move inertia of its own cluster."""
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]
     if inertia is None or inertia.mass.is_zero or not branches:
@@ -213,43 +214,43 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if not turning:
             return sliding
         central = _central(inertia)
-        # Several axes may span any direction, so the central tensor must be positive definite,
-        # which its leading minors show.
+        # Several axes may span all directions, so that the central tensor must be positive
+        # definite; this holds if its leading minors are positive.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
             return []  # the axis rotates relative to the cluster
         axis = turning[0].axes[0]
-        # If translations are free, the kinetic energy of a rotation is at least that about the
-        # centre of mass.
+        # If translations are free, the kinetic energy of a rotation is at least that of the
+        # rotation about the centre of mass.
         return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
 
 def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
-    """Form the inertia of a cluster along the only coordinate of its joint."""
+    """Return the inertia that the single coordinate of a joint moves."""
     axis, zero = branch.axes[0], vector.zeros(system.dag)
     turning = axis if branch.turns else zero
     shifting = vector.scale(branch.slides[0], axis)
-    # Inertia about the axis through the origin of the cluster, which is the joint's outer node.
+    # This is about an axis through the cluster's origin, which is the joint's outer node.
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
 
 
 def _central(inertia: Inertia) -> Matrix:
-    """Form the inertia tensor about the centre of mass."""
+    """Return the inertia tensor about the centre of mass."""
     offset = vector.scale(1.0 / inertia.mass, inertia.moment)
     moved = carried_inertia(inertia, vector.neg(offset))
     return moved.tensor
 
 
 def _minors(m: Matrix) -> list[Node]:
-    """Form the leading principal minors."""
+    """Return the leading principal minors."""
     plane = m[0][0] * m[1][1] - m[0][1] * m[1][0]
     return [m[0][0], plane, vector.dot(m[0], vector.cross(m[1], m[2]))]
 
 
 def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
-    """Form the symmetric mass matrix, one row for each speed, for vectors in ground axes."""
+    """Form the symmetric mass matrix, one row per speed, from vectors in ground axes."""
     dag, n = motion.system.dag, len(motion.system.speeds)
     with dag.labelled("augmented bodies"):
         bodies = _augmented(motion)
@@ -262,7 +263,7 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
                 pull = _forces(motion, bodies, geometry, i)
                 rows = _own(motion, bodies, tensors, geometry, i)
                 for row, entry in enumerate(along_speeds(motion, pull)):
-                    # An acceleration of the carrier has the same effect on the carried clusters.
+                    # An acceleration of the carrier has the same effect on all carried clusters.
                     matrix[row][speed.index] = matrix[row][speed.index] + entry
                     matrix[speed.index][row] = matrix[speed.index][row] + entry
                 for row, entry in rows.items():
@@ -273,13 +274,13 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
 
 
 def _augmented(motion: Motion) -> list[Inertia | None]:
-    """Add to each cluster the mass that it carries, as point masses, in ground axes."""
+    """Add to each cluster the mass that it carries, as point masses; in ground axes."""
     bodies = list(motion.clusters.inertias)
     for geometry in reversed(motion.geometry):
         branch = geometry.branch
         own = bodies[branch.child]
         if own is not None:
-            # In the cluster's own axes, where arms are constant.
+            # This sum is in the cluster's own axes, in which the arms are constant.
             mass = shifted(own.mass, _arm(branch), None)
             bodies[branch.parent] = combined(bodies[branch.parent], mass)
     axes = motion.frames.rotations
@@ -287,7 +288,7 @@ def _augmented(motion: Motion) -> list[Inertia | None]:
 
 
 def _arm(branch: Branch) -> Vector:
-    """Return the vector from the parent's origin to the child's, in the parent's axes."""
+    """Return the vector from the parent's origin to the child's origin, in the parent's axes."""
     arm = branch.anchor
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
@@ -297,9 +298,9 @@ def _arm(branch: Branch) -> Vector:
 
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
-    """Sum the inertia tensors of all clusters that rotate with each cluster."""
-    # A torque on a cluster acts on all rotations that move it, so that tensors add along the
-    # rotation tree.
+    """Return, for each cluster, the sum of all inertia tensors that rotate with it."""
+    # A torque on a cluster acts on all rotations that move it, so tensors add along the rotation
+    # tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):
         parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
@@ -310,11 +311,11 @@ def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matri
 
 
 def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i: int) -> Pull:
-    """Form the forces due to a unit acceleration, on the clusters on which they act."""
+    """Compute the forces due to a unit acceleration, and the clusters on which they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
-    # All clusters that rotate with the branch. In the rotation tree parents come first, so one pass
-    # is sufficient.
+    # These are all clusters that rotate with the branch. In the rotation tree parents come first,
+    # so one pass is sufficient.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
         if other.branch.turn_parent in turned:
@@ -322,12 +323,12 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     for cluster in sorted(turned):
         body = bodies[cluster]
         if body is not None:
-            # alpha x h: the augmented first moment contains all mass that this rotation
+            # alpha x h: the augmented first moment h contains all mass that this rotation
             # accelerates.
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
-        # The branch itself is treated in _own.
+        # The speeds of the branch itself are treated in _own.
         force = vector.scale(body.mass, shifting)
         wrenches.append((branch.parent, force, vector.cross(geometry.offset, force)))
     return Pull(tuple(wrenches))
@@ -340,48 +341,48 @@ def _own(
     geometry: Geometry,
     i: int,
 ) -> dict[int, Node]:
-    """Form a speed's column for the speed itself and the rotations that carry it, by speed."""
+    """Return a speed's matrix entries for its own branch and rotations that carry it."""
     branch = geometry.branch
     found: dict[int, Node] = {}
     tensor, body = tensors[branch.child], bodies[branch.child]
     if branch.turns and tensor is not None:
-        # J alpha acts on every rotation between the ground and the branch.
+        # J alpha acts on all rotations between the ground and the branch.
         torque = vector.times(tensor, geometry.turning[i])
         for other in motion.clusters.turning_path(branch.child):
             outer = motion.to(other.child).turning
             for k, speed in enumerate(other.speeds):
-                # Entries within one branch are formed once; the caller fills in the transpose.
+                # Entries within one branch are computed once; the caller fills in the transpose.
                 if other is not branch or k <= i:
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
-        # The carried mass adds to the inertia of its own translation; entries further inwards are
-        # added in _forces.
+        # The carried mass adds to the inertia of the branch's own translation; entries further
+        # inwards are added in _forces.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found
 
 
-# Mean squared depth of speeds: elimination by the matrix costs that many operations per speed, and
-# along the tree 90 (in a plane) to 600.
+# Limit of the mean squared depth of the speeds. Elimination with the matrix needs that many
+# operations per speed; elimination along the tree needs 90 (planar) to 600.
 _DEEP = 1000.0
 
 
 def is_deep(motion: Motion) -> bool:
-    """Return whether elimination along the tree certainly costs less than by the matrix."""
+    """Return whether elimination along the tree certainly costs less than with the matrix."""
     depths, squares = {0: 0}, []
     for geometry in motion.geometry:
         branch = geometry.branch
         below = depths[branch.parent]
         depths[branch.child] = below + len(branch.speeds)
-        # A speed at depth d is coupled with all d speeds above it; eliminating it changes d^2
+        # A speed at depth d is coupled with all d speeds above it; elimination changes d^2 entries.
         # entries.
         squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
     return sum(squares) > _DEEP * len(squares)
 
 
 class LateMatrix(Sequence[Sequence["Node"]]):
-    """A bordered mass matrix of ``n`` rows; those above the border are formed on first use."""
+    """A bordered mass matrix whose first ``n`` rows, above the border, are formed on first use."""
 
     def __init__(
         self,

@@ -1,9 +1,9 @@
-"""Measures: scalar across variables with their rates, and the through variables dual to them.
+"""Measures: scalar across variables with their rates, and the dual through variables.
 
-A measure has a value, a rate and an acceleration, and a pull: the forces and torques on clusters
-and coordinates for a unit of the dual through variable, such that their power is the measure's
-rate. Constraints keep a measure zero, and their multiplier acts along its pull; laws of chord
-joints, couplings, prescribed motions and outputs use measures, too.
+A measure has a value, a rate, an acceleration, and a pull. The pull consists of the forces and
+torques on clusters and coordinates per unit of the dual through variable; its power is the rate of
+the measure. A constraint keeps a measure zero, and its multiplier acts along the pull. Laws of
+chord joints, couplings, prescribed motions and outputs use measures, too.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 class Pull:
     """Wrenches on clusters, and efforts along speeds, per unit of a through variable."""
 
-    #: Wrenches on clusters, at their origins and in their bases, without those on the ground.
+    #: Wrenches on clusters at their origins and in their bases; those on the ground are omitted.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
-    efforts: Mapping[int, Any] = field(default_factory=dict)  # by index of the speed
+    efforts: Mapping[int, Any] = field(default_factory=dict)  # effort by index of its speed
 
     @property
     def entries(self) -> list[Any]:
@@ -54,8 +54,8 @@ class Pull:
     def plus(self, other: Pull) -> Pull:
         """Add another pull."""
         efforts = dict(self.efforts)
-        # Wrenches are listed, since they are summed on their clusters later; efforts of one speed
-        # are added.
+        # Wrenches are only listed, since they are summed on their clusters later; efforts along the
+        # same speed are added.
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
         return Pull((*self.wrenches, *other.wrenches), efforts)
@@ -63,7 +63,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Ends:
-    """The nodes of a chord, and their nearest common ancestor."""
+    """The two nodes of a chord, and their nearest common ancestor."""
 
     first: Point
     second: Point
@@ -71,8 +71,8 @@ class Ends:
 
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
-        """Pair two nodes with their common ancestor."""
-        # The ancestor moves both nodes equally: terms within it cancel and are not formed.
+        """Combine two nodes with their nearest common ancestor."""
+        # The ancestor moves both nodes equally, so that its motion cancels and is omitted.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -83,15 +83,15 @@ class Ends:
         return self._between(view.position)
 
     def closing(self, view: View) -> Any:
-        """Return the rate of the vector from the first node to the second, in inertial axes."""
+        """Return the time derivative of the vector between the nodes, in inertial axes."""
         return self._between(view.velocity)
 
     def opening(self, view: View) -> Any:
-        """Return the inertial second derivative of the vector from the first node to the second."""
+        """Return the second time derivative of the vector between the nodes, in inertial axes."""
         return self._between(view.acceleration)
 
     def arm(self, view: View, end: int) -> Any:
-        """Return a node's position from its cluster's origin, in the ancestor's basis."""
+        """Return the vector from a cluster's origin to a node, in the ancestor's basis."""
         point = (self.first, self.second)[end]
         return view.fixed(point.cluster, point.local, self.ancestor)
 
@@ -101,13 +101,13 @@ class Ends:
         return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
 
     def turn(self, view: View) -> Any:
-        """Return the rate of the relative angular velocity, in inertial axes."""
+        """Return the time derivative of the relative angular velocity, in inertial axes."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
 
 class Seen(Protocol):
-    """A vector as evaluated in a view."""
+    """A vector that is evaluated in a view."""
 
     def value(self, view: View) -> Any:
         """Return the vector."""
@@ -116,7 +116,7 @@ class Seen(Protocol):
 
 @dataclass(frozen=True)
 class Carried:
-    """A vector in a node's axes, which may depend on time, with its inertial derivatives."""
+    """A vector in node axes, possibly time-dependent, and its derivatives in inertial axes."""
 
     point: Point
     local: Vector
@@ -125,8 +125,8 @@ class Carried:
 
     @cached_property
     def _locals(self) -> tuple[Vector, Vector, Vector]:
-        """Return the vector and its explicit rates, in the cluster's axes."""
-        # Axes and vectors of constraints may be functions of time.
+        """Return the vector and its two explicit time derivatives, in cluster axes."""
+        # Axes and vectors of constraints may depend on time.
         seed = {self.time: self.time.dag.one}
         own = self.point.resolved(self.local)
         first = tangents(own, seed)
@@ -141,21 +141,20 @@ class Carried:
         return self._explicit(view, 0)
 
     def rate(self, view: View) -> Any:
-        """Return the rate of the vector."""
+        """Return the time derivative of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
-        # Transport theorem: the rate in space is omega x e plus the explicit rate in the node's
-        # axes.
+        # Transport theorem: the rate in space is omega x e plus the explicit rate in node axes.
         carried = vector.cross(omega, self.value(view))
         return vector.add(carried, self._explicit(view, 1))
 
     def acceleration(self, view: View) -> Any:
-        """Return the second derivative of the vector."""
+        """Return the second time derivative of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
         alpha = view.alpha(self.point.cluster, self.ancestor)
         inner = vector.cross(omega, self.value(view))
         explicit = self._explicit(view, 1)
         total = vector.add(vector.cross(alpha, self.value(view)), vector.cross(omega, inner))
-        # Coriolis term of a vector that changes in a rotating frame: 2 omega x explicit rate.
+        # Coriolis term 2 omega x (explicit rate) of a vector that changes in a rotating frame.
         relative = vector.cross(omega, explicit)
         total = vector.add(total, vector.add(relative, relative))
         return vector.add(total, self._explicit(view, 2))
@@ -164,10 +163,10 @@ class Carried:
 def pair_pull(
     view: View, ends: Ends, force: Any, torque: Any, arms: tuple[Any, Any] | None = None
 ) -> Pull:
-    """Apply a force and a torque to the second node, and their opposites to the first.
+    """Return a force and a torque on the second node, and their opposites on the first node.
 
-    Both are in the basis of the nodes' common ancestor. ``arms`` leads from the origins of the
-    nodes' clusters to the points of action, by default the nodes.
+    Both are in the basis of the nodes' common ancestor. ``arms`` are the vectors from the clusters'
+    origins to the points of action, which are the nodes by default.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -175,7 +174,7 @@ def pair_pull(
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # Moment about the origin of the cluster, where its wrenches are summed.
+        # The cluster's wrenches are summed at its origin, so this is the moment about the origin.
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
@@ -192,11 +191,11 @@ def pair_pull(
 
 
 def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
-    """Apply a force along ``axis`` to the second node, and its opposite to the first's body.
+    """Return a force along ``axis`` on the second node, and its opposite on the first body.
 
-    Both act at the same point; ``beyond`` leads there from the second node.
+    Both act at the same point, which is at ``beyond`` from the second node.
     """
-    # The point is the second node, relative to the origins of both clusters.
+    # The arms lead from the origins of both clusters to the second node.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:
         arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)
@@ -204,46 +203,46 @@ def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None)
 
 
 def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
-    """Find the nodes of an edge."""
+    """Return the nodes of an edge."""
     points = motion.clusters.points
     return Ends.of(motion.clusters, points[edge.first], points[edge.second])
 
 
 def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
-    """Attach a vector, resolved in its axes, to a node."""
+    """Attach a vector, given in node axes, to a node."""
     point = (ends.first, ends.second)[end]
     return Carried(point, local, ends.ancestor, motion.system.time)
 
 
 class Measure(Protocol):
-    """A scalar across variable; nonholonomic ones have a rate but no value."""
+    """A scalar across variable; nonholonomic measures have a rate but no value."""
 
     def value(self, view: View) -> Any:
-        """Form the value; None if only a rate exists."""
+        """Return the value, or None if there is only a rate."""
         ...
 
     def rate(self, view: View) -> Any:
-        """Form the rate."""
+        """Return the rate."""
         ...
 
     def acceleration(self, view: View) -> Any:
-        """Form the rate of the rate."""
+        """Return the time derivative of the rate."""
         ...
 
     def pull(self, view: View) -> Pull:
-        """Form the wrenches and efforts for a unit of the dual through variable."""
+        """Return the wrenches and efforts per unit of the dual through variable."""
         ...
 
 
 @dataclass(frozen=True)
 class CoordinateMeasure:
-    """A coordinate of a tree joint."""
+    """The coordinate of a tree joint, as a measure."""
 
     speed: Speed
 
     def value(self, view: View) -> Any:
         """Return the coordinate."""
-        # Angular velocities of a free rotation are speeds without a coordinate of their own.
+        # Angular velocities of a free rotation are speeds, but have no coordinates of their own.
         return None if self.speed.coordinate is None else view.scalar(self.speed.coordinate.symbol)
 
     def rate(self, view: View) -> Any:
@@ -256,16 +255,16 @@ class CoordinateMeasure:
 
     def pull(self, view: View) -> Pull:
         """Return a unit effort along the coordinate."""
-        # The power of the pull must be the rate, which is the speed itself.
+        # The power of the pull must equal the rate, which is the speed itself.
         return Pull(efforts={self.speed.index: view.scalar(self.speed.symbol.dag.one)})
 
 
 @dataclass(frozen=True)
 class Coincidence:
-    """A component of the vector between two nodes that a constraint keeps together.
+    """A component of the vector between two nodes that a constraint keeps at one point.
 
-    The direction is an axis of the ancestor's basis: on the constraint the vector and its rates
-    vanish, so any axes may be used.
+    The component is along an axis of the ancestor's basis. If the constraint is satisfied, the
+    vector and its rates are zero, so that any axes may be used.
     """
 
     ends: Ends
@@ -287,15 +286,15 @@ class Coincidence:
         return vector.dot(self._along(view), self.ends.opening(view))
 
     def pull(self, view: View) -> Pull:
-        """Return a force along the direction."""
-        # Both nodes coincide on the constraint, so that opposite forces at the nodes have no
-        # moment.
+        """Return a unit force along the direction, and its reaction."""
+        # Both nodes coincide if the constraint is satisfied, so that opposite forces at the nodes
+        # have no moment.
         return pair_pull(view, self.ends, self._along(view), None)
 
 
 @dataclass(frozen=True)
 class AxisLength:
-    """The component of the vector between two nodes along an axis that a node carries."""
+    """The component of the vector between two nodes along an axis that is fixed in a node."""
 
     ends: Ends
     axis: Carried
@@ -323,8 +322,8 @@ class AxisLength:
         )
 
     def pull(self, view: View) -> Pull:
-        """Return a force along the axis at the second node, and its reaction at the same point."""
-        # The axis rotates with its node: the power of e'.r comes from the moment of the reaction,
+        """Return a force along the axis on the second node, and its reaction at the same point."""
+        # The axis rotates with its node. The power of e'.r is that of the moment of the reaction,
         # which acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
@@ -343,27 +342,27 @@ class Distance:
         return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
-        """Return e.r', with the direction e."""
+        """Return e.r', where e is the direction of r."""
         return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
         """Return e.r'' + (r'.r' - (e.r')^2) / |r|."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
-        # The square of the velocity perpendicular to the line, over its length: the centripetal
-        # part, which grows without bound as the nodes meet.
+        # Centripetal part: the squared velocity perpendicular to the line, divided by the length.
+        # It grows without bound as the nodes approach each other.
         across = (vector.dot(closing, closing) - rate * rate) / length
         return vector.dot(direction, self.ends.opening(view)) + across
 
     def pull(self, view: View) -> Pull:
         """Return opposite forces that push the nodes apart."""
-        # The line passes through both nodes, so that opposite forces at the nodes have no moment.
+        # Both nodes are on the line, so that opposite forces along it have no moment.
         return pair_pull(view, self.ends, self._polar(view)[1], None)
 
 
 @dataclass(frozen=True)
 class Cosine:
-    """The scalar product of two directions, each carried by one of the nodes."""
+    """The scalar product of two directions, one fixed in each node."""
 
     ends: Ends
     a: Carried
@@ -387,7 +386,7 @@ class Cosine:
             vector.cross(self.b.rate(view), self.a.value(view)),
             vector.cross(self.b.value(view), self.a.rate(view)),
         )
-        # The moment arm moves with both bodies, hence a second term.
+        # b x a changes as both bodies rotate, hence the second term.
         return vector.dot(self._moment(view), self.ends.turn(view)) + vector.dot(
             moving, self.ends.spin(view)
         )
@@ -399,13 +398,13 @@ class Cosine:
 
 @dataclass(frozen=True)
 class Spin:
-    """Relative angular velocity about an axis that a node carries."""
+    """Relative angular velocity about an axis that is fixed in a node."""
 
     ends: Ends
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Return None: rotations about a moving axis have no coordinate."""
+        """Return None, since a rotation about a moving axis has no coordinate."""
         return None
 
     def rate(self, view: View) -> Any:
@@ -425,16 +424,16 @@ class Spin:
 
 @dataclass(frozen=True)
 class Angle(Spin):
-    """The angle of the second node about a unit axis that is fixed in both nodes.
+    """The angle of the second node relative to the first, about a unit axis fixed in both nodes.
 
-    Rate, acceleration and pull are therefore those of the spin.
+    Therefore rate, acceleration and pull are those of the spin.
     """
 
-    #: Directions perpendicular to the axis, of the first node and of the second, which agree at
-    #: angle zero.
+    #: Two directions perpendicular to the axis, fixed in the first and in the second node; they
+    #: coincide at angle zero.
     reference: Carried
     mark: Carried
-    #: The angle itself if everything rotates about one axis; otherwise computed between -pi and pi.
+    #: Sum of the angles if all rotations are about one axis; otherwise None (range -pi to pi).
     sum: Node | None = None
 
     def value(self, view: View) -> Any:
@@ -443,7 +442,7 @@ class Angle(Spin):
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
         # Both directions are perpendicular to the axis, so that sine and cosine determine the
-        # quadrant.
+        # angle.
         sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
         return function("atan2", sine, vector.dot(reference, mark))
 
@@ -452,13 +451,13 @@ class Angle(Spin):
 class Composite:
     """A function of other measures, time and parameters."""
 
-    parts: Sequence[Measure]  # measures that are arguments of the function
+    parts: Sequence[Measure]  # measures on which the function depends
     expression: Node  # the function, in which measure i is the symbol ``("measure", i)``
     time: Node  # symbol of time in the function
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:
-        """Return the symbols of the measures, their rates and accelerations."""
+        """Return the symbols of the measures, of their rates and of their accelerations."""
         kinds = ("measure", "measure rate", "measure acceleration")
         n, dag = len(self.parts), self.time.dag
         return tuple(tuple(dag.symbol(kind, i) for i in range(n)) for kind in kinds)
@@ -473,16 +472,16 @@ class Composite:
     def _acceleration(self) -> Node:
         values, rates, second = self._symbols
         seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
-        # A rate depends on values, rates and time: the chain rule differentiates by all three at
-        # once.
+        # A rate depends on values, rates and time: the chain rule differentiates with respect to
+        # all three at once.
         return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
 
     def _arguments(self, view: View, order: int) -> dict[Node, Any]:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
-            # Without accelerations, values and rates suffice; there may be fewer forms than
-            # symbols.
+            # A value or a rate does not need the symbols of accelerations, so the lists may differ
+            # in length.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }
@@ -500,9 +499,9 @@ class Composite:
         return view.formula(self._acceleration, self._arguments(view, 2))
 
     def pull(self, view: View) -> Pull:
-        """Sum the pulls of the measures, each times its partial derivative."""
+        """Return the sum of the measures' pulls, each times its partial derivative."""
         total = Pull()
-        # The explicit time dependence does no work through the pull.
+        # The explicit time dependence has no power through the pull.
         values = self._symbols[0]
         for part, symbol in zip(self.parts, values, strict=True):
             partial = tangents([self.expression], {symbol: symbol.dag.one})[0]

@@ -1,6 +1,6 @@
-"""Outputs, and the observable quantities by name, with units.
+"""Outputs, and the values of all observable names with their units.
 
-Values are formed only for the names that an output or a field uses.
+Only values that an output or a field uses are computed.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ if TYPE_CHECKING:
 
 _XYZ = "xyz"
 
-#: Name of the through variable that drives a joint along a prescribed motion.
+#: Name of the force or torque that drives a joint along a prescribed motion.
 DRIVE = "drive"
 
 
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
-    """Return a position or a velocity by name, ``node.variable`` or ``edge.coordinate``, or None.
+    """Return the position or velocity ``node.variable`` or ``edge.coordinate``, or None.
 
-    ``is_acting``: the value affects the motion. Raises FormulationError if such a value is an angle
-    that is known only between -pi and pi.
+    ``is_acting`` states that the value affects the motion; then FormulationError is raised if it is
+    an angle that is known only between -pi and pi.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -77,11 +77,11 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
 
 
 def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: bool) -> Node | None:
-    """Return a coordinate of a chord joint, or its rate."""
+    """Return a chord joint's coordinate or its rate."""
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
-    # A measure has both; the name selects one.
+    # A measure has a value and a rate; the name selects one of them.
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
@@ -95,10 +95,10 @@ def _in_ground(motion: Motion, a: Vector, cluster: int) -> Vector:
 
 
 def _axes(motion: Motion, point: Point) -> Matrix:
-    """Return the axes of a node, resolved in ground axes."""
+    """Return the axes of a node in ground axes."""
     units = vector.identity(motion.system.dag)
     columns = [
-        # From the node's axes to the cluster's, to its basis, to the ground.
+        # Transform from node axes to cluster axes, to the cluster's basis, to ground axes.
         _in_ground(motion, motion.frames.resolved(point.cluster, point.resolved(e)), point.cluster)
         for e in units
     ]
@@ -106,15 +106,15 @@ def _axes(motion: Motion, point: Point) -> Matrix:
 
 
 def _orientation(axes: Matrix, name: str) -> Node:
-    """Return an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
+    """Return an entry of the rotation matrix, or a roll, pitch or yaw angle."""
     dag = axes[0][0].dag
     # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r).
     roll = dag.function("atan2", axes[2][1], axes[2][2])
     if name == "roll":
         return roll
     if name == "yaw":
-        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), also at a
-        # pitch of a right angle. Any roll then has a corresponding yaw.
+        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), even if
+        # the pitch is a right angle. Then every roll has a corresponding yaw.
         sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
         return dag.function(
             "atan2",
@@ -130,16 +130,16 @@ def _orientation(axes: Matrix, name: str) -> Node:
 
 @dataclass(frozen=True)
 class Observer:
-    """Computes the values that outputs name, from the unknowns of the first graph."""
+    """Computes observable values from the unknowns of the first graph."""
 
     view: View  # across variables of the multibody system
-    #: Through variables.
+    #: Loads that do not depend on accelerations, and the balance with all unknowns.
     loads: Loads
     balance: Balance
-    applied: Sequence[Applied]  # forces and torques with the measures along which they act
-    networks: Mapping[str, Node]  # variables of the scalar networks, by name
-    owners: Collection[str]  # names of the scene's nodes and edges, for messages
-    #: Names of the variables of the networks, for messages; None without networks.
+    applied: Sequence[Applied]  # forces and torques, with the measures along which they act
+    networks: Mapping[str, Node]  # variables of the scalar networks by name
+    owners: Collection[str]  # names of the scene's nodes and edges, for error messages
+    #: Names of the networks' variables, for error messages; None without networks.
     names: Names | None = None
 
     @property
@@ -148,7 +148,7 @@ class Observer:
         return self.view.motion
 
     def value(self, name: str) -> Node:
-        """Form the value of a name."""
+        """Return the value of a name."""
         if name == "energy.kinetic":
             return self._kinetic()
         if name == "energy.potential":
@@ -163,9 +163,9 @@ class Observer:
         return found
 
     def _unknown(self, name: str) -> str:
-        """Describe why a name is unknown."""
+        """Return an error message about an unknown name."""
         system = self.motion.system
-        # Variables of several ports contain a dot, which does not follow an owner's name.
+        # A variable of one of several ports contains a dot that does not follow the owner's name.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
         last = name[len(first) + 1 :] if first else ""
         if first in self.motion.clusters.points:
@@ -175,7 +175,7 @@ class Observer:
             known += [
                 *EDGE_VARIABLES,
                 *([DRIVE] if "motion" in system.edges[first].scalars else []),
-                # The variables of a contact belong to its network.
+                # The variables of a contact are in its network.
                 *(self.names.of_edge(first) if self.names is not None else ()),
             ]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
@@ -188,7 +188,7 @@ class Observer:
         return f"uses the unknown name '{name}'{nearest(name, known)}"
 
     def _of_node(self, name: str) -> Node | None:
-        """Return an acceleration of a node, in ground axes."""
+        """Return the acceleration of a node, in ground axes."""
         first, last = split_name(name)
         point = self.motion.clusters.points.get(first)
         if point is None or last not in NODE_VARIABLES:
@@ -200,13 +200,13 @@ class Observer:
         return self.view.acceleration(point, 0)[i]
 
     def _of_edge(self, name: str) -> Node | None:
-        """Return a component of an edge's wrench on its second node, its power, or its drive."""
+        """Return an edge's force or torque on its second node, its power, or its drive."""
         first, last = split_name(name)
         edge = self.motion.system.edges.get(first)
         if edge is None:
             return None
         if last == DRIVE:
-            # A prescribed motion is a constraint row, whose multiplier is the drive.
+            # A prescribed motion is a constraint; its multiplier is the drive.
             own = [row for row in self.applied if row.name == f"{first}.motion"]
             return own[0].magnitude if own else None
         if last not in EDGE_VARIABLES:
@@ -218,19 +218,19 @@ class Observer:
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
 
     def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
-        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction contributes nothing."""
+        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), which is zero for a constraint reaction."""
         motion, points = self.motion, self.motion.clusters.points
         first, second = points[edge.first], points[edge.second]
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
         reach = vector.sub(motion.position(second), motion.position(first))
         closing = vector.sub(motion.velocity(second), motion.velocity(first))
-        # The reaction acts on the first body at the position of the second node, hence w1 x r.
+        # The reaction acts on the first body at the second node's position, hence the term w1 x r.
         against = vector.sub(closing, vector.cross(spins[0], reach))
         turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
         return vector.dot(wrench.force, against) + turning
 
     def _on_second(self, edge: BoundEdge) -> Wrench:
-        """Form the force and torque of an edge on its second node, in ground axes."""
+        """Return the force and torque of an edge on its second node, in ground axes."""
         if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
             raise ExpressionError(
                 f"asks for the load of '{edge.name}', but its bodies are lumped to one: "
@@ -238,11 +238,11 @@ class Observer:
             )
         pushing = self._transmitted(edge, "translation")
         turning = self._transmitted(edge, "rotation")
-        # A branch of both trees transmits the whole cutset sum, its own law included.
+        # A branch of both trees transmits the whole cutset sum, which includes its own law.
         if pushing is not None and turning is not None:
             return Wrench(pushing.force, turning.torque)
         second = self.motion.clusters.points[edge.second]
-        # Otherwise it is a chord of one graph at least: multipliers and laws act along measures.
+        # Otherwise it is a chord of at least one graph: multipliers and laws act along measures.
         total = self._pulled(edge, second)
         zero = vector.zeros(self.motion.system.dag)
         if pushing is not None:
@@ -260,13 +260,13 @@ class Observer:
         return total
 
     def _pulled(self, edge: BoundEdge, second: Point) -> Wrench:
-        """Sum the through variables along measures of an edge, on its second node's cluster."""
+        """Sum an edge's through variables along measures, as a wrench on its second node."""
         zero = vector.zeros(self.motion.system.dag)
         total = Wrench(zero, zero)
         for row in self.applied:
             if row.edge != edge.name:
                 continue
-            # The pair acts on both clusters; the ground has no sum, so either side is used.
+            # Each pair acts on two clusters; either may be used, since the ground has no sum.
             for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
                 sign = 1 if cluster == second.cluster else -1
                 if sign < 0 and second.cluster != 0:
@@ -277,7 +277,7 @@ class Observer:
     def _about(
         self, cluster: int, sign: int, force: Vector, torque: Vector, second: Point
     ) -> Wrench:
-        """Move a wrench from a cluster's origin to the second node, in ground axes."""
+        """Move a wrench from a cluster's origin to the second node; transform it to ground axes."""
         zero = vector.zeros(self.motion.system.dag)
         origin = self.motion.positions.between(0, cluster, zero)
         force = vector.signed(sign, _in_ground(self.motion, force, cluster))
@@ -286,16 +286,16 @@ class Observer:
         return Wrench(force, vector.add(torque, vector.cross(arm, force)))
 
     def _transmitted(self, edge: BoundEdge, domain: str) -> Wrench | None:
-        """Return the cutset sum of a branch, on its second node; None for a chord."""
+        """Return a branch's cutset sum, as a wrench on its second node; None for a chord."""
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node is at the outer end of an edge that points outwards, else at the inner
-        # end.
+        # The second node is at the outer end of an edge that points outwards, otherwise at the
+        # inner end.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
-        if entry.sign < 0:  # the second node is the inner one, so the reaction acts on it
+        if entry.sign < 0:  # the second node is the inner one: the reaction acts on it
             anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
             to_inner = vector.sub(geometry.offset, anchor)
             wrench = shifted(wrench, to_inner)
@@ -305,7 +305,7 @@ class Observer:
         )
 
     def _kinetic(self) -> Node:
-        """Sum (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over the clusters."""
+        """Return the sum of (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over all clusters."""
         motion = self.motion
         zero = vector.zeros(motion.system.dag)
         total = motion.system.dag.zero
@@ -313,7 +313,7 @@ class Observer:
             if inertia is None or cluster == 0:
                 continue
             omega = motion.omega[cluster]
-            # h and J refer to the origin of the cluster, not to its centre of mass: hence the mixed
+            # h and J refer to the cluster's origin, not to its centre of mass; hence the mixed
             # term.
             v = motion.velocities.between(0, cluster, zero)
             carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
@@ -322,7 +322,7 @@ class Observer:
         return total
 
     def _potential(self) -> Node:
-        """Sum the potentials of gravity and of linear springs."""
+        """Return the potential energy of gravity and of linear springs."""
         motion, system = self.motion, self.motion.system
         zero = vector.zeros(system.dag)
         total = system.dag.zero
@@ -340,7 +340,7 @@ class Observer:
             total = total + (row.potential or system.dag.zero)
         for arguments in (effort.arguments for effort in self.loads.efforts):
             if "stiffness" in arguments:
-                # Tree joints with a spring rotate or slide along one coordinate.
+                # A tree joint with a spring has a single coordinate, an angle or a translation.
                 at = arguments["theta"] if "theta" in arguments else arguments["s"]
                 total = total + stored_energy(arguments, at)
         return total
@@ -348,20 +348,20 @@ class Observer:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Output expressions over the first graph."""
+    """Output expressions as functions of the first graph's states and unknowns."""
 
-    #: The outputs in terms of states and unknowns; then the expressions of the events, in the order
-    #: of :func:`cotree.scene.events.event_expressions`.
+    #: Values of the outputs, followed by the expressions of the events in the order of
+    #: :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
-    #: Positions and velocities of nodes that outputs use, by ``node.variable``.
+    #: Node positions and velocities that outputs use, by ``node.variable``.
     across: Mapping[str, Node]
-    networks: Mapping[str, Node]  # values of the network variables that outputs use, by name
-    #: Initial values of the modes that represent jumps inside expressions, by name.
+    networks: Mapping[str, Node]  # values of network variables that outputs use, by name
+    #: Initial values of modes that represent jumps inside expressions, by name.
     jumps: Mapping[str, Node]
 
 
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
-    """Form the outputs of a scene, and the expressions of its events.
+    """Form the outputs of a scene and the expressions of its events.
 
     Raises ExpressionError if an output uses an unknown name.
     """
@@ -388,10 +388,10 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         if name not in known and name in scene.outputs:
             return of_output(name)
         if name not in known:
-            # Formed once and only for used names: reactions and energies are expensive.
+            # Only names in use are computed, and only once: reactions and energies are expensive.
             known[name] = observer.value(name)
-            # The sensitivity graph has tangents of positions and velocities; differentiating their
-            # long expressions would form all of them again.
+            # Sensitivity graphs already contain the tangents of positions and velocities;
+            # differentiating their long expressions would compute them again.
             if _place(name) is not None and split_name(name)[0] in motion.clusters.points:
                 across[name] = known[name]
         return known[name]
@@ -410,7 +410,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
 
 def _place(name: str) -> tuple[int, int] | None:
-    """Return derivative order and component of a node's position or velocity."""
+    """Return derivative order and component of a node's position or velocity, or None."""
     variable = split_name(name)[1]
     if len(variable) == 1 and variable in "xyz":
         return 0, "xyz".index(variable)
@@ -420,11 +420,11 @@ def _place(name: str) -> tuple[int, int] | None:
 
 
 def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
-    """Differentiate the across variables that outputs use, by a sensitivity graph's motion."""
+    """Return the tangents of across variables in outputs, from a sensitivity graph's motion."""
     seed = {}
     for name, value in outputs.across.items():
         place = _place(name)
-        assert place is not None  # only measures with a place are kept
+        assert place is not None  # only such variables are stored
         point = motion.clusters.points[split_name(name)[0]]
         order, i = place
         see = motion.velocity if order else motion.position
@@ -435,9 +435,9 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
 def units_of_expressions(
     scene: SceneDescription, states: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the units of outputs and of derived parameters; none if a name in them has none.
+    """Return the units of outputs and derived parameters, or "" if a name in them has no unit.
 
-    The unit of a sum is that of its terms, that of a product in SI.
+    A sum has the unit of its terms; a product has an SI unit.
     """
     units = {**stated_units(scene), "t": "s", **states}
     found: dict[str, str] = {}
@@ -455,7 +455,7 @@ def units_of_expressions(
         return dimension_of_unit(unit_of(name))
 
     def output(name: str) -> str:
-        # An output that depends on itself is rejected elsewhere.
+        # An output that depends on itself causes an error elsewhere.
         if name not in found and name not in pending:
             pending.add(name)
             found[name] = unit_in(scene.outputs[name].tree)
@@ -470,8 +470,8 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each name comes after those on which it depends; recursion along a chain could exceed Python's
-    # limit.
+    # Each name comes after those on which it depends, since recursion along a long chain could
+    # exceed Python's limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value
@@ -481,7 +481,7 @@ def units_of_expressions(
 
 
 def _is_celsius(tree: ast.expr) -> bool:
-    """Return whether the zero of temperatures is subtracted from something."""
+    """Return whether an expression subtracts the zero point of the Celsius scale."""
     match tree:
         case ast.BinOp(op=ast.Sub(), right=ast.Constant(value=273.15)):
             return True
@@ -489,7 +489,7 @@ def _is_celsius(tree: ast.expr) -> bool:
 
 
 def _terms(tree: ast.expr) -> list[str]:
-    """List the names of a sum; a term that is not a name is an empty string."""
+    """List the names in a sum, with "" for each term that is not a name."""
     match tree:
         case ast.UnaryOp(operand=operand):
             return _terms(operand)

@@ -1,8 +1,8 @@
-"""Start of a motion: absolute coordinates by forward kinematics, conditions on chords.
+"""Initial states: absolute coordinates from forward kinematics, and conditions on chords.
 
-Joints determine the start of bodies in the tree: the across variables of the joints' tree at its
-initial coordinates. An initial value of a coordinate that is not a state is a condition of the
-consistent start.
+If bodies are in the tree, the joints determine their initial states: these are the across variables
+of the joints' own tree at its initial coordinates. If the scene gives the initial value of a
+coordinate that is not a state, the consistent start must satisfy it as a condition.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
 
-#: Initial values that a scene may give for a free rotation.
+#: Names of the initial values that a scene may give for a free rotation.
 _TURN = ("rotation", "q0", "q1", "q2", "q3")
 
 
 def body_starts(
     scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
-    """Return the start of bodies in the tree, by short names of coordinates and rates.
+    """Return the initial states of bodies in the tree, by short names of coordinates and rates.
 
-    Bodies that no joints reach are left out: they start at the scene's values.
+    Bodies that no joint reaches are omitted: they start at the scene's values.
     """
-    # Bodies in the tree have absolute coordinates, for which a scene need not give initial values.
+    # Bodies in the tree have absolute coordinates, whose initial values a scene need not give.
     placed = [name for name in trees.branches if scene.edges[name].component.role is Role.BODY]
     if not placed:
         return {}
-    # Bodies that are branches of the joints' own tree are reached by no joint.
+    # Bodies that are branches of the joints' own tree are not reached by joints.
     reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
-    # The formulation's own traversals, with initial values instead of coordinates.
+    # Use the traversals of the formulation, with initial values in place of coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
@@ -69,7 +69,7 @@ def _parameter_values(scene: SceneDescription, motion: Motion) -> dict[Node, flo
 def _start(
     motion: Motion, body: str, space: Sequence[MotionStep], values: Mapping[Node, float]
 ) -> dict[str, Node]:
-    """Resolve the state of a body's node along its motion space."""
+    """Return the initial state of a body's node along the body's motion space."""
     frames = motion.frames
     point = motion.clusters.points[motion.system.edges[body].second]
     position, velocity = motion.position(point), motion.velocity(point)
@@ -87,10 +87,10 @@ def _start(
         axes = frames.rotations[point.cluster].matrix
         if point.turn is not None:
             axes = vector.matmul(axes, point.turn)
-        # Numbers decide which entry is the largest; the values remain functions of parameters.
+        # Which entry is largest is decided numerically; the values remain functions of parameters.
         quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
         found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
-        # Speeds of a free rotation are in the axes of the body's node.
+        # The speeds of a free rotation are in axes of the body's node.
         own = vector.transposed_times(axes, omega)
         found |= {name: node for (name, _), node in zip(step.rates, own, strict=True)}
     return found
@@ -98,20 +98,20 @@ def _start(
 
 @dataclass(frozen=True)
 class Condition:
-    """Initial value that a scene gives for a coordinate, or a rate, that is not a state.
+    """Initial value that a scene gives for a coordinate, or its rate, that is not a state.
 
     Attributes
     ----------
     name, unit : str
-        ``edge.coordinate`` or its rate, and its unit.
+        ``edge.coordinate`` or the name of its rate, and its unit.
     measure : Measure
-        The measure of the coordinate.
+        The coordinate as a measure.
     is_rate : bool
-        Whether its rate is given.
+        Whether the value is that of the rate.
     given : Node
-        The value, of parameters only.
+        The value, a function of parameters only.
     gradient : tuple of Node
-        Derivatives of the measure's rate by the speeds.
+        Derivatives of the measure's rate with respect to the speeds.
     """
 
     name: str
@@ -123,9 +123,9 @@ class Condition:
 
 
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
-    """List the initial values that the scene gives for joints and bodies that are chords.
+    """List the initial values that the scene gives for chords: joints and bodies.
 
-    Raises SceneError if the scene gives a coordinate that a chord does not have.
+    Raises SceneError if the chord does not have the coordinate.
     """
     system = motion.system
     given = [
@@ -140,8 +140,8 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     found = []
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
-            continue  # the given initial values place the bodies there
-        # Bodies and joints have the measures of the steps that they would have as branches.
+            continue  # the given initial values determine the bodies' positions
+        # Chords have the same coordinates that they would have as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)
         if measure is None or name in _TURN or not isinstance(value, Expression):
@@ -152,7 +152,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
             )
         rates = {n: unit for step in steps for n, unit in step.rates}
         units = {n: unit for step in steps for n, unit in step.coordinates} | rates
-        # Newton's method needs the derivatives of the measure by the speeds.
+        # Newton's method needs the derivatives of the measure with respect to the speeds.
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
         own = f"{edge.name}.{name}"
@@ -161,7 +161,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
 
 
 def given_names(scene: SceneDescription) -> tuple[str, ...]:
-    """List the names of the initial values in a scene, as names of states, in its order."""
+    """List the initial values that a scene gives, by the names of states, in the scene's order."""
     found: list[str] = []
     for edge in scene.edges.values():
         for name in edge.initial:
@@ -171,7 +171,7 @@ def given_names(scene: SceneDescription) -> tuple[str, ...]:
 
 
 def _is_state(system: System, edge: str, name: str) -> bool:
-    """Return whether an initial value is that of a state, or of the four of a rotation."""
-    # A rotation is given as one field, which sets all four entries of the quaternion.
+    """Return whether an initial value is that of a state, or of a rotation, which has four."""
+    # A rotation is given as one field, which determines all four entries of the quaternion.
     state = "q0" if name == "rotation" else name
     return f"{edge}.{state}" in system.names

@@ -1,6 +1,6 @@
-"""A scene bound to nodes: every symbol, coordinate and field as a value of one program.
+"""A scene bound to nodes: all symbols, coordinates and fields are nodes of one program.
 
-In: a scene and its trees. Out: a :class:`System`, which :mod:`cotree.formulation` and
+A scene and its trees become a :class:`System`, which :mod:`cotree.formulation` and
 :mod:`cotree.sensitivity` evaluate.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from cotree.scene.parameters import Parameter
 
 
-# The alternative to a prescribed motion of states or inputs.
+# Advice if a prescribed motion depends on states or inputs.
 _DRIVEN = (
     "the equations contain its time derivatives; write an expression of t, or a torque or force "
     "that follows the value, such as torque = 'c*(w - hinge.theta_dot)' of a joint"
@@ -50,7 +50,7 @@ _DRIVEN = (
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A generalized coordinate of a branch."""
+    """A generalised coordinate of a branch."""
 
     #: Name of the coordinate, ``edge.coordinate``, and its unit.
     name: str
@@ -61,14 +61,14 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Speed:
-    """A generalized speed: the rate of motion along one direction of a branch's motion space."""
+    """A generalised speed: the rate of motion along one direction of a branch's motion space."""
 
     #: Name of the speed, usually ``edge.coordinate_dot``, and its unit.
     name: str
     unit: str
     index: int  # index among the speeds
     edge: str  # name of the branch
-    #: Coordinate whose rate the speed is; None for angular velocities.
+    #: Coordinate whose rate is the speed; None for angular velocities.
     coordinate: Coordinate | None
     #: Symbols of the speed and of its rate in the program.
     symbol: Node
@@ -88,39 +88,39 @@ class Step:
 
 @dataclass(frozen=True)
 class System:
-    """A scene bound to nodes."""
+    """A scene whose symbols and fields are nodes of one program."""
 
     dag: Dag  # arena that holds all nodes
     time: Node  # symbol of time in the program
-    #: Symbols of the parameters that a run may change, by name: the arguments of the program.
+    #: Symbols of the parameters that a run may change, by name; they are arguments of the program.
     tunable: Mapping[str, Node]
-    #: Nodes of all parameters and symbols of inputs, by name. Parameters that are not tunable are
-    #: numbers, derived ones are expressions of others.
+    #: Nodes of all parameters, and symbols of the inputs, by name. Parameters that are not tunable
+    #: are numbers; derived ones are expressions of other parameters.
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
-    #: Quantities that only events change: states without a rate, after the speeds.
+    #: Quantities that only events change; they follow the speeds, as states without a rate.
     modes: tuple[State, ...]
-    #: Motion space of each branch that has one, in the order of the scene's edges. An edge that is
-    #: a branch of one tree only has only its translations or its rotations.
+    #: Motion space of each branch that has one, in the order of the scene's edges. If an edge is a
+    #: branch of one tree only, these are only its translations or only its rotations.
     steps: Mapping[str, tuple[Step, ...]]
     plane: str  # normal of the plane of motion: ``x``, ``y`` or ``z``; empty for spatial motion
     edges: Mapping[str, BoundEdge]  # bound edges by name
     gravity: Vector  # gravitational acceleration in the ground frame, [m/s^2]
-    trees: Trees  # spanning trees with their branches
+    trees: Trees  # the spanning trees of translation and rotation
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     at_scene: Callable[[Node], float]  # evaluates a node with the scene's parameter values
     input_values: tuple[Node, ...]  # the scene's inputs: functions of time and parameters
-    of_parameters: Resolver  # returns the node of a parameter, given its name
+    of_parameters: Resolver  # returns the node of a parameter by name
     signals: FieldNames  # returns the node of any name that a field may use
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """Every coordinate."""
+        """All coordinates."""
         return tuple(c for steps in self.steps.values() for step in steps for c in step.coordinates)
 
     @cached_property
     def speeds(self) -> tuple[Speed, ...]:
-        """Every speed; their rates are the unknown accelerations."""
+        """All speeds; their rates are the unknown accelerations."""
         return tuple(v for steps in self.steps.values() for step in steps for v in step.speeds)
 
     @cached_property
@@ -146,17 +146,17 @@ def bind(
 ) -> System:
     """Bind a scene to nodes of an arena.
 
-    ``starts`` has initial values of branches that the scene does not give, ``names`` the nodes and
-    edges of the scalar networks. With ``is_start`` initial values replace the coordinates and
-    speeds. Raises ExpressionError if a name is unknown or not allowed, ParameterError if an axis
-    has no direction.
+    ``starts`` contains initial values of branches that the scene does not give, ``names`` the names
+    of nodes and edges in the scalar networks. With ``is_start``, initial values replace coordinates
+    and speeds. Raises ExpressionError if a name is unknown or not allowed, and ParameterError if an
+    axis has no direction.
     """
     time = dag.symbol(TIME, 0)
     tunable, parameters = _parameters(scene, dag)
     values = parameter_values(scene.parameters)
     at_scene = partial(_at, {symbol: values[name] for name, symbol in tunable.items()})
     inputs = {name: dag.symbol(INPUT, i) for i, name in enumerate(scene.inputs)}
-    # Three scopes of names: parameters only; also time; everything that changes.
+    # There are three scopes of names: parameters only; parameters and time; all variables.
     of_modes = dict.fromkeys(
         scene.modes, "let an output depend on modes, and use the output in the field"
     )
@@ -168,10 +168,10 @@ def bind(
     if is_start:
         steps = {name: tuple(_at_start(step) for step in own) for name, own in steps.items()}
     kept = [step for own in steps.values() for step in own]
-    # All coordinates, then all speeds, then modes: the order of the state vector.
+    # The state vector contains all coordinates, then all speeds, then modes.
     states = {c.name: c.symbol for step in kept for c in step.coordinates}
     states |= {v.name: v.symbol for step in kept for v in step.speeds}
-    # Modes are numbered after coordinates and speeds, before the states of the networks.
+    # Modes are numbered after coordinates and speeds, but before the states of the networks.
     modes = _modes(scene, dag, len(states), of_parameters)
     states |= {mode.name: mode.symbol for mode in modes}
     everything = {**parameters, "t": time, **inputs, **states}
@@ -188,8 +188,7 @@ def bind(
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
-            # Prescribed motions enter the equations with two time derivatives, so they must not
-            # jump.
+            # Two time derivatives of a prescribed motion enter the equations, so it must not jump.
             guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
         dag=dag,
@@ -206,7 +205,7 @@ def bind(
         guards=tuple(guards),
         at_scene=at_scene,
         input_values=tuple(
-            # Inputs from a table are piecewise linear in time; others are expressions.
+            # Inputs from a table are piecewise linear functions of time; others are expressions.
             table(dag, row.value, time)[0]
             if isinstance(row.value, Table)
             else row.value.lower(dag, of_time)
@@ -218,21 +217,21 @@ def bind(
 
 
 def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dict[str, Node]]:
-    """Return the symbols of the parameters that runs may change, and the nodes of all."""
+    """Return the symbols of parameters that runs may change, and the nodes of all parameters."""
     names = [name for name, row in scene.parameters.items() if row.is_argument]
     tunable = {name: dag.symbol(PARAMETER, i) for i, name in enumerate(names)}
 
     def number(row: Parameter) -> Node:
-        # Parameters that are not tunable are numbers, which fold into the expressions.
+        # Parameters that are not tunable are numbers, which are folded into the expressions.
         return tunable[row.name] if row.is_argument else dag.constant(row.number)
 
     return tunable, parameter_nodes(scene.parameters, dag, number)
 
 
 def _at_start(step: Step) -> Step:
-    """Substitute initial values for the symbols."""
+    """Return a step in which initial values replace the symbols."""
     coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
-    # A degree of freedom has one coordinate; the speeds of a free rotation have none.
+    # A degree of freedom has one coordinate; the speeds of a free rotation have no coordinates.
     own = coordinates[0]
     return replace(
         step,
@@ -246,13 +245,13 @@ def _at_start(step: Step) -> Step:
 def _modes(
     scene: SceneDescription, dag: Dag, n_before: int, resolve: Resolver
 ) -> tuple[State, ...]:
-    """Assign a symbol to every mode, after those of the coordinates and speeds."""
+    """Create a state with a symbol for every mode, numbered after the coordinates and speeds."""
     return tuple(
         State(
             mode.name,
             "",
             dag.symbol(STATE, n_before + i),
-            # Those of jumps follow from the states; see
+            # The values of jumps follow from the initial states; see
             # :func:`cotree.formulation.first_graph.started`.
             dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
         )
@@ -261,7 +260,7 @@ def _modes(
 
 
 def _at(values: Mapping[Node, float], node: Node) -> float:
-    """Evaluate a node of parameters."""
+    """Evaluate a node that depends on parameters only."""
     return float(evaluate([node], values)[0])
 
 
@@ -273,8 +272,8 @@ def _steps(
     resolve: Resolver,
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
-    """Assign coordinates and speeds to every branch, numbered, with their initial values."""
-    # If the trees differ, an edge has coordinates only in the tree of which it is a branch.
+    """Create the coordinates and speeds of all branches, numbered, with their initial values."""
+    # If the trees differ, an edge has coordinates only in trees of which it is a branch.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
         for name in scene.edges
@@ -285,7 +284,7 @@ def _steps(
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
-        # The whole motion space, so that an initial value of the part that is a chord is accepted.
+        # Use the whole motion space, so that initial values of its chord part are accepted.
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
         for kind in kept[edge.name]:
@@ -297,7 +296,7 @@ def _steps(
             speeds = []
             for name, unit in kind.rates:
                 of = None if isinstance(kind, FreeRotation) else coordinates[0]
-                # i counts coordinates and j speeds, which differ where bodies turn freely.
+                # i counts coordinates and j speeds; they differ if there are free rotations.
                 symbol = dag.symbol(STATE, n_coordinates + j)
                 full, w = f"{edge.name}.{name}", dag.symbol(UNKNOWN, j)
                 speeds.append(Speed(full, unit, j, edge.name, of, symbol, w, initial[name]))

@@ -1,8 +1,9 @@
-"""f-cutsets: through variables of the branches as suffix sums, projected on motion spaces.
+"""f-cutsets: through variables of branches as suffix sums, projected on motion spaces.
 
-The cutset equation of a branch states that its through variable is the sum of those of the chords
-beyond it (paper, Eq. (1)). Chords are inertias, whose terminal equations need accelerations, and
-force elements. Projection on the motion space gives one equation for each coordinate (Eq. (5)).
+The cutset equation of a branch states that its through variable is the sum of the through variables
+of all chords beyond it (paper, Eq. (1)). The chords are force elements and inertias; only the
+terminal equations of inertias contain accelerations. Projection on the motion space yields one
+equation per coordinate (Eq. (5)).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Effort:
-    """Value of a joint's law along a coordinate, and its arguments."""
+    """Force or torque of a joint's law along a coordinate, with the arguments of the law."""
 
     value: Node
     arguments: Mapping[str, Node]
@@ -40,14 +41,14 @@ class Effort:
 class Loads:
     """Through variables that do not depend on accelerations."""
 
-    actions: tuple[Action, ...]  # force elements with their forces
-    on_cluster: tuple[Wrench | None, ...]  # sum of the forces on each cluster
-    efforts: tuple[Effort, ...]  # force or torque of each tree joint's law along each speed
+    actions: tuple[Action, ...]  # forces and torques of the force elements
+    on_cluster: tuple[Wrench | None, ...]  # sum of the forces on each cluster; None without forces
+    efforts: tuple[Effort, ...]  # force or torque along each speed due to a tree joint's law
     along: tuple[Node, ...]  # generalised force along each speed
     inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
     def plus(self, pulls: Sequence[Pull]) -> Loads:
-        """Add through variables along measures."""
+        """Add the through variables along measures."""
         on_cluster, along = list(self.on_cluster), list(self.along)
         for pull in pulls:
             for cluster, force, torque in pull.wrenches:
@@ -60,19 +61,19 @@ class Loads:
 
 @dataclass(frozen=True)
 class Balance:
-    """The projected f-cutset equations."""
+    """The f-cutset equations, projected on the motion spaces."""
 
-    residual: tuple[Node, ...]  # one residual for each speed, zero on a motion
-    #: Sum of inertia minus load over each cluster and those beyond it, at its origin and in its
-    #: basis.
+    residual: tuple[Node, ...]  # one residual per speed; zero on a motion
+    #: For each cluster, the sum of inertial forces minus loads over it and all clusters beyond it,
+    #: at its origin and in its basis.
     totals: tuple[Wrench, ...]
-    #: The same sum for the child of each moving branch, in the parent's basis: the wrench that the
+    #: For each moving branch, the sum of its child in the parent's basis: the wrench that the
     #: branch transmits.
     beyond: tuple[Wrench, ...]
 
 
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
-    """Sum the force elements, evaluate the laws of joints and resolve the inertias.
+    """Sum the forces of the elements, evaluate joint laws, and resolve inertias in the bases.
 
     A sensitivity graph passes ``first``, the loads of the first graph.
     """
@@ -98,7 +99,7 @@ def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = N
 
 
 def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
-    """Evaluate the law of each tree joint along its coordinate."""
+    """Evaluate the laws of all tree joints along their coordinates."""
     system, seen = motion.system, motion.frames.seen
     efforts = []
     for speed in system.speeds:
@@ -118,7 +119,7 @@ def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
 
 
 def resolved(inertia: Inertia, axes: Matrix) -> Inertia:
-    """Resolve an inertia in other axes."""
+    """Transform an inertia to other axes."""
     return Inertia(
         inertia.mass,
         vector.times(axes, inertia.moment),
@@ -127,7 +128,7 @@ def resolved(inertia: Inertia, axes: Matrix) -> Inertia:
 
 
 def resolved_field(frames: Frames, cluster: int, local: Inertia) -> Inertia:
-    """Resolve a cluster's inertia, given in its axes, in its basis."""
+    """Transform a cluster's inertia from its axes to its basis."""
     return Inertia(
         frames.seen(local.mass),
         frames.resolved(cluster, local.moment),
@@ -138,10 +139,10 @@ def resolved_field(frames: Frames, cluster: int, local: Inertia) -> Inertia:
 def inertial_wrench(
     motion: Motion, across: Accelerations, cluster: int, inertia: Inertia
 ) -> Wrench:
-    """Form the terminal equation of a lumped inertia, at its cluster's origin.
+    """Return the terminal equation of a lumped inertia: its wrench at the cluster's origin.
 
-    Force ``m a + A h``; torque ``h x a + J alpha + omega x (J omega)``, with first moment h and
-    second moment J about the origin, whose acceleration is a ([1] eq. 3).
+    The force is ``m a + A h``, the torque ``h x a + J alpha + omega x (J omega)``, with the first
+    moment h, the second moment J and the acceleration a of the origin ([1] eq. 3).
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
@@ -155,7 +156,7 @@ def inertial_wrench(
 
 
 def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
-    """Form the f-cutset equations of the branches ([1] eq. 1) and project them ([1] eq. 5)."""
+    """Form the f-cutset equations of the branches ([1] eq. 1), and project them ([1] eq. 5)."""
     zero = vector.zeros(motion.system.dag)
     nothing = Wrench(zero, zero)
     sums = Sums(len(motion.omega))
@@ -170,7 +171,7 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
 
 
 def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sums) -> None:
-    """Add the chords at each cluster, its inertia minus its loads, to ``sums``."""
+    """Add the inertia of each cluster, minus its loads, to ``sums``."""
     dag = motion.system.dag
     with dag.labelled("terminal equations of inertias"):
         for cluster, inertia in enumerate(loads.inertias):
@@ -188,7 +189,7 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
                 sums.gather(cluster, inertial_wrench(motion, across, cluster, inertia))
             applied = loads.on_cluster[cluster]
             if applied is not None:
-                # Inertia minus load: the cutset equation then reads total = 0.
+                # Loads are subtracted, so that the cutset equation is total = 0.
                 sums.gather(cluster, applied.minus())
 
 
@@ -201,7 +202,7 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
         total = sums.at(branch.child)
         if total is None:
             continue
-        # The sum at the child is complete, since children follow their parents.
+        # The child's sum is complete here, since outer branches come first in this loop.
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
             wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
@@ -215,19 +216,19 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
 
 
 def carried(frames: Frames, cluster: int, wrench: Wrench) -> Wrench:
-    """Resolve a wrench of a cluster's basis in its parent's."""
+    """Transform a wrench from a cluster's basis to its parent's basis."""
     return Wrench(frames.up(cluster, wrench.force), frames.up(cluster, wrench.torque))
 
 
 def project(geometry: Geometry, i: int, wrench: Wrench) -> Node:
-    """Form the scalar product of a wrench with a direction of the motion space."""
+    """Return the scalar product of a wrench and a direction of the motion space."""
     return vector.dot(geometry.turning[i], wrench.torque) + vector.dot(
         geometry.shifting[i], wrench.force
     )
 
 
 def shifted(wrench: Wrench, arm: Vector) -> Wrench:
-    """Move a wrench back along an arm: an arm adds r x F to the torque."""
+    """Move a wrench inwards along an arm r: r x F is added to the torque."""
     return Wrench(wrench.force, vector.add(wrench.torque, vector.cross(arm, wrench.force)))
 
 
@@ -235,18 +236,18 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
     """Add the wrench that a branch transmits to the sums of its parents."""
     branch = geometry.branch
     if branch.parent == branch.turn_parent:
-        if branch.parent:  # forces on the ground do no work and are not used
+        if branch.parent:  # forces on the ground are not used
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
-    # If the trees differ, the torque follows the rotation graph and the force the translation
-    # graph; the arm is fixed in the parent, which receives its moment.
+    # If the trees differ, the torque follows the rotation graph and the force follows the
+    # translation graph. The arm is fixed in the translation parent, on which the moment acts.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
 
 
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
-    """Form the symmetric mass matrix from composite inertias, by suffix sums over the tree."""
+    """Form the symmetric mass matrix from composite inertias (suffix sums over the tree)."""
     system = motion.system
     n = len(system.speeds)
     # Composite rigid bodies (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6).
@@ -261,7 +262,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             composite = _up(motion, branch.child, composite)
             at_parent = carried_inertia(composite, geometry.offset)
             known = composites[branch.parent]
-            # The composite of the ground is not needed.
+            # The composite inertia of the ground is not needed.
             composites[branch.parent] = combined(known, at_parent) if branch.parent else None
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
             for i, speed in enumerate(branch.speeds):
@@ -271,13 +272,13 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
 
 
 def _up(motion: Motion, cluster: int, inertia: Inertia) -> Inertia:
-    """Resolve a composite inertia in the parent's basis."""
+    """Transform a composite inertia to the parent's basis."""
     step = motion.frames.steps[cluster]
     return inertia if step is None else resolved(inertia, step)
 
 
 def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
-    """Move an inertia's reference point back along an arm."""
+    """Move the reference point of an inertia inwards along an arm."""
     first = vector.add(inertia.moment, vector.scale(inertia.mass, arm))
     both = vector.add(first, inertia.moment)
     # With x = arm + p, the sum of m x x^T is that of m p p^T plus m a a^T + a h^T + h a^T.
@@ -292,10 +293,10 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
 
 
 def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
-    """Form the wrench that gives an inertia a unit acceleration along a direction.
+    """Return the wrench that gives an inertia a unit acceleration along a direction.
 
-    ``turning`` is the angular acceleration e and ``shifting`` the acceleration a of the origin for
-    a unit of the speed's rate: force ``m a + e x h``, torque ``h x a + J e``.
+    Per unit of the speed's rate, ``turning`` is the angular acceleration e, and ``shifting`` the
+    acceleration a of the origin: the force is ``m a + e x h``, the torque ``h x a + J e``.
     """
     return Wrench(
         vector.add(vector.scale(inertia.mass, shifting), vector.cross(turning, inertia.moment)),
@@ -319,6 +320,6 @@ def _project_column(
             matrix[row][column] = matrix[column][row] = project(geometry, i, wrench)
         if branch.parent == 0:
             return
-        # Entries of pairs of speeds that are not on one path to the ground remain zero.
+        # Entries remain zero for speeds that are not on one path to the ground.
         wrench = carried(frames, branch.parent, shifted(wrench, geometry.offset))
         geometry = motion.to(branch.parent)
