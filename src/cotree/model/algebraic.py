@@ -29,9 +29,9 @@ Jacobian = Callable[[float, Array], Matrix]
 class Algebraic:
     """Newton's method for algebraic unknowns, which reuses its last matrix.
 
-    ``rates(t, y)``, (n,), are x', then g; ``jacobian(t, y)``, (n, n), are their derivatives by y,
-    full or compressed by rows. The last ``n_algebraic`` of y are unknowns. ``improve(t, y)``
-    returns a better guess of the unknowns if the method fails from those of y, or None.
+    ``rates(t, y)``, (n,), returns x', then g; ``jacobian(t, y)``, (n, n), returns their derivatives
+    by y, full or compressed by rows. The last ``n_algebraic`` entries of y are the unknowns. If the
+    method fails from y, ``improve(t, y)`` returns a better guess of the unknowns, or None.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Algebraic:
         self._linear: Linear | None = None
 
     def follow(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns in place, from a close guess; return the rates."""
+        """Solve for the algebraic unknowns in place from a close guess, and return the rates."""
         # Exponentials may overflow during the iteration, whose tests reject such points. As a
         # decorator, errstate would affect all threads before NumPy 2.
         with np.errstate(all="ignore"):
@@ -58,7 +58,7 @@ class Algebraic:
         return self._accept(t, y, root)
 
     def solve(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.
+        """Solve for the algebraic unknowns in place from any guess, and return the rates.
 
         Raises SolveError, which names the unknown with the largest residual, if no solution is
         found, and SingularSystemError, which names the unknowns, if the equations do not determine
@@ -80,7 +80,7 @@ class Algebraic:
             raise SolveError(str(error)) from None
 
     def _accept(self, t: float, y: Array, root: Root) -> Array:
-        """Store a root's unknowns in y and keep its matrix; return its rates."""
+        """Store the unknowns of a root in y, keep its matrix, and return its rates."""
         y[self.cut :] = root.z
         # The matrix at a root is reused at the next point; that of a failed search is not.
         self._linear = root.linear if root.is_found else None
@@ -89,7 +89,7 @@ class Algebraic:
         return root.values
 
     def check_index(self, t: float, y: Array) -> None:
-        """Raise SingularSystemError if equations do not determine unknowns at or near a solution.
+        """Raise SingularSystemError if the equations leave unknowns undetermined near a solution.
 
         One regular point suffices: junctions that hardly conduct determine their voltages, but the
         matrix may be singular to rounding of larger entries.
@@ -100,8 +100,8 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_nearby_points(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        """Return the algebraic equations at constant time and states."""
-        # One buffer is used for all evaluations: only the unknowns, its last entries, change.
+        """Return the algebraic equations for fixed time and differential states."""
+        # All evaluations use one buffer, of which only the last entries, the unknowns, change.
         point = point.copy()
 
         def at(z: Array) -> Array:
@@ -110,14 +110,14 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # Rows of g: derivatives by the constant states, then by the unknowns.
+            # The rows of g contain derivatives by the fixed states, then by the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Return the Jacobian at a solution, and the factorised equations of its last block.
+        """Return the Jacobian at a solution, and its factorised last block.
 
         The Jacobian is a buffer that the next call may overwrite.
         """
@@ -139,11 +139,11 @@ class Algebraic:
         return eliminated(matrix, linear.solve, self.cut)
 
     def residual(self, t: float, y: Array) -> Array:
-        """Return the residuals of the algebraic equations at a point, a fresh array."""
+        """Return the residuals of the algebraic equations at a point as a new array."""
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
-        """Raise SingularSystemError if equations leave unknowns undetermined at all points."""
+        """Raise SingularSystemError if unknowns are undetermined at all of the given points."""
         involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
@@ -169,16 +169,16 @@ class Algebraic:
 
 
 def _nearby_points(z: Array) -> tuple[Array, Array]:
-    """Return two random points around a point, the same at every call."""
+    """Return two random points around the given point, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away
 
 
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
-    """Eliminate the last n unknowns of a matrix, (cut + n, m + n); the result is (cut, m).
+    """Eliminate the last n unknowns of a (cut + n, m + n) matrix, and return a (cut, m) matrix.
 
-    ``solve(b)`` solves with its last diagonal block, (n, n), for columns of shape (n, m).
+    ``solve(b)`` solves with the last diagonal block, (n, n), for right-hand sides of shape (n, m).
     """
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut

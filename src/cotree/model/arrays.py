@@ -1,4 +1,4 @@
-"""Arrays as users give them, patterns of derivatives, and objects that C reads."""
+"""Checked arrays from user input, derivative patterns, and objects that C reads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
-    """Return a contiguous copy as doubles; ParameterError if the shape is wrong."""
+    """Return a contiguous copy as doubles; raise ParameterError if the shape is wrong."""
     array = doubles(value)  # copied, since callers may change their array
     if array is None:
         raise ParameterError(f"{what} must be an array of numbers of shape {tuple(shape)}")
@@ -44,10 +44,10 @@ def as_parameters(
     defaults: Array,
     derived: Sequence[DerivedParameter] = (),
 ) -> Array:
-    """Return the array of parameters from values by name or from an array of all.
+    """Return the parameter array from values by name or from an array of all parameters.
 
     Raises ParameterError if a name is unknown, a value is not a finite number, or an array has
-    another shape. ``derived`` parameters follow from these, for messages.
+    another shape. Messages use ``derived``, the parameters that follow from these.
     """
     values = by_name(values)
     if not isinstance(values, Mapping):
@@ -80,7 +80,7 @@ def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, f
 
 
 def is_many(y: Any) -> bool:
-    """Return whether there is a column of states for each of several points."""
+    """Return whether the states form a matrix with one column for each of several points."""
     try:
         return np.ndim(y) == 2
     except ValueError:  # the rows have different lengths
@@ -88,18 +88,18 @@ def is_many(y: Any) -> bool:
 
 
 def pointer_to(ffi: Any, array: Array) -> Any:
-    """Return a pointer to an array that keeps it alive; NULL if it is empty."""
-    # The collector may clear a view made by array.data before the pointer that was made of it.
+    """Return a pointer that keeps the array alive, or NULL if the array is empty."""
+    # The garbage collector may clear a view made by array.data before the pointer to that view.
     return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
 
 
 class CObjects:
-    """C objects of cffi that live as long as this object.
+    """C objects, made by cffi, that live as long as this object.
 
     Attributes
     ----------
     errors : list of BaseException
-        What functions of Python have raised that C has called.
+        Exceptions raised by Python functions that C has called.
     """
 
     def __init__(self, ffi: Any, *kept: Any) -> None:
@@ -107,16 +107,16 @@ class CObjects:
         self.errors: list[BaseException] = []
 
     def new(self, *what: Any) -> Any:
-        """Return a new object of ``ffi.new``."""
+        """Return a new C object from ``ffi.new`` with the given arguments."""
         self._kept.append(self._ffi.new(*what))
         return self._kept[-1]
 
     def ints(self, values: Sequence[int]) -> Any:
-        """Return a new array of integers, of one zero at least."""
+        """Return a new C array of the given integers, or of a single zero if there are none."""
         return self.new("int[]", list(values) or [0])
 
     def quantities(self, rows: Sequence[Quantity]) -> Any:
-        """Return rows as an array of ``cotree_quantity``."""
+        """Return the given quantities as a C array of ``cotree_quantity``."""
         found = self.new("cotree_quantity[]", max(1, len(rows)))
         for row, own in zip(rows, found, strict=False):
             own.name, own.unit = (
@@ -125,13 +125,13 @@ class CObjects:
         return found
 
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
-        """Return a pointer to an array, which C does not read if it is empty."""
+        """Return a pointer to an array; if the array is empty, C must not read through it."""
         array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
         self._kept.append(self._ffi.from_buffer(f"{kind}[]", array))
         return self._kept[-1]
 
     def callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return a C function that calls Python; exceptions are stored, and the result is -1."""
+        """Return a C function that calls Python, or stores the exception and returns -1."""
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:
             self.errors.append(error)
@@ -141,12 +141,12 @@ class CObjects:
 
 
 class Structure:
-    """The structure of a model's derivatives, known before they are evaluated.
+    """Sparsity of a model's derivatives, known before they are evaluated.
 
     Parameters
     ----------
     layout : Layout
-        The model's.
+        The layout of the model.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -163,18 +163,18 @@ class Structure:
         return self.sparse(np.ones(len(self._rows), dtype=np.bool_))
 
     def sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
-        """Return a CSC matrix of the values of the Jacobian's entries."""
+        """Return the Jacobian with the given entries as a CSC matrix."""
         from scipy.sparse import csc_matrix
 
         n = len(self.layout.states)
         return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
 
     def by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
-        """Return a CSR matrix of the values of the Jacobian's entries."""
+        """Return the Jacobian with the given entries as a CSR matrix."""
         return self.sparse(values).tocsr()
 
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the full Jacobian of the values of its entries.
+        """Return the Jacobian with the given entries as a full array.
 
         Further axes of the values are further axes of the result.
         """
@@ -187,9 +187,9 @@ class Structure:
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:
         """Colours of the Jacobian's columns, from 0, shape (n_states,).
 
-        Columns of one colour have no entry in the same row. One product of the Jacobian with the
-        sum of their unit vectors, or one difference of right-hand sides, hence yields all their
-        entries. The colouring is greedy, vertices of smallest degree last; it need not be minimal.
+        Columns of one colour have no entry in the same row. Hence one product of the Jacobian with
+        the sum of their unit vectors, or one difference of right-hand sides, yields all their
+        entries. The colouring is greedy in smallest-last order and need not be minimal.
 
         References
         ----------
@@ -209,13 +209,12 @@ class Structure:
         by_row: list[list[int]] = [[] for _ in range(n)]
         for row, column in zip(self._rows.tolist(), self._columns.tolist(), strict=True):
             by_row[row].append(column)
-        # A full row connects every pair of columns, and the graph would store all pairs.
+        # A full row connects all pairs of columns, which the graph would have to store.
         if n in map(len, by_row):
-            return np.arange(n)  # one row has entries in all columns
+            return np.arange(n)
         graph = networkx.Graph()
         graph.add_nodes_from(range(n))
         for columns in by_row:
-            # Columns with an entry in the same row must not share a colour.
             graph.add_edges_from(itertools.combinations(columns, 2))
         colours = networkx.greedy_color(graph, "smallest_last")
         return np.array([colours[column] for column in range(n)], dtype=np.intp)
@@ -240,7 +239,7 @@ class Structure:
         n, m = len(self.layout.states), len(self.layout.sensitivities)
         pattern = np.zeros(m * n, dtype=np.bool_)
         pattern[list(self.layout.sensitivity_places)] = True
-        # Sensitivities in z are ordered by parameter.
+        # In z, the sensitivities to one parameter are consecutive.
         return pattern.reshape(m, n).T.copy()
 
     @cached_property

@@ -1,6 +1,6 @@
-"""Rates of a model with their exact Jacobian, as functions of NumPy, CasADi and JAX.
+"""Model rates with exact Jacobians as NumPy, CasADi and JAX functions.
 
-In: a model. Out: what bridges to other packages call: values, and derivatives by each argument.
+In: a model. Out: functions that return the rates and their derivatives by each argument.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ class Rates:
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
     t: float  # time of the event, [s]
-    #: Names of the arguments p: the parameters of the model's sensitivities. Other parameters keep
-    #: the values of the scene.
+    #: Names of the parameters p, to which the model has sensitivities. Other parameters keep the
+    #: values of the scene.
     names: tuple[str, ...]
 
     @property
     def sizes(self) -> tuple[int, int, int]:
-        """Numbers of states, of inputs and of these parameters."""
+        """Numbers of states, inputs and parameters ``names``."""
         return len(self.model.states), len(self.model.inputs), len(self.names)
 
     @property
     def values(self) -> Array:
-        """The scene's values of the parameters, shape (n_parameters,)."""
+        """The scene's values of the parameters ``names``, shape (n_parameters,)."""
         own = dict(zip(self.model.parameters, self.model.default_parameters, strict=True))
         return np.array([own[name] for name in self.names])
 
@@ -49,7 +49,7 @@ class Rates:
         return self.model.rhs(self.t, x, self._given(p), u)
 
     def derivatives(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the derivatives by x, u and p, shapes (n_states, n) for each of the three."""
+        """Evaluate the derivatives by x, u and p, each of shape (n_states, length of argument)."""
         model, given = self.model, self._given(p)
         n, n_inputs, n_parameters = self.sizes
         by_state = model.jacobian(self.t, x, given, u)
@@ -73,7 +73,7 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Make the function of a model; ``bridge`` is the calling method, for messages.
+    """Return the rates of a model as a function; messages name the calling method ``bridge``.
 
     Raises ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
     on time and no t, [s], is given.
@@ -94,7 +94,7 @@ def rates_of(
 
 
 def casadi_function(rates: Rates) -> Any:
-    """Make a ``casadi.Callback`` with arguments x, u and p, and result dx."""
+    """Return a ``casadi.Callback`` with arguments x, u and p, and result dx."""
     try:
         casadi: Any = import_module("casadi")
     except ImportError:
@@ -107,7 +107,7 @@ def casadi_function(rates: Rates) -> Any:
     n = sizes[0]
 
     class Jacobian(casadi.Callback):  # type: ignore[misc]
-        """The derivatives by each argument; CasADi passes the value, too."""
+        """CasADi function that returns the derivatives of the rates by each argument."""
 
         def __init__(self, name: str, given: list[str], results: list[str], options: Any) -> None:
             super().__init__()
@@ -127,7 +127,7 @@ def casadi_function(rates: Rates) -> Any:
             return self._names[1][i]
 
         def get_sparsity_in(self, i: int) -> Any:
-            # Only the shape of this argument is used.
+            # The fourth argument is the value of the function; only its shape is used.
             return casadi.Sparsity.dense(sizes[i], 1) if i < 3 else casadi.Sparsity(n, 1)
 
         def get_sparsity_out(self, i: int) -> Any:
@@ -137,7 +137,7 @@ def casadi_function(rates: Rates) -> Any:
             return [casadi.DM(block) for block in rates.derivatives(*map(_flat, arg[:3]))]
 
     class Function(casadi.Callback):  # type: ignore[misc]
-        """The rates."""
+        """CasADi function that returns the rates."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -181,11 +181,11 @@ def _flat(value: Any) -> Any:
 
 
 def jax_function(rates: Rates) -> Any:
-    """Make a function of JAX with arguments x, u and p.
+    """Return a JAX function with arguments x, u and p.
 
     It may be compiled, mapped over points and differentiated once, in forward and in reverse mode.
-    Its derivatives are computed in C, so that JAX cannot differentiate them again. Raises
-    ParameterError if the package is missing, or computes in single precision.
+    Its derivatives are computed in C, so JAX cannot differentiate them again. Raises
+    ParameterError if the package is missing or computes in single precision.
     """
     try:
         jax: Any = import_module("jax")

@@ -1,4 +1,4 @@
-"""Kernels at many points, which are columns as in trajectories, in one call of C."""
+"""Evaluation of a kernel at many points in one C call; each point is a column, as in results."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def in_columns(
 ) -> Array:
     """Evaluate a kernel at m points; the result has shape (n_results, m).
 
-    t has shape (m,) or is a number, y (n_states, m), s (n_states, n_sensitivities, m) if the kernel
-    takes it; p and u may have columns, too. Raises ParameterError if an array has the wrong shape
-    or parameters are refused. Errors of the evaluation at one point name the column.
+    t is a number or has shape (m,); y has shape (n_states, m); s, if the kernel takes it, has shape
+    (n_states, n_sensitivities, m); p and u may have m columns, too. Raises ParameterError if an
+    array has the wrong shape or parameters are rejected. Errors at one point name the column.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
@@ -41,15 +41,15 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # Evaluate the remaining points in Python, either without a compiler or because C failed: the
-    # Python error names the cause.
+    # The remaining points are evaluated in Python, because there is no compiler or because C
+    # failed; the Python error names the cause.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()
 
 
 class _Points:
-    """Points with a row each, in the layout of C."""
+    """Arguments of a kernel in the C layout: one row for each point."""
 
     def __init__(self, model: CompiledModel, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
         n, n_s, self.n = len(model.states), len(model.sensitivities), np.shape(y)[1]
@@ -64,7 +64,7 @@ class _Points:
         )
         for j in np.flatnonzero(~np.isfinite(self.t))[:1].tolist():
             raise ParameterError(f"column {j}: t is {self.t[j]}: give a finite number")
-        # One row for each point, or a single row.
+        # Parameters have one row for each point, or one row for all points.
         self.has_own = is_many(p)
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
@@ -77,21 +77,21 @@ class _Points:
             self.u = _rows(u, (len(model.inputs),), self.n, "inputs")
         elif u is not None:
             self.u = np.tile(as_array(u, (len(model.inputs),), "inputs"), (self.n, 1))
-        # Sensitivities are ordered by parameter.
+        # In C, the sensitivities to one parameter are consecutive.
         if s is not None:
             whole = as_array(s, (n, n_s, self.n), "the sensitivities")
             self.s = np.ascontiguousarray(whole.transpose(2, 1, 0)).reshape(self.n, n * n_s)
 
 
 def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
-    """Return an array whose last axis is the points as an array with a row for each point."""
+    """Transpose a checked array with a column for each point to one with a row for each point."""
     return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
 
 
 def _in_c(
     model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
 ) -> int:
-    """Evaluate points in C until one fails; return their number."""
+    """Evaluate points in C until one fails, and return the number of evaluated points."""
     ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
     address = model.address(name)
     if native is None or address is None or not points.n:
@@ -124,7 +124,7 @@ def _in_c(
 
 
 def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:
-    """Evaluate one point in Python; errors name its column."""
+    """Evaluate the kernel at one point in Python; errors name the column."""
     try:
         p = points.p[j if points.has_own else 0]
         u = None if points.u is None else points.u[j]

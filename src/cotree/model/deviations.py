@@ -1,4 +1,4 @@
-"""Independent deviations from a motion that respect its constraints, and steadiness of the motion.
+"""Linear systems in independent deviations that satisfy the constraints; tests for steady motion.
 
 Along a motion x(t) small deviations follow dx' = A dx. Those that satisfy the constraints to first
 order are N z, with as many z as there are degrees of freedom. They continue to satisfy them:
@@ -9,9 +9,9 @@ C A N + C' N = 0 with the Jacobian C of the constraints along the motion. Hence
 where N' does not vanish, since the constraints of a moving mechanism change direction. Here
 N = T S. T expresses deviations of quaternions as rotation vectors, and those of angular velocities
 accordingly, in the frame relative to which the quaternion rotates. In this frame a wheel that spins
-about a fixed axle is a steady motion; T' is known. S expresses dependent deviations in terms of
-independent ones. The rows of S that belong to independent deviations are constant, so their rows in
-S' vanish, and S' is not needed.
+about a fixed axle is a steady motion, and T' is known. S expresses dependent deviations in terms of
+independent ones. The rows of S that belong to independent deviations are constant. Their rows in S'
+therefore vanish, and S' is not needed.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Entries below this fraction of the largest one in a row are due to cancellation.
+#: Matrix entries below this fraction of the largest one in their row are cancellation errors.
 _ROUNDING = 1e-10
-#: Rates below this, relative to the largest rate or one, count as zero.
+#: Rates below this fraction of the largest rate, or of one if that is larger, count as zero.
 _STILL = 1e-6
 #: Relative tolerance for the consistency of derivatives of redundant constraints.
 _AGREE = 1e-7
-#: Relative changes of the linear system along the motion below this count as zero.
+#: Relative changes of the linear system along the motion count as zero below this.
 _SAME = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A model linearised about a state, in all differential states."""
+    """A model linearised about a state, with all differential states."""
 
-    #: The differential states and their rates.
+    #: Values and rates of the differential states.
     y: Array
     rates: Array
-    #: Jacobians of rates and outputs by states and inputs.
+    #: Jacobians of the rates by states (A) and inputs (B), and of the outputs (C, D).
     A: Array
     B: Array
     C: Array
     D: Array
-    #: Jacobians of the constraints and of their rates, without norms of quaternions.
+    #: Jacobians of the constraints without quaternion norms, and of the constraint rates.
     held: Array
     held_rates: Array
     #: Numbers of coordinates, which are the first states, and of speeds, which follow them.
@@ -73,8 +73,8 @@ class Reduced:
     B: Array
     C: Array
     D: Array
-    basis: Array  # deviations of all states for a unit of each z
-    rates: Array  # time derivatives of the motion, along each z
+    basis: Array  # deviations of all states for a unit value of each z
+    rates: Array  # rates of the motion in terms of z
     #: Names of z: states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
 
@@ -85,9 +85,9 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     Parameters
     ----------
     point : Slopes
-        The system.
+        The linear system in all differential states.
     names : sequence of str
-        Names of its states.
+        Names of these states.
     chosen : sequence of str, optional
         The independent deviations; by default those that determine the others best.
     """
@@ -101,7 +101,7 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     if chosen is not None:
         free = np.array([own_names.index(name) for name in chosen], dtype=int)
     else:
-        # Positions are chosen before speeds: the relation between a position and speeds is
+        # Positions are chosen before speeds, because relations between positions and speeds are
         # ill-conditioned at low speeds.
         cut = point.n_coordinates - len(point.turns)
         end = cut + point.n_speeds
@@ -136,14 +136,14 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
 def reduce_along(
     point: Slopes, change: Slopes, found: Reduced, names: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Differentiate a reduced system along a change of the full one.
+    """Differentiate a reduced system along a given change of the full system.
 
     Parameters
     ----------
     point, change : Slopes
-        The full system, and the derivatives of its matrices and of its constraints.
+        The full system, and the derivatives of its matrices and constraint Jacobians.
     found : Reduced
-        The result of :func:`reduce` for it.
+        The result of :func:`reduce` for the full system.
     names : sequence of str
         Names of the states.
 
@@ -155,7 +155,7 @@ def reduce_along(
     Raises
     ------
     SingularSystemError
-        If rotations are quaternions, or redundant constraints no longer agree along the change.
+        If rotations are quaternions, or the change makes redundant constraints contradictory.
     """
     if not point.turns and not len(point.held_rates):
         return change.A, change.B, change.C
@@ -189,7 +189,7 @@ def reduce_along(
 
 
 def _sized(rows: Array) -> Array:
-    """Normalise rows, and remove those that contain only rounding errors."""
+    """Scale rows to unit length, and remove rows that contain only rounding errors."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > RANK * np.max(lengths, initial=0.0)
     found: Array = rows[kept] / lengths[kept, None]
@@ -220,7 +220,7 @@ def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Arra
 
 
 def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
-    """Return deviations of a quaternion by small rotations about the axes of its base frame."""
+    """Return the quaternion deviations due to small rotations about the axes of its base frame."""
     entries = slice(at, at + 4)
     q, rate = point.y[entries], point.rates[entries]
     found = []
@@ -239,7 +239,7 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
 def _rotation_rate(
     point: Slopes, at: int, speed: int, edge: str
 ) -> list[tuple[Array, Array, Array, str]]:
-    """Return deviations of body-fixed angular velocities along the axes of the base frame."""
+    """Return the angular velocity deviations, body-fixed, along the axes of the base frame."""
     entries = slice(speed, speed + 3)
     rotation = _matrix(point.y[at : at + 4])
     w = point.y[entries]
@@ -247,19 +247,19 @@ def _rotation_rate(
     for k, axis in enumerate("xyz"):
         along, change = np.zeros(len(point.y)), np.zeros(len(point.y))
         along[entries] = rotation[k]
-        change[entries] = np.cross(rotation[k], w)  # rotating axes: a' = a x w
+        change[entries] = np.cross(rotation[k], w)  # an axis a in the rotating frame: a' = a x w
         found.append((along, change, along, f"{edge}.turn_{axis}_dot"))
     return found
 
 
 def _premultiplied(axis: int, q: Array) -> Array:
-    """Multiply a unit vector, as a pure quaternion, by a quaternion."""
+    """Multiply the unit vector of an axis, as a pure quaternion, by a quaternion."""
     unit, zero = np.eye(3)[axis], float(q[0])
     return np.array([-unit @ q[1:], *(zero * unit + np.cross(unit, q[1:]))])
 
 
 def _matrix(q: Array) -> Array:
-    """Return the rotation matrix: the axes of the rotated frame in columns, in the base frame."""
+    """Return the rotation matrix, whose columns are the axes of the rotated frame."""
     q = q / np.linalg.norm(q)
     # The Euler-Rodrigues formula.
     a, v = q[0], q[1:]
@@ -269,10 +269,10 @@ def _matrix(q: Array) -> Array:
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:
-    """List the deviations on which others depend; the rest are eliminated repeatedly.
+    """Find the deviations that remain after all without effect on others have been eliminated.
 
-    For a vehicle on a plane the positions are eliminated, then the heading and the angles of the
-    wheels, since the equations do not depend on these. Each eliminated deviation adds a zero
+    For a vehicle on a plane, the positions are eliminated first, then the heading and the wheel
+    angles, since no remaining equation depends on them. Each eliminated deviation adds a zero
     eigenvalue.
     """
     scale = np.maximum(
@@ -290,7 +290,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Return whether all relevant deviations are constant."""
+    """Return whether the motion is at rest in all deviations of :func:`core`."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -298,8 +298,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Return whether two linear systems agree in all relevant deviations."""
-    # Deviations that have no effect, such as a heading, may differ.
+    """Return whether two linear systems agree in the deviations of :func:`core` of the first."""
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)
     change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)

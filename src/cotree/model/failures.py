@@ -1,8 +1,8 @@
-"""Causes of failed kernels, as sentences: C returns a status, and Python finds the cause.
+"""Messages on failed kernels: C returns only a status, and Python finds the cause.
 
-In: a program and the arguments of a call. Out: the operation that yields nan or infinity, its
-arguments, the field of the element that contains it, and the variables that it depends on; or the
-joints without inertia, or the guard that refuses parameters.
+In: a program and the arguments of a call. Out: the operation that yields nan or infinity, with its
+arguments, the element field that contains it, and the variables on which it depends; or the joints
+without inertia; or the guard that rejects parameters.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Describe the operation that makes values of a kernel nan or infinite; empty if none does.
+    """Describe the operation that makes kernel results nan or infinite, or return an empty string.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     kernel : str
         A name in ``KERNELS``.
     known : mapping of str to sequence of float
-        Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
+        The kernel arguments by kind, including ``p``; ``t`` is a sequence of one entry.
     """
     order = reachable(program.kernels[kernel].results)
     given = {
@@ -51,28 +51,29 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # An infinite intermediate value may be harmless, but a nan propagates. Nodes are in order of
-    # evaluation, so that the arguments of the first nan are not nan.
+    # An infinite intermediate value may be harmless, but nan propagates. Nodes are in evaluation
+    # order, so the arguments of the first node with nan are not nan.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
     if wrong is None:
         return ""
-    # Find the first cause: an operation whose arguments are all finite.
+    # The cause is an operation whose arguments are all finite.
     while any(arg in lost for arg in wrong.args):
         wrong = next(arg for arg in wrong.args if arg in lost)
     return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Name the innermost field of an element that contains an operation.
+    """Return the name of the innermost element field that contains an operation.
 
-    If none contains it, its arguments are searched; those of a quotient from the divisor on.
+    If none contains it, the fields of its arguments are searched, the last argument first, so that
+    a quotient is attributed to its divisor.
     """
     found: list[tuple[int, str]] = []
     for node, name in list(
         program.dag.origins.items()
-    ):  # a copy of the list, since other threads may add nodes
+    ):  # a copy, since other threads may add nodes
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
@@ -86,7 +87,7 @@ def _origin_of_arguments(program: Program, wrong: Node) -> str:
 
 
 def _operation(node: Node, values: Mapping[Node, Any]) -> str:
-    """Write an operation with the values of its arguments and its result."""
+    """Return an operation as text, with the values of its arguments and its result."""
     if node.op == "symbol" or node.op not in OPERATIONS:
         return f"the given value is {values[node]}"
     numbers = [f"{values[arg]:.6g}" for arg in node.args]
@@ -101,7 +102,7 @@ def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
     layout = program.layout
     symbols = [
         symbol for symbol in symbols_in([wrong]) if symbol in given
-    ]  # symbols of branches are left out
+    ]  # without the symbols of branches in piecewise expressions
     named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
     texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
     if len(named) > _MOST_NAMES:
@@ -126,7 +127,7 @@ _MOST_COORDINATES = 8
 
 
 def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
-    """Return the error of a kernel whose linear system is singular."""
+    """Return the exception for a kernel whose linear system is singular."""
     layout, why = program.layout, why_undefined(program, name, known)
     if why:
         at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
@@ -151,7 +152,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
 
 
 def _position(program: Program, x: Any) -> str:
-    """Return the values of the coordinates as a phrase; empty if they are many or unknown."""
+    """Return the coordinate values as a phrase, empty if they are unknown or too many."""
     layout = program.layout
     n = layout.n_coordinates
     if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
@@ -161,7 +162,7 @@ def _position(program: Program, x: Any) -> str:
 
 
 def check_guards(guards: Sequence[Guard], p: Array) -> None:
-    """Check parameter values in Python; the errors name the numbers."""
+    """Evaluate the guards in Python, and raise an error that names the rejected value."""
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
     for guard in guards:
         guard.check(evaluate([guard.value], values)[0])

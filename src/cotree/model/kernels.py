@@ -1,9 +1,9 @@
-"""Kernels of compiled C as functions of Python.
+"""Compiled C kernels as Python functions.
 
-Arguments and results are contiguous arrays of doubles. A result is the buffer of its kernel: copy
-it to keep it. Each thread has its own buffers and prepared parameters.
+Arguments and results are contiguous arrays of doubles. A result is a buffer of its kernel: copy it
+to keep it. Each thread has its own buffers and prepared parameters.
 
-The kernels of implicit methods, a ``cotree_newton``, are built when the first of them is used.
+The kernels of implicit methods (``cotree_newton``) are built at the first use of one of them.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Newton:
-    """Factors and second derivatives of a model in C."""
+    """C functions of a model for the factorisation and the second derivatives of Newton steps."""
 
     address: int  # address of the function ``cotree_newton``
     library: LoadedLibrary  # loaded library; the reference keeps its code in memory
 
 
 def load_newton(program: Program) -> Newton | None:
-    """Build and load the factors and second derivatives of a model; None if no compiler can."""
+    """Build and load a model's ``cotree_newton``, or return None if that is impossible."""
     if find_toolchain() is None:
         return None
-    # Imported here, because runs with explicit methods print no C.
+    # Imported here, because runs with explicit methods generate no C.
     from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 
-    # Second derivatives are new nodes of the arena, which threads share.
+    # Second derivatives add nodes to the graph, which threads share.
     with forming:
         model = newton_context(program)
         files = render_newton(model)
@@ -62,7 +62,7 @@ def load_newton(program: Program) -> Newton | None:
 def load_kernels(
     model: KernelFile, files: Mapping[str, str], declarations: str, options: BuildOptions
 ) -> LoadedLibrary | None:
-    """Build and load further functions of a model; None if no compiler can."""
+    """Build and load further C functions of a model, or return None if that is impossible."""
     toolchain = find_toolchain()
     with contextlib.suppress(BuildError):
         if toolchain is not None:
@@ -80,24 +80,24 @@ def load_kernels(
 
 @dataclass(frozen=True)
 class StepWork:
-    """Operation counts of the parts of a step."""
+    """Numbers of operations in one implicit step, by part."""
 
-    #: Operation counts of the rates, the rates with sensitivities, and the Jacobian.
+    #: Numbers of operations of the rates, the rates with sensitivities, and the Jacobian.
     rates: int
     augmented: int
     jacobian: int
-    #: Entries of the factors of the planned sparse elimination, and products to compute them.
+    #: Number of entries in the factors of the planned sparse elimination, and of products to
+    #: compute them.
     n_factors: int
     n_products: int
     is_unrolled: bool  # whether the C code has no loops
-    #: The corresponding numbers for an elimination with row exchanges, banded if the band is
-    #: narrow.
+    #: The same numbers for an elimination with row exchanges, banded if the band is narrow.
     n_banded: int
     n_banded_products: int
 
 
 def count_step_work(program: Program) -> StepWork | None:
-    """Count operations; None if the matrices of steps are structurally singular."""
+    """Count operations of implicit steps; None if their matrices are structurally singular."""
     layout, plan = program.layout, program.elimination
     if plan is None:
         return None
@@ -119,33 +119,32 @@ def count_step_work(program: Program) -> StepWork | None:
     )
 
 
-#: Status of a kernel in which a linear system is singular.
+#: Status that a kernel returns if a linear system is singular.
 SINGULAR = 1
 
 
 @dataclass(frozen=True, eq=False)
 class NativeModel:
-    """A model in C."""
+    """A C model with prepared parameters, as the C integrators take it."""
 
     address: int  # address of the function ``cotree_model``
-    #: Parameters and the values prepared from them.
+    #: Parameters, and the values that ``prepare`` has computed from them.
     p: Array
     k: Array
     library: LoadedLibrary  # loaded library; the reference keeps its code in memory
     layout: Layout
     can_extend: bool  # whether the library can compute rates of the algebraic unknowns
-    #: Function that returns factors and second derivatives, built at the first call; None if
-    #: impossible.
+    #: Function that returns the ``cotree_newton``, built at the first call, or None if impossible.
     newton: Callable[[], Newton | None]
-    #: Function that returns the operation counts of implicit steps; None if impossible.
+    #: Function that returns the operation counts of implicit steps, or None if there are none.
     work: Callable[[], StepWork | None]
 
 
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
-    """Kernels of a thread with pointers and results, each bound at its first call.
+    """Kernels of one thread, each bound to its argument pointers at its first call.
 
-    By name: the C function, its arguments, the array of results, and whether time is the first
-    argument.
+    A kernel name maps to the C function, its arguments, the result array, and whether time is the
+    first argument.
     """
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
@@ -163,7 +162,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         if name not in self._n_results:  # the kernel has no results, so it is not called
             self[name] = absent = (lambda *_: 0), (), np.zeros(0), True
             return absent
-        # Pointers to all arguments are bound here once; time is passed by value.
+        # All arguments except time, which is passed by value, are pointers that never change.
         spec, result = KERNELS[name], np.zeros(self._n_results[name])
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
         function = getattr(self._model, spec.field)
@@ -178,27 +177,27 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 
 
 class _OwnBuffers(threading.local):
-    """Arguments and results of C; each thread has its own."""
+    """Arguments and results of C kernels, separate for each thread."""
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
         self.bound = _Bound(text, library, model)
 
 
 class Kernels:
-    """Kernels of a loaded library, with every buffer and pointer bound once for each thread."""
+    """Kernels of a loaded library, whose buffers and pointers each thread binds once."""
 
     backend = "C"
 
     def __init__(self, text: ModelText, library: LoadedLibrary) -> None:
         layout = text.layout
         model = getattr(library.lib, f"{text.prefix}_abi")()
-        # Structures of another version have other fields.
+        # The structure may have other fields in other versions.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # the reference keeps the code in memory
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
-        # Members that do not depend on parameters.
+        # `native` replaces the parameters.
         self._native = NativeModel(
             int(library.ffi.cast("uintptr_t", model)),
             np.zeros(0),
@@ -211,26 +210,26 @@ class Kernels:
         )
 
     def prepare(self, p: Array) -> None:
-        """Set the parameters of all further calls of this thread.
+        """Set the parameters for all further calls in this thread.
 
         Raises ParameterError if a guard of the model rejects them.
         """
         bound = self._own.bound
         bound.p[:] = p
         status = self._model.prepare(*bound.prepared)
-        # C returns only a status. Python evaluates the guards again, to name the value.
+        # C returns only a status; Python evaluates the guards again to name the rejected value.
         if status < 0:
             from cotree.model.failures import check_guards
 
             check_guards(self._text.program.guards, p)
         if status:
-            # No guard rejected the values, so a linear system is singular.
+            # No guard has rejected the values, so a linear system is singular.
             raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; arguments that it does not use are ignored.
 
-        Raises SingularSystemError if a linear system of the kernel is singular here.
+        Raises SingularSystemError if a linear system of the kernel is singular at this point.
         """
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
@@ -249,13 +248,13 @@ class Kernels:
         return result
 
     def native(self) -> NativeModel | None:
-        """Return the model in C with this thread's parameters; None without a compiler."""
+        """Return the C model with this thread's parameters, or None without a compiler."""
         # Copies, since this thread may prepare other parameters during the run.
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
     def address(self, name: str) -> int | None:
-        """Return the address of a kernel in C; None if C has no such kernel."""
+        """Return the address of a C kernel, or None if the library has no such kernel."""
         if name not in self._text.traits.n_results:
             return None
         return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
@@ -268,7 +267,7 @@ class Kernels:
         return SolveError(f"a kernel of the model failed with status {status}")
 
 
-#: Message of calls that need compiled kernels.
+#: Error message of calls that need compiled kernels.
 NO_COMPILER = (
     "There is no C compiler, and evaluations and simulations need one: `pip install ziglang` "
     "brings one. Equations, C and FMU sources are written without it."
@@ -276,7 +275,7 @@ NO_COMPILER = (
 
 
 class MissingKernels(Kernels):
-    """Kernels of a model on a machine without a compiler: every call raises SolveError."""
+    """Substitute for kernels on a machine without a compiler: every call raises SolveError."""
 
     backend = "none"
 
@@ -309,9 +308,9 @@ class SharedCode(NamedTuple):
 
 
 def shared_code(library: str, stepper: str = "", *, has_events: bool = True) -> SharedCode:
-    """Return a library of :data:`cotree.codegen.c_files.LIBRARIES` as C text; cached.
+    """Return the C text of a library in :data:`cotree.codegen.c_files.LIBRARIES`, cached.
 
-    ``engine`` is the engine of a stepper, for models with or without events.
+    The library ``engine`` also depends on the stepper, and on whether models have events.
     """
 
     def render() -> SharedCode:
@@ -324,18 +323,18 @@ def shared_code(library: str, stepper: str = "", *, has_events: bool = True) -> 
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:
-    """Build and load C text that is the same for all models; None if no compiler can."""
+    """Build and load C text that is the same for all models; return None if that is impossible."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None
     # Vectorised sums over equations make steps a fifth faster for 8 equations, a quarter for 36.
-    # The code around the steps would compile more slowly with these flags and run no faster.
+    # The other files would compile more slowly with these flags and run no faster.
     try:
         _, loaded = obtain_library(
             code.files,
             code.declarations,
             abi_version=ABI_VERSION,
-            # The optimisation level is given below, so that the number of operations has no effect.
+            # Without effect, since the optimisation levels are given below.
             n_operations=1,
             options=BuildOptions("-O1"),
             toolchain=toolchain,

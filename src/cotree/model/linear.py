@@ -1,7 +1,7 @@
 """Linear systems of Newton steps: small inverses, sparse factorisations, least squares.
 
 In: the derivatives of equations, full or in SciPy's compressed form. Out: a solver for Newton
-steps, the scale of rounding errors of each unknown, and the unknowns that a singular matrix leaves
+steps, the rounding scale of each unknown, and the unknowns that a singular matrix leaves
 undetermined; for gradients with redundant rows, minimum-norm steps and independent columns.
 """
 
@@ -24,55 +24,54 @@ if TYPE_CHECKING:
 #: A dense matrix, or a compressed matrix of SciPy.
 Matrix = Any
 
-#: Relative change of the unknowns due to rounding errors of the equations.
+#: Relative change of an unknown that counts as a rounding error.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
-#: Steps below this fraction of an unknown that no longer halve are rounding errors, since Newton's
-#: method converges quadratically. For unknowns that are zero up to rounding, the fraction refers to
-#: the scales.
+#: Steps that no longer halve are rounding errors if they are below the first fraction of their
+#: unknowns, since Newton's method converges quadratically. For unknowns that are zero up to
+#: rounding, the second fraction, of :attr:`Linear.scale`, applies.
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
-#: Residuals below this fraction of the sum of their terms are cancellation errors.
+#: Residuals below this fraction of the summed magnitudes of their terms are cancellation errors.
 _MET = 1e-3
 
-#: Full matrices are faster up to this number of rows, and above this density.
+#: Full factorisation is faster up to this number of rows, or above this fraction of nonzeros.
 _FEW, _SHARE = 60, 0.1
 
-#: Random sign vectors estimate the effect of rounding errors of the equations on the unknowns of a
-#: large system.
+#: Number of random sign vectors with which the effect of rounding errors of the equations on the
+#: unknowns of a large system is estimated.
 _PROBES = 16
 
-#: Number of inverse iterations, and the multiple of rounding above which a singular value is
-#: nonzero.
+#: Number of inverse iterations, and the multiple of its rounding error above which a singular value
+#: is nonzero.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Rounding error of singular values, in units in the last place of the largest one.
+#: Minimum rounding error of singular values, in machine precisions of the largest one.
 _WEAK = 10
 
-#: Entries below this fraction of the largest are not involved in a singular direction.
+#: Unknowns with components below this are not involved in a singular direction of length one.
 _INVOLVED = 0.1
 
 
 def is_sparse(n: int, n_nonzeros: int) -> bool:
-    """Return whether sparse factorisation of a matrix with so many rows and nonzeros is faster."""
+    """Return whether a matrix with n rows is factorised faster in sparse form than in full form."""
     return n > _FEW and n_nonzeros < _SHARE * n * n
 
 
 class Linear(NamedTuple):
     """Linear equations of one Newton step; a tuple, since one is created at each step."""
 
-    #: ``solve(b)`` solves with the derivatives by the unknowns, for one or several columns.
+    #: ``solve(b)`` solves with the derivatives by the unknowns; b has one or several columns.
     solve: Callable[[Array], Array]
-    #: Scale of each unknown: its own magnitude plus its change if each term of the equations
-    #: changes by its own magnitude. Rounding errors are about this scale times the machine
-    #: precision.
+    #: Scale of each unknown: its magnitude plus its change if each term of the equations changes by
+    #: its own magnitude. Rounding errors are about this scale times the machine precision.
     scale: Array
     #: Magnitude of the terms of each equation; infinite if convergence is judged by steps only.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:
-        """Return the scales of a step, and the largest scaled entry, at most 1."""
+        """Return a scale for each entry of a step, and the largest scaled entry, at most 1."""
         size: Array = np.maximum(self.scale, TINY)
         length = longest(step / size)
         if length <= 1.0:
@@ -88,28 +87,26 @@ class Linear(NamedTuple):
     def is_met(self, g: Array) -> bool:
         """Return whether residuals are cancellation errors of larger terms.
 
-        If the matrix is nearly singular, the scales are so large that any step appears short.
+        Required in addition to short steps: with a nearly singular matrix, the scales are so large
+        that every step appears short.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
 
 
 def longest(step: Array) -> float:
-    """Return the largest magnitude of the entries; nan if an entry is nan.
-
-    ``numpy.max`` returns the same, but its call is slower.
-    """
+    """Return the largest magnitude of the entries, nan if one is nan; faster than ``numpy.max``."""
     return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Factorise the last columns of the Jacobian at y, whose last entries are the unknowns.
+    """Factorise the last columns of a Jacobian at y; the last entries of y are the unknowns.
 
     Raises LinAlgError if the matrix is singular or not finite.
     """
     n = slope.shape[0]
-    # The sum of the absolute terms of each equation; rounding errors are proportional to it.
+    # Rounding errors of an equation are proportional to the summed magnitudes of its terms.
     sizes: Array = abs(slope).dot(np.abs(y))
-    # A sum is infinite or nan if one of its terms is, even multiplied by zero.
+    # A product with nan or infinity is never finite, not even that with zero.
     if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
@@ -118,8 +115,8 @@ def linearise(slope: Matrix, y: Array) -> Linear:
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
-    # The inverse would be full. Solutions for random signs estimate its sums of magnitudes within
-    # a small factor.
+    # The inverse would be full. Solutions for random signs estimate the sums of the magnitudes in
+    # its rows within a small factor.
     found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
     if not math.isfinite(np.add.reduce(found)):
         raise np.linalg.LinAlgError("singular")
@@ -127,7 +124,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
-    """Solve a square system whose matrix is the sum of entries at ``rows`` and ``columns``.
+    """Solve a square system whose matrix is the sum of ``values`` at ``rows`` and ``columns``.
 
     Raises LinAlgError if the matrix is singular or not finite.
     """
@@ -160,7 +157,7 @@ def _inverse(matrix: Array) -> Array:
 
 @functools.cache
 def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
-    """Return LAPACK's solver, four times faster than through NumPy, and a unit matrix."""
+    """Return LAPACK's solver, four times faster than NumPy's, and a unit matrix of size n."""
     from scipy.linalg.lapack import dgesv
 
     return dgesv, np.eye(n, order="F")
@@ -173,11 +170,11 @@ def _signs(n: int) -> Array:
 
 
 def _factorised(matrix: Matrix) -> Callable[..., Array]:
-    """Factorise a sparse matrix; return its solver, which takes ``"T"`` for the transpose."""
+    """Factorise a sparse matrix and return the solver; with ``"T"`` it solves the transpose."""
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
-    # Pivots are chosen within columns; rows in other units would lead to poor pivots.
+    # Pivots are chosen within columns, so rows in different units would lead to poor pivots.
     size = abs(matrix.tocsr()).max(axis=1).toarray().ravel()
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     try:
@@ -186,7 +183,7 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
         raise np.linalg.LinAlgError("singular") from None
 
     def solve(b: Array, way: str = "N") -> Array:
-        # D A is factorised, D being the scale of rows: A^-1 = (D A)^-1 D and A^-T = D (D A)^-T.
+        # D A is factorised, with row scales D: A^-1 = (D A)^-1 D and A^-T = D (D A)^-T.
         if way == "T":
             return np.asarray((factors.solve(b, way).T * scale).T)
         return np.asarray(factors.solve((b.T * scale).T))
@@ -197,28 +194,30 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
     """Solve rows @ step = target for the minimum-norm step, by least squares.
 
-    ``rows``, (n_rows, n), are some columns of a gradient with redundant rows; ``whole``, (n_rows,
-    n_all), is all of it. Singular values that are rounding errors compared with those of ``whole``
+    ``whole``, (n_rows, n_all), is a gradient with redundant rows, and ``rows``, (n_rows, n), has
+    some of its columns. Singular values that are rounding errors compared with those of ``whole``
     count as zero.
     """
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)
-    # If all columns are free, the singular values are those just found.
+    # If ``rows`` has all columns, its largest singular value is that of ``whole``.
     largest = sizes[0] if rows.shape == whole.shape else np.linalg.norm(whole, 2)
     kept = sizes > RANK * max(largest, sizes[0])
     along = (left[:, kept].T @ target).T / sizes[kept]
-    # The pseudo-inverse without singular values that are rounding errors.
     return np.asarray(right[kept].T @ along.T, dtype=np.float64)
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """List free columns of full rank, chosen such that the others follow from them accurately."""
+    """Return the columns of a gradient that can be chosen freely.
+
+    They are selected such that the other columns can be solved for accurately.
+    """
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
 
-    # Pivoting selects the best-conditioned columns to solve for; the rest are independent.
+    # Pivoting selects the best-conditioned columns to solve for; the other columns are free.
     triangle, order = qr(rows, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
@@ -228,8 +227,8 @@ def independent_columns(rows: Array) -> list[int]:
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
     """Return the unknowns that all given square matrices leave undetermined.
 
-    The result is empty if one of the matrices is regular. Rows and columns are scaled first, so
-    that it does not depend on units.
+    The result is empty if one of the matrices is regular. It does not depend on units, since rows
+    and columns are scaled first.
     """
     involved: tuple[int, ...] = ()
     for slope in slopes:
@@ -244,12 +243,12 @@ def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
 
 
 def _is_clearly_regular(slope: Matrix) -> bool:
-    """Return whether all singular values of a scaled matrix are far above rounding errors."""
+    """Return whether all singular values of a matrix, after scaling, far exceed rounding errors."""
     matrix = slope.tocoo(copy=True)
     if not np.all(np.isfinite(matrix.data)):
         return False
     for _ in range(3):
-        # Each round scales the largest entry of every row, then of every column, to one.
+        # Scale the largest entry of every row, then of every column, to one.
         for place in (matrix.row, matrix.col):
             size = np.zeros(len(slope.indptr) - 1)
             np.maximum.at(size, place, np.abs(matrix.data))

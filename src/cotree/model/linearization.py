@@ -1,8 +1,8 @@
-"""Linear systems for users: matrices with names, eigenvalues, derivatives, exports.
+"""Linear systems for users: named matrices, eigenvalues, their derivatives, exports.
 
 The derivative of an eigenvalue is w A' v / (w v), with its left eigenvector w and its right
 eigenvector v; see J. R. Magnus, On differentiating eigenvalues and eigenvectors,
-Econometric Theory 1 (1985). Multiple eigenvalues have no such derivative and are refused.
+Econometric Theory 1 (1985). Multiple eigenvalues have no such derivative and raise an error.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Rounding splits a defective double eigenvalue by the square root of the machine precision. Closer
-#: eigenvalues count as equal, as do those whose left and right eigenvectors are that orthogonal.
+#: Relative distance below which eigenvalues count as equal, since rounding splits a defective
+#: double eigenvalue by the square root of the machine precision. Also the cosine of the angle
+#: between its left and right eigenvectors below which an eigenvalue counts as multiple.
 _SPLIT = float(np.finfo(np.float64).eps) ** 0.5
 
 
 def order_of(values: npt.NDArray[np.complex128]) -> npt.NDArray[np.intp]:
-    """Order eigenvalues by descending real part, then by descending imaginary part."""
+    """Return the indices that sort eigenvalues by descending real, then imaginary part."""
     return np.lexsort((-values.imag, -values.real))
 
 
@@ -39,7 +40,7 @@ def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]
     if not matrix.size:
         return np.zeros(0, dtype=complex)
     values, left, right = eig(matrix, left=True, right=True)
-    # The cosines of the angles between left and right eigenvectors, which have unit length.
+    # Cosines of the angles between left and right eigenvectors, which have unit length.
     cosines = np.einsum("ij,ij->j", left.conj(), right)
     weak = np.abs(cosines) <= _SPLIT
     far = np.abs(values[:, None] - values)
@@ -64,7 +65,7 @@ class LinearSlopes:
     Attributes
     ----------
     A, B, C, D : ndarray
-        With the shapes of the matrices, in their units per unit of the parameter.
+        Derivatives of the matrices, of the same shapes.
     """
 
     A: Array
@@ -88,17 +89,17 @@ class Linearization(Reported):
         rotations ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the
         rates ``turn_x_dot``.
     basis : ndarray, shape (n_states, n)
-        Deviations of all differential states for unit values of each z, in the full form columns
-        of the identity matrix. Rows of modes are zero: small deviations do not change them.
+        Deviations of all differential states for a unit value of each z; in the full form, columns
+        of the identity matrix. Rows of modes are zero, since small deviations do not change modes.
     is_steady : bool
-        Whether the motion through the point is steady: everything on which the linear system
-        depends is constant, so the eigenvalues of the reduced A determine stability. About any
-        other motion the system is valid only at this instant, and they do not.
+        Whether the motion through the point is steady, so that the linear system is constant and
+        the eigenvalues of the reduced A determine stability. About any other motion the linear
+        system is valid only at this instant, and its eigenvalues do not determine stability.
     slopes : mapping of str to LinearSlopes
-        Derivatives of the matrices by the requested names.
+        Derivatives of the matrices by each requested name.
     modes : mapping of str to float
-        The modes of the point. The linear system is that of the equations in these modes: where dry
-        friction sticks, its relative acceleration is zero, whatever the deviations.
+        The modes at the point, which the linear system assumes to be constant: where dry friction
+        sticks, the relative acceleration is zero for all deviations.
     """
 
     A: Array
@@ -207,7 +208,7 @@ class Linearization(Reported):
 
     @property
     def in_modes(self) -> str:
-        """The modes of the point as text."""
+        """The modes at the point as text."""
         return ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
 
     def summary(self) -> str:
@@ -227,7 +228,7 @@ class Linearization(Reported):
 
 
 def _listed(values: npt.NDArray[np.complex128], most: int = 12) -> str:
-    """Write eigenvalues, a pair of conjugate ones as one."""
+    """Return eigenvalues as text, with each conjugate pair as one entry."""
     parts = [
         f"{x.real:.4g}" if x.imag == 0.0 else f"{x.real:.4g} ± {x.imag:.4g}i"
         for x in values
@@ -238,7 +239,7 @@ def _listed(values: npt.NDArray[np.complex128], most: int = 12) -> str:
 
 
 def _without_dots(names: Sequence[str]) -> list[str]:
-    """Replace dots in names such that the names remain unique."""
+    """Replace dots in names by underscores such that the names remain unique."""
     found: list[str] = []
     for name in names:
         plain = name.replace(".", "_")

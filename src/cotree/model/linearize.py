@@ -1,9 +1,9 @@
-"""Linearisation of a model about a state, from the sensitivity graphs of its states and inputs.
+"""Linearisation of a model about a state.
 
 In: equations, their derivatives by states and inputs, and numbers. Out: x' = A x + B u,
 y = C x + D u for small deviations of all states or of independent ones, and the derivatives of
-these matrices along any direction. Algebraic unknowns are eliminated. The nodes of a ``Linearizer``
-are differentiated once along a symbolic direction, which is evaluated for each parameter.
+these matrices along any direction. Algebraic unknowns are eliminated. A ``Linearizer`` is
+differentiated once along a symbolic direction; this derivative is evaluated for each parameter.
 """
 
 from __future__ import annotations
@@ -53,16 +53,17 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A change of states, inputs and parameters."""
+    """A direction in the space of states, inputs and parameters."""
 
-    #: Components of the direction; those of algebraic unknowns are recomputed and ignored.
+    #: Components of the direction; those of algebraic unknowns in ``y`` are ignored, since they
+    #: follow from the others.
     y: Array
     u: Array
     p: Array
 
 
 class Variation:
-    """Directional derivatives of functions of states, inputs, parameters and time, formed once."""
+    """Directional derivatives of given nodes along a symbolic direction, formed once."""
 
     def __init__(self, dag: Dag, nodes: Sequence[Node]) -> None:
         seed = {
@@ -74,11 +75,11 @@ class Variation:
         found = symbols_in(self._nodes)
         changes = [symbol for symbol in found if symbol.data[0] in _CHANGES.values()]
         self._changes = {symbol: symbol.data for symbol in changes}
-        #: Symbols other than the direction, whose values are needed for evaluation.
+        #: Symbols, except those of the direction, whose values the evaluation needs.
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
-        """Evaluate the derivatives, (n_nodes,), along a direction at values of the symbols."""
+        """Evaluate the derivatives along a direction, shape (n_nodes,), for given symbol values."""
         by_kind = {
             STATE_CHANGE: direction.y,
             INPUT_CHANGE: direction.u,
@@ -93,7 +94,7 @@ class Variation:
 
 
 def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
-    """Differentiate the result of :func:`cotree.model.algebraic.eliminated`."""
+    """Differentiate :func:`cotree.model.algebraic.eliminated` along a change of its matrix."""
     n = len(moved) - cut
     # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
     x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
@@ -102,12 +103,13 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     return found
 
 
-#: Change of the fastest state over which a motion is followed to determine whether it is steady.
+#: Change of the fastest state after which a motion is compared with its start, to determine whether
+#: it is steady.
 _ASIDE = 0.1
 
 
 class Linearizer:
-    """Derivatives of equations by states and inputs, formed once."""
+    """Derivatives of the equations by states and inputs, formed once for all linearisations."""
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
@@ -117,21 +119,21 @@ class Linearizer:
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
         with_value = list(valued)
-        # Column by column: Jacobian entries of the constraints, then of their rates.
+        # For each column: the entries of the constraints, then those of the constraint rates.
         held = [
             node
             for column in equations.columns
             for node in (*(column.held[i] for i in with_value), *column.held_rates)
         ]
-        #: Constraints and their rates, differentiated if parameters are unknowns of a trim.
+        #: Constraints and their rates, differentiated only by parameters.
         self._values_held = [*valued.values(), *rows.rates]
-        # Values of events follow those of the outputs.
+        # ``output_values`` ends with the values of events.
         self._outputs = solved.substitute(equations.output_values[: len(equations.outputs)])
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])
         solves = [node for node in found if node.op == "solve"]
-        # The last result of a `solve` node is a flag that tells whether its matrix was regular.
+        # The last result of a `solve` node is true if its matrix was regular.
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
         self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
         #: Whether the equations, or the scene's inputs, depend explicitly on time.
@@ -140,7 +142,7 @@ class Linearizer:
 
     @locked_cached_property
     def _variation(self) -> Variation:
-        """Directional derivatives of the matrices of a linearisation."""
+        """Directional derivatives of the matrices of the linear system."""
         return Variation(self._equations.dag, [*self._nodes, *self._others])
 
     @locked_cached_property
@@ -157,7 +159,7 @@ class Linearizer:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the differential states without the modes, which have no deviations."""
+        """Names of the differential states except modes, which have no deviations."""
         return tuple(self._equations.states[i].name for i in self._kept)
 
     @property
@@ -167,7 +169,7 @@ class Linearizer:
 
     @cached_property
     def _kept(self) -> list[int]:
-        """Indices of the differential states without the modes."""
+        """Indices of the differential states except modes."""
         return [i for i in range(self._n_differential) if i not in self.modes]
 
     @property
@@ -177,7 +179,7 @@ class Linearizer:
         return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
-        """Evaluate the linearisation at a point; the states have their algebraic unknowns.
+        """Evaluate the linearisation at a point that satisfies the algebraic equations.
 
         Raises SingularSystemError if the mass matrix, or the matrix of the algebraic unknowns, is
         singular.
@@ -188,7 +190,7 @@ class Linearizer:
     def whole(
         self, t: float, y: Sequence[float] | Array, p: Array, u: Array
     ) -> tuple[Array, Array, Array]:
-        """Evaluate rates and the full Jacobian, in which algebraic unknowns count as states.
+        """Evaluate the rates and the full Jacobian, in which algebraic unknowns count as states.
 
         Returns rates and residuals of the algebraic equations, (n_states,); the Jacobian of these
         and of the outputs, (n_states + n_outputs, n_states + n_inputs); and that of the
@@ -204,11 +206,11 @@ class Linearizer:
         return self._arranged(numbers)
 
     def _arranged(self, numbers: Array) -> tuple[Array, Array, Array]:
-        """Split the values of all nodes into rates, Jacobian, and Jacobian of constraints."""
+        """Split the values of all nodes into rates, Jacobian, and constraint Jacobian."""
         equations = self._equations
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
-        # Nodes are stored column by column, states before inputs; rates before outputs in a column.
+        # Columns of states precede those of inputs; in a column, rates precede outputs.
         whole = whole.reshape(n + m, n + k).T
         rates, held = np.split(others, [n])
         return rates, whole, held.reshape(n, -1).T if n else held.reshape(0, 0)
@@ -216,7 +218,7 @@ class Linearizer:
     def _slopes(
         self, y: Sequence[float] | Array, rates: Array, whole: Array, held: Array
     ) -> Slopes:
-        """Extract the blocks of differential states."""
+        """Select the rows and columns of the differential states except modes."""
         equations, n, kept = self._equations, self._n_differential, self._kept
         return Slopes(
             y=np.array(y, dtype=float)[kept],
@@ -233,10 +235,10 @@ class Linearizer:
         )
 
     def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
-        """Differentiate along a direction of states, inputs and parameters.
+        """Differentiate the equations along a direction of states, inputs and parameters.
 
-        The result has the derivatives of rates and residuals, outputs, constraints, and their
-        rates.
+        Returns the derivatives of rates and algebraic residuals, of outputs, of constraints, and of
+        constraint rates.
         """
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
@@ -248,7 +250,7 @@ class Linearizer:
         return self._inputs.along(values, Direction(y, none, dp))
 
     def _changed(self, at: EvaluationPoint, y: Array, direction: Direction) -> Slopes:
-        """Differentiate the linearisation along a direction; algebraic unknowns change with it."""
+        """Differentiate the linearisation along a direction, including algebraic unknowns."""
         n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
             moved, dy = self._moved_behind(whole), direction.y.copy()
@@ -270,7 +272,7 @@ class Linearizer:
         """Move the rows and columns of algebraic unknowns to the end."""
         cut = self._n_differential
         algebraic = range(cut, cut + self._equations.n_algebraic)
-        # They are between the differential states and the outputs or inputs.
+        # Algebraic unknowns are between the differential states and the outputs or inputs.
         order = [*(i for i in range(len(whole)) if i not in algebraic), *algebraic]
         columns = [*(j for j in range(whole.shape[1]) if j not in algebraic), *algebraic]
         return whole[np.ix_(order, columns)]
@@ -292,11 +294,11 @@ class Linearizer:
 
     @cached_property
     def _turns(self) -> dict[int, int]:
-        """Indices of the angular velocities that belong to each quaternion."""
+        """Index of the first angular velocity by the index of the first entry of its quaternion."""
         equations, names = self._equations, list(self.states)
         symbols = [state.symbol for state in equations.states]
         return {
-            # The angular velocities of an edge are w1, w2 and w3, consecutive in this order.
+            # The angular velocities w1, w2 and w3 of an edge are consecutive.
             symbols.index(symbols_of_edge[0]): names.index(f"{edge}.w1")
             for edge, symbols_of_edge in equations.constraints.quaternions
         }
@@ -311,8 +313,9 @@ class Linearizer:
     ) -> Linearization:
         """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
 
-        The scene's inputs may vary with time; given ones are constant. ``reduced``: in independent
-        deviations. ``directions`` are the derivatives of the point by each requested parameter.
+        The scene's inputs may vary with time; given inputs are constant. If ``reduced``, the result
+        is in independent deviations. ``directions`` has the derivative of the point by each
+        requested name.
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
@@ -344,7 +347,7 @@ class Linearizer:
         point: Slopes,
         found: Reduced | None,
     ) -> LinearSlopes:
-        """Differentiate the matrices along a direction: those of ``found`` if it is given."""
+        """Differentiate the matrices along a direction: the reduced ones if ``found`` is given."""
         change = self._changed(at, y, direction)
         if found is None:
             return LinearSlopes(change.A, change.B, change.C, change.D)
@@ -353,31 +356,31 @@ class Linearizer:
     def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        # An equilibrium: at rest, and autonomous.
+        # An equilibrium of an autonomous system.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
-        # Until the fastest state has changed by a tenth, but at most a tenth of a second.
+        # The fastest state changes by a tenth in this time, but it is at most a tenth of a second.
         step = _ASIDE / max(fastest, 1.0)
         later = replace(at, t=at.t + step)
         y, y[self._kept] = y.copy(), self._moved(point, at, y, step)
         try:
             y = solve_states(later, y)
             there = self.at(later.t, y, at.p, later.inputs)
-        # If the motion cannot be followed, it has not been shown to be steady.
+        # A motion that cannot be continued is not known to be steady.
         except (Error, ArithmeticError, ValueError):
             return False
         moved = reduce(there, self.states, here.names)
         return is_still(moved, there) and is_same(here, moved)
 
     def _moved(self, point: Slopes, at: EvaluationPoint, y: Array, step: float) -> Array:
-        """Follow the motion for one step of the classical Runge-Kutta method."""
+        """Return the states after one step of the classical Runge-Kutta method."""
         kept, u = self._kept, at.inputs
         slopes = [point.rates]
         for share in (0.5, 0.5, 1.0):
             aside = y.copy()
             aside[kept] += share * step * slopes[-1]
             values = self._values(at.t + share * step, aside, at.p, u)
-            # Inputs and algebraic unknowns are held constant; the caller solves for the latter.
+            # Inputs and algebraic unknowns are constant; the caller then solves for the latter.
             rates = evaluate(self._others[: len(self._equations.states)], values)
             slopes.append(np.array([float(np.real(rates[i])) for i in kept]))
         a, b, c, d = slopes
@@ -385,7 +388,7 @@ class Linearizer:
         return moved
 
     def _check_finite(self, numbers: Array) -> None:
-        """Refuse derivatives that are not finite; the message names them."""
+        """Raise an error that names the first derivative that is not finite."""
         wrong = np.flatnonzero(~np.isfinite(numbers))
         if wrong.size:
             equations = self._equations
@@ -410,7 +413,7 @@ class Linearizer:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        # Use existing symbols only: a new symbol would alter the shared graph.
+        # Only existing symbols are used, since a new one would alter the shared graph.
         for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:
@@ -421,7 +424,7 @@ class Linearizer:
 def _columns(
     equations: Equations, solved: SolvedSystem, columns: Sequence[Derivative]
 ) -> list[Node]:
-    """Form the derivatives of rates and outputs, column by column."""
+    """Return the derivatives of rates and outputs, column by column."""
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     return [
         node
@@ -440,8 +443,7 @@ def linearize(
     total: bool = False,
 ) -> Linearization:
     """Linearise about the motion through a state; see :meth:`cotree.Model.linearize`."""
-    # Linearisations are evaluated from expression graphs, without the parameter checks of the
-    # compiled kernels.
+    # Expression graphs are evaluated without the parameter checks of the compiled kernels.
     model = at.model
     model.check_parameters(at.p)
     names = check_names(sensitivities, "sensitivities")
@@ -462,7 +464,7 @@ def linearize(
 
 
 def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]:
-    """Return the sensitivities of the initial states by name."""
+    """Return the sensitivities of the initial states to each of the given names."""
     known = at.model.sensitivities
     for name in names:
         if name not in known:
@@ -475,9 +477,9 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
 
 
 def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
-    """Return the direction of a parameter, an input or a state.
+    """Return the unit direction of a parameter, an input or a state.
 
-    Inputs of the scene follow the parameters that they depend on, unless a call gives inputs.
+    The scene's inputs change with the parameters on which they depend, unless a call gives inputs.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Loading of models from C text: libraries, operating points, and pickles for other processes.
 
-In: a program with its C text. Out: a ``CompiledModel``. Pickled, it consists of program, text and
-options: the receiver compiles the text once or finds the library in its cache; equations are not
-formulated again.
+In: a program with its C text. Out: a ``CompiledModel``. Its pickle contains program, text and
+options: the receiver compiles the text or finds the library in its cache, but does not formulate
+the equations again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def load_model(
     text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
-    """Compile and load the C text; without a compiler, calls of the model raise an error.
+    """Compile and load the C text of a model.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def load_model(
     options : BuildOptions
         The user's choices for the compiler.
     at_rest : callable, optional
-        Returns the C text of the network at rest, where the model begins at its operating point.
+        Returns the C text of the network at rest, if the model starts at its operating point.
 
     Returns
     -------
     CompiledModel
-        Ready to be called, but for a compiler.
+        The model; without a compiler, its calls raise an error.
 
     Warns
     -----
@@ -90,10 +90,10 @@ def load_model(
 
 
 class OperatingPoint:
-    """The operating point of a network, where a model begins.
+    """Computation of the operating point of a network, at which a model starts.
 
-    It is the steady state of another scene, whose storages are at rest
-    (:mod:`cotree.scene.variants`). This scene has no states, only algebraic unknowns. They are
+    The operating point is the steady state of another scene, whose storages are at rest
+    (:mod:`cotree.scene.variants`). That scene has no states, only algebraic unknowns, which are
     found with limited junctions, parallel conductances and source stepping. Its sensitivity graphs
     yield the sensitivities of the start.
 
@@ -115,24 +115,25 @@ class OperatingPoint:
 
     @locked_cached_property
     def at_rest(self) -> CompiledModel:
-        """The network at rest, whose outputs are the model's states except for contents."""
+        """The network at rest as a model; its outputs are the states of the original model."""
         return load_model(self.text, self._model.options or BuildOptions())
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
-        """Return the states at rest, and s with their sensitivities.
+        """Return the states at rest and their sensitivities.
 
         Parameters
         ----------
         t : float
-            When, [s].
+            Time, [s].
         p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
-            Parameters, and inputs; None takes the scene's.
+            Parameters and inputs; if u is None, the scene's inputs are used.
         s : ndarray, shape (n_states, n_sensitivities)
-            Sensitivities of the scene's initial values, of which those to initial values stay.
+            Sensitivities of the scene's initial values, overwritten except for those to initial
+            values.
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
-        # Its parameters are some of the model's.
+        # The network at rest has a subset of the model's parameters.
         own = rest.parameter_array({name: known[name] for name in rest.parameters})
         inputs = None
         if u is not None:
@@ -142,7 +143,7 @@ class OperatingPoint:
             start = find_start(EvaluationPoint(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
-        # The outputs of this scene are the states of the model, in the same order.
+        # The outputs of the network at rest are the states of the model, in the same order.
         y = rest.output_values(t, start.y, own, inputs)
         if rest.sensitivities:
             found = rest.output_sensitivity(t, start.y, start.s, own, inputs)
@@ -154,8 +155,7 @@ def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if not model.text.files:
         raise TypeError("a model without C text cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
-    # Programs and texts are repetitive: compression to a quarter of the size takes a few
-    # milliseconds.
+    # Programs and texts are repetitive: a few milliseconds compress them to a quarter.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
     return _arrived, (_versions(), data)
 
@@ -199,6 +199,5 @@ def _named(versions: dict[str, str]) -> str:
     return f"{versions.get('cotree')} ({others})"
 
 
-# A library is valid in one process only. Another process compiles the text, or finds it in the
-# cache.
+# A loaded library is valid only in its process, so a pickle contains the text instead.
 copyreg.pickle(CompiledModel, _reduced)

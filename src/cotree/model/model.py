@@ -1,8 +1,8 @@
 """The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays.
 
-In: a program and its kernels. Out: kernels as functions of time, states, sensitivities and inputs,
-without checks and copies, for solvers; and methods with checked arrays and full sensitivities.
-``StatesOnly`` is a model with the same kernels whose layout has no sensitivities.
+In: a program and its kernels. Out: for solvers, kernels as functions of time, states, sensitivities
+and inputs, without checks and copies; for users, methods with checked arrays and full
+sensitivities. ``StatesOnly`` is a model with the same kernels, but without sensitivities.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Call = Callable[[float, Array, Array, Array], Array]
 
 
 def whole_kernel(kernels: Kernels, layout: Layout, name: str) -> Call:
-    """Return a kernel as a function of full arrays of sensitivities; its result is a buffer."""
+    """Return a kernel as a function of full sensitivity arrays; its result may be a buffer."""
     n_all = len(layout.states) * len(layout.sensitivities)
     # Kernels without packed arguments are called directly.
     if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
@@ -52,7 +52,7 @@ def whole_kernel(kernels: Kernels, layout: Layout, name: str) -> Call:
 
     def call(t: float, x: Array, s: Array, u: Array) -> Array:
         packed = kernels(name, t, x, s[places], u)
-        # Augmented kernels give the rates of the states first, then those of sensitivities.
+        # Augmented kernels return the rates of the states, then those of the sensitivities.
         n_lead = len(packed) - len(places)
         whole = np.zeros(n_lead + n_all)
         whole[:n_lead] = packed[:n_lead]
@@ -66,13 +66,13 @@ _NONE: Array = np.zeros(0)
 
 
 class _Own(threading.local):
-    """Parameters for which the kernels of the calling thread are prepared."""
+    """The parameters for which the kernels are prepared in the calling thread."""
 
     prepared: Array | None = None
 
 
 class Rest(Protocol):
-    """The operating point of a network, at which runs of a model start."""
+    """A function that computes the operating point at which runs of a model start."""
 
     @property
     def text(self) -> ModelText:
@@ -80,49 +80,50 @@ class Rest(Protocol):
         ...
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
-        """Return the states at rest, and s with their sensitivities."""
+        """Return the states at rest and their sensitivities; see ``OperatingPoint``."""
         ...
 
 
-# Number of settings for which a model keeps prepared runs.
+# Maximum number of different settings for which a model keeps prepared runs.
 _MOST_KEPT = 8
 
 
 class CompiledModel:
-    """Kernels of a scene with their names, called with NumPy arrays.
+    """The kernels of a scene, called with NumPy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
     :attr:`parameters` and :attr:`inputs`; None selects the scene's values. Parameters may also be a
-    mapping of names to values; the others keep the scene's. Results are new arrays. Several threads
-    may call the same model at the same time, each with its own parameters.
+    mapping of names to values that replaces only these. Results are new arrays. Several threads may
+    call the same model at the same time, each with its own parameters.
 
     Parameters
     ----------
     text : ModelText
-        Names, patterns, what the kernels compute, and the C text that they were compiled from.
+        The program of the model, and the C text from which the kernels were compiled.
     kernels : Kernels
-        The kernels.
+        The compiled kernels.
     options : BuildOptions, optional
         The user's choices for the compiler.
 
     Attributes
     ----------
     text, options
-        The same.
+        See the parameters.
     traits : Traits
-        Properties of the nodes that decide how kernels are called.
+        Properties of the program that determine how kernels are called.
     cached : bool
-        Whether the library was compiled before.
+        Whether the library was found in the cache.
     rest : callable or None
-        Initial states and sensitivities at the operating point; None for those of the scene.
+        Computes the operating point at which the model starts; None if it starts at the scene's
+        initial values.
     layout : Layout
         Names, units and patterns.
     states, parameters, inputs, outputs : tuple of str
         Names of the states, the tunable parameters, the inputs and the outputs.
     sensitivities : tuple of str
-        Parameters and states with respect to which sensitivities are taken.
+        Parameters and initial states with respect to which the model has sensitivities.
     structure : Structure
-        Patterns of its derivatives.
+        Sparsity patterns of the derivatives.
     kept : RecentCache
         Prepared runs by their settings; see :mod:`cotree.solvers.prepare`.
     """
@@ -149,7 +150,7 @@ class CompiledModel:
 
     @property
     def program(self) -> Program:
-        """The program after its passes; calls of kernels and runs need none of its nodes."""
+        """The program after its passes; its nodes are not needed for kernel calls and runs."""
         return self.text.program
 
     @property
@@ -158,14 +159,14 @@ class CompiledModel:
         return self._defaults.copy()
 
     def parameter_array(self, values: Any = None, others: Any = None) -> Array:
-        """Return the parameters as an array, checked.
+        """Return a checked array of all parameters.
 
         Parameters
         ----------
         values : mapping of str to float, or array_like of shape (n_parameters,), optional
-            Values that replace the scene's, by name or as an array of all.
+            Values by name, or an array of all values.
         others : array_like, shape (n_parameters,), optional
-            Default values instead of the scene's.
+            Values of the parameters that ``values`` does not name; by default the scene's.
 
         Raises
         ------
@@ -181,7 +182,7 @@ class CompiledModel:
         return as_parameters(values, self._place_of, known, self.layout.derived)
 
     def derived(self, p: Any = None) -> dict[str, float]:
-        """Return the values of the parameters that are derived from others, by name.
+        """Return the values of the derived parameters by name.
 
         Parameters
         ----------
@@ -196,14 +197,15 @@ class CompiledModel:
         return derived_values(self.layout.derived, self.parameter_array(p))
 
     def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Return the parameter array from the values of a run, which include derived ones."""
+        """Return the parameter array from a run's values, which include derived parameters."""
         return self.parameter_array({name: values[name] for name in self._place_of})
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Return a kernel as a function of time, states, flat sensitivities and inputs.
 
-        For solvers: there are no checks and no copies. The result is a buffer of the calling
-        thread, valid until it calls the kernel again. The function prepares its own parameters.
+        The function is for solvers and does not check or copy. Its result is a buffer of the
+        calling thread, valid until this thread calls the kernel again. The function prepares the
+        kernels for p whenever another call has changed the parameters.
         """
         kernels, own, has_inputs = self._kernels, self._own, bool(self.inputs)
         kernel = self._kernel(name)
@@ -220,18 +222,18 @@ class CompiledModel:
         return call
 
     def native(self, p: Array) -> NativeModel | None:
-        """Return the model for C at fixed parameters; None without a compiler."""
+        """Return the C model with the given parameters, or None without a compiler."""
         self._prepare(p)
         return self._kernels.native()
 
     @property
     def backend(self) -> str:
-        """Return the backend of the kernels: ``C``, or ``none`` without a compiler."""
+        """The backend of the kernels: ``C``, or ``none`` without a compiler."""
         return self._kernels.backend
 
     @property
     def compiler(self) -> str:
-        """Name and version of the compiler; a text with "none" if there was none."""
+        """Name and version of the compiler, or a text that begins with "none"."""
         if self.backend != "C":
             return "none: nothing is evaluated"
         try:
@@ -241,13 +243,16 @@ class CompiledModel:
         return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
-        """Return the address of a kernel in C; None where it is none."""
+        """Return the address of a C kernel, or None if the library has no such kernel."""
         return self._kernels.address(name)
 
     def bound_jacobian(
         self, p: Array, *, is_sparse: bool = False
     ) -> Callable[[float, Array, Array | None], Any]:
-        """Return the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
+        """Return a function of time, states and inputs that returns the Jacobian.
+
+        The Jacobian is a full array or a CSR matrix; see also :meth:`bound`.
+        """
         kernel = self.bound("jacobian", p)
         place = self.structure.by_rows if is_sparse else self.structure.full
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
@@ -260,22 +265,22 @@ class CompiledModel:
         return self._kernel(name)(t, x, s, u).copy()
 
     def _kernel(self, name: str) -> Call:
-        """Return a kernel of full arrays."""
+        """Return a kernel as a function of full sensitivity arrays, cached by name."""
         found = self._whole.get(name)
         if found is None:
             found = self._whole[name] = whole_kernel(self._kernels, self.layout, name)
         return found
 
     def _prepare(self, p: Any) -> None:
-        """Prepare the kernels for a user's parameters, unless they equal those of the last call."""
-        # Prepared arrays belong to cotree and are never changed.
+        """Prepare the kernels for parameters given in any form, unless they are unchanged."""
+        # Prepared arrays belong to cotree and are never changed in place.
         if p is None or self._own.prepared is not p:
             self.set_parameters(self.parameter_array(p))
 
     def set_parameters(self, p: Array) -> None:
-        """Prepare for an array of parameters that is never changed.
+        """Prepare the kernels for a parameter array, which must never be changed in place.
 
-        Calls with the same array compare its identity only.
+        Later calls recognise the array by its identity.
 
         Raises
         ------
@@ -283,22 +288,22 @@ class CompiledModel:
             If a value is not finite, or a guard of the model rejects it.
         """
         own = self._own
-        # Bits are compared: 0.0 equals -0.0, but 1 / p differs.
+        # Bits are compared, since 0.0 equals -0.0 but 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            # A dot product finds nan and infinity in one pass; squares may overflow, too.
+            # A dot product detects nan and infinity in one pass, but squares may also overflow.
             with np.errstate(over="ignore"):
                 square = p.dot(p)
             if not (math.isfinite(square) or np.isfinite(p).all()):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
-            # If a guard rejects the values, nothing is prepared.
+            # If a guard rejects the values, the kernels are not prepared for any.
             own.prepared = None
             self._kernels.prepare(p)
         own.prepared = p
 
     @property
     def digest(self) -> str:
-        """Hash of the C text, names and default values: equal if models compute the same."""
+        """Hash of C text, names and default values, equal for models that compute the same."""
         parts = [VERSION, repr(self.layout), *_listed(self.text.files)]
         if self.rest is not None:
             text = self.rest.text
@@ -307,17 +312,17 @@ class CompiledModel:
 
     @property
     def source(self) -> str:
-        """The C text of the model; empty if it was not written."""
+        """The C text of the model, empty if there is none."""
         return self.text.files.get(f"{self.text.prefix}.c", "")
 
     @property
     def slow_causes(self) -> str:
-        """Sentences on values of the scene that make steps short; empty if none is known."""
+        """Sentences on scene values that require short steps; empty if none is known."""
         return self.text.slow_causes
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Parameters among :attr:`sensitivities` that no state or output depends on."""
+        """Parameters in :attr:`sensitivities` on which no state and no output depends."""
         return self.traits.unreached
 
     @property
@@ -334,7 +339,7 @@ class CompiledModel:
     def restart_times(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
     ) -> RestartTimes:
-        """List when inputs and rates jump or have kinks; see :meth:`Program.restart_times`.
+        """Return the times of jumps and kinks; see :meth:`Program.restart_times`.
 
         Parameters
         ----------
@@ -350,36 +355,36 @@ class CompiledModel:
         return self.program.restart_times(p.tolist(), (min(span), max(span)), given, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
-        """Return the longest step that skips no variation of an input, [s]."""
+        """Return the longest step with which no variation of an input is missed, [s]."""
         return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
     def start_in_c(self) -> StartInC | None:
-        """The search for starts in C; None without a compiler."""
+        """The C search for consistent initial states; None without a compiler."""
         from cotree.model.start_in_c import start_in_c
 
         return start_in_c(self)
 
     @locked_cached_property
     def slopes(self) -> dict[str, tuple[int, int]]:
-        """Places of the sensitivities of states by their names, ``d(STATE)/d(PARAMETER)``."""
+        """Row and column of each state sensitivity by its name, ``d(STATE)/d(PARAMETER)``."""
         rows, columns = list(enumerate(self.states)), list(enumerate(self.sensitivities))
         return {f"d({own})/d({by})": (i, j) for i, own in rows for j, by in columns}
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
+        """Names of the constraints, constraint rates and quaternion norms."""
         return tuple(row.name for row in self.layout.constraints)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
-        """Return initial states and sensitivities: those of the operating point, or the scene's.
+        """Return initial states and sensitivities at the operating point, or those of the scene.
 
         Parameters
         ----------
         t : float
             Start time, [s].
         p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
-            Parameters, and inputs, of which None takes the scene's.
+            Parameters and inputs; if u is None, the scene's inputs are used.
 
         Returns
         -------
@@ -390,31 +395,31 @@ class CompiledModel:
 
     @locked_cached_property
     def junctions(self) -> Junctions:
-        """The exponentials of the algebraic equations."""
+        """The algebraic equations with their exponentials, for the search from a poor guess."""
         from cotree.model.roots import Junctions
 
         return Junctions.of(self.program)
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # without constraints the kernel does not exist
+        if not self.constraints:  # there is no such kernel
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
     def initial(self, p: Any = None) -> Array:
-        """Return the initial states, shape (n_states,), for parameters ``p``."""
+        """Return the scene's initial states, shape (n_states,)."""
         self._prepare(p)
         return self._call("initial", 0.0, _NONE, _NONE, _NONE)
 
     def initial_sensitivity(self, p: Any = None) -> Array:
-        """Return the sensitivities of the initial states, shape (n_states, n_parameters)."""
+        """Return the sensitivities of the scene's initial states, (n_states, n_parameters)."""
         self._prepare(p)
         return self._by_parameter(
             self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE), len(self.states)
         )
 
     def input_values(self, t: float, p: Any = None) -> Array:
-        """Return the scene's own inputs at a time, shape (n_inputs,)."""
+        """Return the scene's inputs at the given time, shape (n_inputs,)."""
         self._prepare(p)
         return self._call("inputs", float(t), _NONE, _NONE, _NONE)
 
@@ -432,7 +437,7 @@ class CompiledModel:
         return self.structure.sparse(self._at("jacobian", t, one, p, u))
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
-        """Return the rates of the sensitivities, of the shape of s."""
+        """Return the rates of the sensitivities, in the shape of s."""
         return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s), len(self.states))
 
     def output_values(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
@@ -445,14 +450,14 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Return why rates are not finite at a point, as part of a sentence.
+        """Return the reason why rates are not finite at a point, or an empty string.
 
         Parameters
         ----------
         t : float
             Time, [s].
         y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
-            States, parameters, and inputs, of which None takes the scene's.
+            States, parameters and inputs; if u is None, the scene's inputs are used.
         """
         try:
             rates = self.bound("rhs", p)(t, y, _NONE, u)
@@ -466,7 +471,7 @@ class CompiledModel:
         return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
     def _by_parameter(self, flat: Array, n_rows: int) -> Array:
-        # Kernels have blocks by parameter; results have a column for each parameter.
+        # Kernels return a block for each parameter; results have a column for each.
         blocks = flat.reshape(len(self.sensitivities), n_rows, *flat.shape[1:])
         return blocks.swapaxes(0, 1).copy()
 
@@ -492,7 +497,7 @@ def _listed(files: Mapping[str, str]) -> list[str]:
 
 
 def states_only(model: CompiledModel) -> CompiledModel:
-    """Return a model without its sensitivities; the model itself if it has none."""
+    """Return the model without sensitivities, which is the model itself if it has none."""
     if not model.sensitivities:
         return model
     found: CompiledModel = model.kept.of(StatesOnly, lambda: StatesOnly(model))
@@ -500,7 +505,7 @@ def states_only(model: CompiledModel) -> CompiledModel:
 
 
 class StatesOnly(CompiledModel):
-    """A model without the sensitivities that it was compiled with."""
+    """A model that ignores the sensitivities with which it was compiled."""
 
     def __init__(self, model: CompiledModel) -> None:
         text = model.text
@@ -512,12 +517,12 @@ class StatesOnly(CompiledModel):
             input_sensitivities=((),) * len(text.layout.inputs),
         )
         super().__init__(replace(text, layout=layout), model._kernels)
-        # Both models share the kernels, hence also the prepared parameters of each thread.
+        # Both models share the kernels and hence the prepared parameters of each thread.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
 
     @locked_cached_property
     def program(self) -> Program:
-        """The program of the model, whose layout has no sensitivities."""
+        """The program of the original model, with a layout without sensitivities."""
         return replace(self._whole_model.program, layout=self.layout)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
@@ -531,15 +536,15 @@ class StatesOnly(CompiledModel):
         return np.zeros((len(self.states), 0))
 
     def native(self, p: Array) -> NativeModel | None:
-        """Return the model for C; see :meth:`CompiledModel.native`."""
+        """Return the C model; see :meth:`CompiledModel.native`."""
         native = super().native(p)
-        # The kernel of the states may exist even if the one with sensitivities was too long.
+        # The kernel for states alone may exist even if that with sensitivities was too long.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 
 @dataclass(frozen=True, eq=False)
 class EvaluationPoint:
-    """A model at one time, with its parameters and inputs."""
+    """A model with the time, parameters and inputs at which it is evaluated."""
 
     model: CompiledModel
     t: float  # time of the evaluation, [s]
@@ -548,7 +553,7 @@ class EvaluationPoint:
 
     @property
     def inputs(self) -> Array:
-        """The given inputs, or else those of the scene, shape (n_inputs,)."""
+        """The given inputs, or the scene's inputs if none are given, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
     def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
@@ -566,11 +571,11 @@ class EvaluationPoint:
         Returns
         -------
         ndarray
-            A fresh array; sensitivities are flat, parameter by parameter.
+            A new array, in which the sensitivities to each parameter are consecutive.
         """
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
 
     def event_values(self, y: Array, s: Array | None = None) -> Array:
-        """Evaluate the event functions without the switching functions, shape (n_events,)."""
+        """Evaluate the event functions, without the switching functions, shape (n_events,)."""
         return self.call("events", y, s)[: len(self.model.layout.events)]

@@ -1,33 +1,33 @@
-"""Roots of nonlinear equations g(z) = 0: a damped Newton iteration, and searches with it.
+"""Roots of nonlinear equations g(z) = 0: a damped Newton iteration, and searches that use it.
 
-A step is accepted by one of these tests:
+One of these tests decides whether a step is accepted:
 
-- natural monotonicity: the next step with the same matrix is shorter. The test does not depend on
-  the units of the residuals, and the next step is reused if the iteration converges fast enough;
-- residual: the residual, scaled row by row, is smaller;
-- whole steps: as natural monotonicity, but all steps are accepted;
-- none: all steps are taken, limited by the equations only, each with the matrix of its own point.
+- natural monotonicity: the next step with the same matrix must be shorter. The test does not depend
+  on the units of the residuals, and the next step is reused if the iteration converges fast enough;
+- residual: the residual, scaled row by row, must be smaller;
+- whole steps: all steps are accepted; the next step is reused as with natural monotonicity;
+- none: all steps are taken, limited only by the equations, each with the matrix of its own point.
 
-An iteration has converged if a step is rounding, or small and no longer shrinking. See P.
+An iteration has converged if a step is a rounding error, or is small and no longer shrinks. See P.
 Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
 
 Searches from a poor guess use the same iteration, in this order:
 
 1. With whole steps, then slightly damped by natural monotonicity.
-2. The same from a better guess of :class:`Junctions`, if there is one; then from the given guess,
-   with more damping.
+2. By natural monotonicity with more damping, from a better guess of :class:`Junctions`, if there is
+   one, and then from the given guess.
 3. Damped by the residual test.
-4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all laws
+4. By continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all laws
    vanish at zero, g(0) consists of sources and states: from zero this is source stepping.
 
-Then 2 to 4 from zero and from random points nearby. See chapters 3 and 5 of the same book.
+Steps 2 to 4 are repeated from zero and from random points nearby. See chapters 3 and 5 of the book.
 
-The guess of :class:`Junctions` is a root of equations in which exponents are unknowns too:
+The guess of :class:`Junctions` is a root of equations in which exponents are also unknowns:
 
-1. A step that raises an exponent by more than a few units is limited: the exponential then grows
-   by the amount that its tangent predicts, as in SPICE (pnjlim).
-2. If that does not converge, exp(w) is replaced by exp(w) + c w, a conductance in parallel with
-   each junction, and c is lowered step by step.
+1. A step that raises an exponent by more than a few units is limited such that the exponential
+   grows by the amount that its tangent predicts, as in SPICE (pnjlim).
+2. If the iteration does not converge, exp(w) is replaced by exp(w) + c w, with a conductance in
+   parallel with each junction, and c is lowered step by step.
 
 See J. Albersmeyer and M. Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010), and L. W.
 Nagel, SPICE2, Berkeley 1975.
@@ -54,28 +54,31 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 
-#: An old matrix is replaced if more further steps than this would be needed; with the matrix of the
-#: present point, each step squares the error.
+#: A matrix is reused only if it is expected to converge within this number of further steps; with
+#: the matrix of the current point, each step squares the error.
 _FEW = 3
 
-#: Minimum fraction of the decrease predicted by the linear model (Armijo's rule).
+#: Minimum decrease of the residual as a fraction of that of the linear model (Armijo's rule).
 _ARMIJO = 1e-4
 
-#: Numbers of neighbouring points and distances in the test for rounding of residuals.
+#: Numbers of neighbouring points and of distances in the test for rounding errors of residuals.
 _NEIGHBOURS, _DISTANCES = 8, 5
 
 
 class Residuals(Protocol):
-    """Equations that an iteration solves."""
+    """Equations that :func:`iterate` solves."""
 
-    n_carried: int  # number of leading values that are no residuals
+    n_carried: int  # number of leading values that are not residuals
 
     def value(self, z: Array) -> Array:
-        """Evaluate at a point, shape (n_carried + n,), a fresh array; it need not be finite."""
+        """Return the values at a point as a new array, (n_carried + n,); they may be infinite."""
         ...
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear equations of the last point; raise LinAlgError if singular."""
+        """Return the linear equations of a Newton step; raise LinAlgError if they are singular.
+
+        z is the point that was evaluated last.
+        """
         ...
 
     def moved(self, z: Array, step: Array) -> Array:
@@ -89,14 +92,14 @@ class Equation:
     Parameters
     ----------
     value : callable
-        ``value(z)``, shape (n_carried + n,), a fresh array.
+        ``value(z)`` returns a new array, shape (n_carried + n,).
     slope : callable
-        ``slope(z)``, shape (n, m + n): derivatives with respect to the constant arguments, then to
-        the unknowns. A full matrix, or one of SciPy's matrices, compressed by rows.
+        ``slope(z)`` returns the derivatives by the constant arguments, then by the unknowns, shape
+        (n, m + n): a full matrix, or a SciPy matrix in CSR form.
     held : ndarray, shape (m,)
-        The constant arguments, which add to the size of the terms that cancel.
+        The constant arguments, which contribute to the magnitude of the terms in each equation.
     n_carried : int
-        Number of values that are no residuals.
+        Number of leading values that are not residuals.
     """
 
     def __init__(
@@ -116,7 +119,7 @@ class Equation:
         return linearise(self.slope(z), np.concatenate([self.held, z]))
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Take a step without a limit."""
+        """Return the point after a full step."""
         return z + step
 
     def by_unknowns(self, z: Array) -> Matrix:
@@ -131,11 +134,11 @@ class Equation:
 
 
 class Root(NamedTuple):
-    """The last or best point of an iteration."""
+    """The result of an iteration: a root, or else the last or best point."""
 
     z: Array  # point of the search
     values: Array  # values of the equations at the point
-    is_found: bool  # whether the residual consists of rounding errors only
+    is_found: bool  # whether the point is a root, up to rounding
     linear: Linear | None = None  # last linear equations solved, at this point or at one nearby
     n_carried: int = 0  # number of values that are not residuals but are returned with them
 
@@ -146,13 +149,13 @@ class Root(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The length of the residual; infinite where it is not finite."""
+        """The Euclidean norm of the residual; infinity if it is not finite."""
         size = math.sqrt(self.g.dot(self.g))
         return size if math.isfinite(size) else math.inf
 
 
 class _Following(NamedTuple):
-    """Matrix and next step to reuse after a step; None for new ones."""
+    """Matrix and step that the next iteration reuses; None if it computes its own."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -162,15 +165,15 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Accept a step if the next one with the same matrix is shorter.
+    """Test that accepts a step if the next step with the same matrix is shorter.
 
     Attributes
     ----------
     share : float
-        The step must be shorter by this share of the damping factor.
+        The next step must be shorter by this fraction times the damping factor.
     """
 
-    share = 0.25  # recommended by Deuflhard
+    share = 0.25  # as recommended by Deuflhard
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
@@ -180,19 +183,19 @@ class NaturalTest:
         self._before = max(length, TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return the next point if the step is accepted, else None."""
+        """Return what the next iteration reuses if the step is accepted, else None."""
         step = -self._linear.solve(g)
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
         ratio = after / self._before  # expected contraction of the following steps
-        # A few further steps with this matrix would reach rounding, so it is reused.
+        # The matrix is reused if a few further steps with it would reach rounding level.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _REFACTOR
 
 
 class WholeSteps(NaturalTest):
-    """Test that accepts every step; matrices are reused if they converge fast."""
+    """Test that accepts every step and reuses matrices that converge fast."""
 
     share = -math.inf
 
@@ -209,58 +212,58 @@ class ResidualTest:
         self._before = float(np.linalg.norm(self._weights * point.g))
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return the next point if the step is accepted, else None."""
+        """Return what the next iteration reuses if the step is accepted, else None."""
         after = float(np.linalg.norm(self._weights * g))
         return _REFACTOR if after <= (1.0 - _ARMIJO * damping) * self._before else None
 
 
 @dataclass(frozen=True)
 class NewtonLimits:
-    """Limits of an iteration."""
+    """Settings of an iteration: number of steps, test, damping and convergence."""
 
     most_steps: int  # maximum number of steps
-    #: Test that accepts a step; None: all full steps are accepted.
+    #: Test that decides whether a step is accepted; None accepts all full steps.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # smallest damping factor
-    #: The iteration ends at a step below this fraction of the scales or, with a test, if the next
-    #: step would be below it.
+    #: The iteration ends if a step, or with a test the expected next step, is below this fraction
+    #: of the scales.
     settled: float = ROUNDING
 
 
 def iterate(
     equations: Residuals, z: Array, limits: NewtonLimits, linear: Linear | None = None
 ) -> Root:
-    """Take Newton steps until one is nothing but rounding.
+    """Take Newton steps until a step is a rounding error.
 
     Parameters
     ----------
     equations : Residuals
-        The equations to solve; with a test they have to be an :class:`Equation`.
+        The equations to solve; if ``limits`` has a test, they must be an :class:`Equation`.
     z : ndarray, shape (n,)
         The initial point.
     limits : NewtonLimits
         Number of steps, damping and test.
     linear : Linear, optional
-        Linear equations of a point nearby, kept for as long as they converge fast.
+        Linear equations of a point nearby, reused as long as they converge fast.
 
     Returns
     -------
     Root
-        The root; if no step is accepted, a matrix is singular or the budget is spent, the point
-        with the least residual.
+        The root; or the point with the least residual if no step is accepted, a matrix is singular
+        or the maximum number of steps is reached.
     """
     point = best = _at(equations, z)
     least = best.size
     kept, step = _Following(linear), None
     for _ in range(limits.most_steps):
-        # Squares may overflow; the slower test decides in this case.
+        # The dot product is faster, but squares may overflow.
         if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
-            break  # the step is not finite
+            break
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
-        # A singular matrix yields no direction; the caller may begin at another point.
+        # With a singular matrix there is no step; the caller may start at another point.
         except np.linalg.LinAlgError:
             break
         units, length = linear.measured(step)
@@ -269,12 +272,12 @@ def iterate(
         if before is not None:
             # Both steps are measured in the scales of the newer one.
             ratio = size / max(longest(before / units), TINY)
-        if limits.test is not None:  # the same contraction is assumed for the following step
+        if limits.test is not None:  # assume the same contraction for the next step
             size *= min(ratio, 1.0)
-        # Errors of a step with a reused matrix add up along chains.
+        # With a reused matrix the limit is stricter, since errors accumulate along chains of steps.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if size <= allowed and linear.is_met(point.g):
-            # The last step is still taken; its residuals decide.
+            # The last step is still taken, and its residuals must also be rounding errors.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
@@ -288,14 +291,13 @@ def iterate(
         found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
-            # A test only accepts points that are better than the previous one.
-            best = point
+            best = point  # tests accept only points that are better than the previous one
         elif is_old:
-            # The matrix belongs to an earlier point; repeat the step with that of this point.
+            # The matrix is that of an earlier point; repeat the step with that of this point.
             kept = _REFACTOR
         else:
-            # Full steps are rejected only for infinite residuals, which is no evidence of
-            # convergence.
+            # Without damping, only steps to infinite residuals are rejected, which does not
+            # indicate convergence.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -315,7 +317,10 @@ def _damped(
     *,
     is_old: bool,
 ) -> tuple[Root, _Following] | None:
-    """Take the largest accepted share of a step, at least ``least``; None if none is accepted."""
+    """Take the largest accepted fraction of a step, at least ``least``.
+
+    Returns the new point and what the next iteration reuses, or None if no fraction is accepted.
+    """
     damping = 1.0
     while damping >= least:
         trial = _at(equation, equation.moved(point.z, damping * step))
@@ -346,10 +351,10 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
     """Return whether a residual consists of rounding errors inside the laws.
 
-    Cancellation inside a law, as in a difference of squares, is visible neither in the slopes nor
-    in the sizes of terms. If it dominates, values at neighbouring points deviate from the tangent
-    by similar amounts at one distance and at four times that distance. The deviation of a curve
-    would grow by 16, that of a kink by 4.
+    Cancellation inside a law, as in a difference of squares, affects neither the slopes nor the
+    magnitudes of terms. If it dominates, the deviations of neighbouring values from the tangent are
+    similar at one distance and at four times that distance. The deviation of a curve would grow by
+    a factor of 16, that of a kink by 4.
     """
     z, g, cut = point.z, point.g, equation.n_carried
     slope, reach = equation.square(z).copy(), np.maximum(np.abs(step), ROUNDING * np.abs(z))
@@ -364,28 +369,29 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
         ]
     )
     is_flat = (away[1:] <= 2.0 * away[:-1]) & (np.abs(g) <= 2.0 * away[:-1])
-    # If values at neighbouring points overflow, the comparison is not conclusive.
+    # The comparison is not conclusive if neighbouring values overflow.
     is_flat &= np.isfinite(away[:-1])
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
-# Far from the root of an exponential, each step changes its argument by one, and the initial guess
-# of the argument may be too large by a hundred.
+# Limits of searches from a poor guess. Far from the root of an exponential, each step changes the
+# exponent by one, and the initial exponent may be too large by a hundred.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
 _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 
-#: Limits near a root: full steps only.
+#: Limits of an iteration that continues from a previous root: full steps only.
 NEXT = NewtonLimits(20, WholeSteps)
 
-#: Limits close to a root: little damping; the search ends after a few steps.
+#: Limits of a search near the guess: little damping and few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Limits in continuation: if a root is not found in few steps, the advance is halved.
+#: Limits of the correction in a continuation, which halves its advance if no root is found in a few
+#: steps; and the smallest advance and maximum number of advances.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
-#: Distance of random initial points, as a fraction of the guess or of 1, and their number.
+#: Distance of random initial points, as a fraction of the guess or of one, and their number.
 _ASIDE, _TRIES = 0.5, 3
 
 
@@ -395,16 +401,16 @@ def find_root(
     improve: Callable[[], Array | None] = lambda: None,
     linear: Linear | None = None,
 ) -> Root:
-    """Look for a root.
+    """Search for a root.
 
     Parameters
     ----------
     equation : Equation
         The equations; their values may be infinite or nan outside their domain.
     guess : ndarray, shape (n,)
-        The point to begin from.
+        The initial point.
     improve : callable, optional
-        Returns a better guess, or None; called if Newton's method fails from this one.
+        Returns a better guess, or None; called if Newton's method fails from ``guess``.
     linear : Linear, optional
         Linear equations of a point near the guess.
 
@@ -417,9 +423,9 @@ def find_root(
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
-    """Search for a root near a guess, then near points around it, in few steps each.
+    """Search for a root from a guess, zero and points nearby, in few steps each.
 
-    The number of equations and of unknowns may differ; other parameters as for :func:`find_root`.
+    The numbers of equations and unknowns may differ. See :func:`find_root` for the parameters.
     """
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
@@ -441,7 +447,7 @@ def _searches(
     improve: Callable[[], Array | None],
     linear: Linear | None,
 ) -> Iterator[Root]:
-    """Search for a root from the guess, a better one, zero and points nearby."""
+    """Search for a root from the guess, a better guess, zero and points nearby."""
     yield iterate(equation, guess, NEXT, linear)
     yield iterate(equation, guess, NEAR)
     better = improve()
@@ -455,7 +461,7 @@ def _searches(
 
 def _starts(guess: Array) -> Iterator[Array]:
     yield guess
-    # Laws of networks are usually zero at zero, and do not overflow there.
+    # Network laws usually vanish at zero and do not overflow there.
     if np.any(guess):
         yield np.zeros_like(guess)
     rng = np.random.default_rng(0)
@@ -464,7 +470,7 @@ def _starts(guess: Array) -> Iterator[Array]:
 
 
 def _falling(equation: Equation, z: Array) -> Root:
-    """Minimise the residual, then finish with the natural test."""
+    """Iterate with the residual test, then with natural monotonicity."""
     root = iterate(equation, z, _FALLING)
     return iterate(equation, root.z, _FAR) if root.is_found else root
 
@@ -472,7 +478,7 @@ def _falling(equation: Equation, z: Array) -> Root:
 def _continued(equation: Equation, z: Array) -> Root:
     """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
     first, cut = equation.value(z), equation.n_carried
-    # Values that are not residuals are not changed by the continuation.
+    # The continuation does not change values that are not residuals.
     first[:cut] = 0.0
     reached, advance = 0.0, 0.1
     for _ in range(_MOST_ADVANCES):
@@ -492,22 +498,23 @@ def _continued(equation: Equation, z: Array) -> Root:
     return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
 
 
-#: Largest increase of an exponent that is not limited, and largest exponent accepted from a guess.
+#: Largest unlimited increase of an exponent in one step, and largest exponent taken from a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
-#: Maximum number of limited steps, and further steps for each junction, since changes propagate
-#: along chains of junctions; and the relative step size at which Newton's method takes over.
+#: Maximum number of limited steps; number of junctions for which one more is allowed, since changes
+#: propagate along chains of junctions; and the relative step size at which the search ends.
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
-#: Largest and smallest conductance in parallel with junctions, in units of saturation current over
+#: Largest and smallest conductance in parallel with a junction, in units of saturation current over
 #: thermal voltage. At 1e-15 A the largest is that of a wire; the smallest is negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
+#: Least, initial and largest factor by which one step lowers the conductance.
 _FACTORS = (1.05, 10.0, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
 class Junctions:
-    """The algebraic equations of a program, as functions of unknowns and exponentials."""
+    """The algebraic equations of a program as functions of unknowns and exponentials."""
 
     equations: tuple[Node, ...]  # residuals g, which must be zero
     unknowns: tuple[Node, ...]  # symbols of the unknowns z
@@ -518,7 +525,7 @@ class Junctions:
 
     @classmethod
     def of(cls, program: Program) -> Junctions:
-        """Find the exponentials of a program and differentiate."""
+        """Find the exponentials in the algebraic equations, and differentiate by them."""
         dag, layout = program.dag, program.layout
         n, cut = len(layout.states), len(layout.states) - layout.n_algebraic
         # Algebraic equations are the last rows, and their unknowns the last states.
@@ -530,25 +537,25 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        # Exponentials are treated as variables: derivatives by z do not differentiate them.
+        # Exponentials are variables: derivatives by z do not include those through exponentials.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
     def at(self, t: float, y: Array, p: Array, u: Array) -> FrozenSystem:
-        """Return the equations at constant time, states, parameters and inputs.
+        """Return the equations for fixed time, states, parameters and inputs.
 
         Parameters
         ----------
         t : float
             Time, [s].
         y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
-            States, whose algebraic unknowns are ignored, parameters and inputs.
+            States, parameters and inputs; algebraic unknowns in y are ignored.
         """
         return FrozenSystem(self, t, y, p, u)
 
 
 class FrozenSystem:
-    """The equations at constant time, states, parameters and inputs, for one search."""
+    """The equations of :class:`Junctions` for fixed time, states, parameters and inputs."""
 
     n_carried = 0
 
@@ -567,7 +574,7 @@ class FrozenSystem:
             if node.op == "symbol" and node not in self._free and node.data[0] != PIECE
         }
         moving = dependent(order, self._free)
-        # Values that do not depend on unknowns are evaluated only once.
+        # Nodes that do not depend on unknowns are evaluated only once.
         edge = {a for node in order if node in moving for a in node.args if a not in moving}
         fixed = list(edge.union(roots) - moving)
         self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
@@ -584,7 +591,7 @@ class FrozenSystem:
         if not m:
             return None
         exponents = self._evaluate(z, np.ones(m))[0][self._n :]
-        # Exponents that are huge at a poor guess start at zero, which corresponds to zero voltage.
+        # Exponents that are huge at the guess start at zero, as for zero voltage.
         w = np.where(np.abs(exponents) < _FAR_OF_JUNCTIONS, exponents, 0.0)
         found = self._iterate(z, w, 0.0)
         return self._lower(z, np.zeros(m)) if found is None else found[0]
@@ -605,17 +612,20 @@ class FrozenSystem:
         return z
 
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
-        """Take Newton steps in unknowns and exponents; steps of exponents are limited."""
+        """Take Newton steps in unknowns and exponents, with limited steps of exponents.
+
+        Returns unknowns and exponents, or None if the iteration does not converge.
+        """
         self._conductance = conductance
         limits = NewtonLimits(_MOST_LIMITED_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
         root = iterate(self, np.concatenate([z, w]), limits)
         return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
 
     def value(self, z: Array) -> Array:
-        """Return the residuals of the equations, then a(z) - w of the exponents."""
+        """Return the residuals: g of the equations, then a - w of the exponents."""
         unknowns, w = np.split(z, [self._n])
-        # Residuals are g(z, e) and a(z) - w with e = exp(w) + c w, so derivatives by e become those
-        # by w with the factor de/dw = exp(w) + c.
+        # Residuals are g(z, e) and a(z, e) - w with e = exp(w) + c w. Derivatives by e are
+        # multiplied by de/dw = exp(w) + c to obtain those by w.
         slope = np.exp(w) + self._conductance
         values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
         values[self._n :] -= w
@@ -624,14 +634,14 @@ class FrozenSystem:
         return values
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear equations of the point that was evaluated last."""
+        """Return the linear equations at the point that was evaluated last."""
         own, entries = np.arange(self._n, len(z)), self._entries
         rows, columns = np.append(self._rows, own), np.append(self._columns, own)
         scale = np.maximum(1.0, np.abs(z))
         return Linear(lambda g: solve_entries(rows, columns, entries, g), scale)
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Return the point after a step, with limited growth of exponents."""
+        """Return the point after a step in which the growth of exponents is limited."""
         wanted, own = z + step, slice(self._n, None)
         base = np.maximum(z[own], 0.0)
         rise = np.maximum(wanted[own] - base, 0.0)
@@ -640,7 +650,7 @@ class FrozenSystem:
         return wanted
 
     def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
-        """Return equations and exponents, and the entries of their derivatives."""
+        """Return the values of equations and exponents, and the entries of their derivatives."""
         size = len(z) + len(e)
         values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
         results = self._results.copy()

@@ -1,4 +1,4 @@
-"""Inputs of a run: numbers, expressions, tables or functions that replace the scene's inputs."""
+"""Inputs of a run, which replace the scene's: numbers, expressions, tables or functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Signal = Callable[[float], float]
 
 @dataclass(frozen=True)
 class Sampled:
-    """A function that is called at fixed intervals; see :func:`sampled`."""
+    """A controller function that is called at fixed intervals; see :func:`sampled`."""
 
     function: Callable[..., float]
     period: float
@@ -33,18 +33,18 @@ class Sampled:
         return self.function(*args)
 
     def at(self, t: float, measured: Mapping[str, float]) -> float:
-        """Return the value of the function at a time and a point."""
+        """Return the value of the function at a time, given states and outputs by name."""
         return self.function(t, measured) if self.reads_states else self.function(t)
 
 
 def sampled(function: Callable[..., float], period: float) -> Sampled:
-    """Make an input from a function that is called at fixed intervals and held in between.
+    """Make an input whose function is called at fixed intervals, and constant in between.
 
     Parameters
     ----------
     function : callable
-        ``function(t)``, or ``function(t, x)`` with ``x`` the states and outputs by name at that
-        time, before the input changes: ``x["hinge.theta"]``.
+        ``function(t)``, or ``function(t, x)``, in which ``x`` has the states and outputs by name
+        just before the input changes: ``x["hinge.theta"]``.
     period : float
         Time between two calls, [s]; the first is at the start of the run.
 
@@ -77,18 +77,18 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
 
 @dataclass(frozen=True)
 class ReplacedInputs:
-    """The inputs that a run replaces."""
+    """The inputs that a run replaces, each by its index in u."""
 
-    #: Functions of time by the index of the input in u.
+    #: Replaced inputs as functions of time.
     by_position: Mapping[int, Signal]
     breakpoints: tuple[float, ...]  # times at which a table has a kink
-    #: Replaced inputs that are numbers or tables.
+    #: Times and values of the replaced inputs that are numbers or tables.
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
     #: Replaced inputs that are sampled.
     sampled: Mapping[int, Sampled] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
-        """Replace entries of u at a time, in place."""
+        """Replace entries of u in place by their values at a time."""
         for position, signal in self.by_position.items():
             u[position] = signal(t)
         return u
@@ -117,7 +117,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             constant = parsed.number
             # Other expressions are compiled into a separate model; see cotree.scene.variants.
             assert constant is not None
-            # A table of one point is a constant, which C reads without calling Python.
+            # A table with one point is a constant, which C evaluates without calling Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])
             signal = _constant(constant)
         else:
@@ -129,7 +129,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
 
 
 def _checked(function: Callable[[float], Any], name: str) -> Signal:
-    """Return a function of time that raises for values that are not numbers."""
+    """Wrap a function of time such that values that are not numbers raise an error."""
 
     def signal(t: float) -> float:
         value = function(t)
@@ -151,6 +151,6 @@ def _constant(value: float) -> Signal:
 
 
 def _function_of_time(value: Table) -> Signal:
-    """Return the function of time of a table."""
+    """Return a function of time that interpolates in a table."""
     x, y = np.array(value.x), np.array(value.y)
     return lambda t: float(np.interp(t, x, y))

@@ -1,14 +1,14 @@
-"""The start of a run: states and sensitivities that satisfy all equations, step by step.
+"""The start of a run: initial states and sensitivities that satisfy all equations.
 
-In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. Each step keeps the
-results of the steps before it:
+In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. It is found in these
+steps, each of which keeps the results of the steps before it:
 
-1. Values as they are given: the scene's or those of its operating point, then those of the run.
-2. The constraints of mechanisms (``templates/runtime/start``).
-3. Algebraic unknowns, and contents of storages from the variables that determine them; then the
+1. Take the given values: those of the scene or its operating point, replaced by those of the run.
+2. Satisfy the constraints of mechanisms (``templates/runtime/start``).
+3. Find algebraic unknowns, and storage contents from the variables that determine them; then the
    modes of jumps inside expressions, and the unknowns again.
-4. A check of redundant initial values of network variables: they have no effect if they agree with
-   the values that the states determine; otherwise all that disagree are reported together.
+4. Check redundant initial values of network variables. They have no effect if they agree with the
+   values that follow from the states; otherwise an error lists all that do not.
 
 C takes all steps (:mod:`cotree.model.start_in_c`).
 """
@@ -33,27 +33,28 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Relative tolerance for the agreement of two given values that determine each other.
+#: Relative tolerance for the agreement of two given values, one of which determines the other.
 _AGREE = 1e-6
 
 
 @dataclass(frozen=True)
 class Start:
-    """A consistent start.
+    """Consistent initial states and sensitivities of a run.
 
     Attributes
     ----------
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         Initial states and their sensitivities.
     is_chosen : bool
-        Whether states that neither constraints nor given values determine were changed. The
-        smallest change was chosen, and ``s`` is the derivative of this choice.
+        Whether states changed that neither constraints nor given values determine. The change is
+        the smallest possible one, and ``s`` contains its derivatives.
     note : str
         A sentence on the given values that change with a parameter; empty if none does.
     is_mended : bool
-        Whether given values had to change.
+        Whether given values had to be changed.
     on_jump : str
-        Why no sensitivities exist if an expression jumps exactly at the start; else empty.
+        If an expression jumps exactly at the start, the reason why there are no sensitivities;
+        otherwise empty.
     """
 
     y: Array
@@ -65,7 +66,7 @@ class Start:
 
     @cached_property
     def z(self) -> Array:
-        """States, then sensitivities by parameter: the layout of integrations."""
+        """States, then the sensitivities to each parameter, as in the vector of solvers."""
         found = np.concatenate([self.y, self.s.T.ravel()])
         found.flags.writeable = False  # shared by all runs with this start
         return found
@@ -81,19 +82,19 @@ def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Arra
     initial : mapping of str to float
         Initial values of the run that replace the scene's.
     y : ndarray, shape (n_states,)
-        The start that was found.
+        The initial states that were found.
 
     Raises
     ------
     ParameterError
         If a run gives both the content of a storage and the variable that follows from it, and
-        they do not agree.
+        these two values do not agree.
     """
     names = model.states
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
-            # Written such that nan raises, too.
+            # The negation also raises for nan.
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -107,7 +108,7 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     Parameters
     ----------
     at : EvaluationPoint
-        The model at the start.
+        The model with the time, parameters and inputs of the start.
     initial : mapping of str to float
         Initial values of states and sensitivities that replace the scene's.
     """
@@ -134,25 +135,25 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
 
 
 def scene_start(model: CompiledModel) -> Start:
-    """Find the start at the scene's parameter values, at t = 0."""
+    """Find the start for the scene's parameter values at t = 0."""
     return find_start(EvaluationPoint(model, 0.0, model.default_parameters), {})
 
 
 def check_start(model: CompiledModel) -> None:
-    """Evaluate a model once at its initial state.
+    """Check that a model can be evaluated at its initial state.
 
     Raises
     ------
     ParameterError
-        If the scene's parameter values are refused.
+        If the scene's parameter values are rejected.
     SingularSystemError
-        If the mass matrix is singular there, or a rate is not finite.
+        If the mass matrix is singular at the initial state, or a rate is not finite.
     """
     try:
         y = scene_start(model).y
     except ParameterError:
         if model.traits.is_rheonomic:
-            return  # a run may start at another time
+            return  # the constraints depend on time, and a run may start at another time
         raise
     rates = model.rhs(0.0, y)
     for name, rate in zip(model.states, rates, strict=True):
@@ -166,12 +167,12 @@ def check_start(model: CompiledModel) -> None:
 
 
 def is_slope(name: str) -> bool:
-    """Return whether a name among initial values is that of a sensitivity."""
+    """Return whether the name of an initial value denotes a sensitivity."""
     return name.startswith("d(")
 
 
 def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str, float]]:
-    """Separate initial values of states from initial sensitivities."""
+    """Split initial values into those of states and those of sensitivities."""
     slopes = {name: value for name, value in initial.items() if is_slope(name)} if initial else {}
     if not slopes:
         return initial, slopes
@@ -179,12 +180,13 @@ def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str,
 
 
 def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
-    """Set given initial sensitivities.
+    """Insert the given initial sensitivities into s.
 
     Raises
     ------
     ParameterError
-        If the model has no such sensitivity, or it vanishes always.
+        If the model has no such sensitivity, or a nonzero value is given for one that always
+        vanishes.
     """
     for name, value in slopes.items():
         if name not in model.slopes:
@@ -202,7 +204,7 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
 
 
 def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
-    """Raise an error if a name is not a state or a value is not a number."""
+    """Raise an error if a name is not that of a state or a value is not a number."""
     for name, value in initial.items():
         if name not in model.states:
             raise ParameterError(_no_state(model, name))
@@ -212,15 +214,15 @@ def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
 def _given_values(
     at: EvaluationPoint, initial: Mapping[str, float], slopes: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Return the initial states and sensitivities as given.
+    """Return the initial states and sensitivities as given, before equations are solved.
 
     Parameters
     ----------
     at, initial
-        As for :func:`find_start`, sensitivities apart.
+        As for :func:`find_start`, but without sensitivities.
     slopes : mapping of str to float
-        Initial values of sensitivities by name; of others a run's own value depends on no
-        parameter.
+        Initial values of sensitivities by name. Without one, an initial value that the run gives
+        depends on no parameter.
     """
     model = at.model
     names, wanted = model.states, model.sensitivities
@@ -229,9 +231,9 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A value set for the run depends on no parameter, only on itself.
+        # A value that the run gives depends on no parameter; its derivative by itself is one.
         s[i] = [float(other == name) for other in wanted]
-    # A run without sensitivities has no initial sensitivities.
+    # A run without sensitivities ignores initial sensitivities.
     if slopes and wanted:
         _put_slopes(model, slopes, s)
     return y, s

@@ -1,15 +1,15 @@
-"""Starts of a model, found by ``templates/runtime/start/cotree_start.c``.
+"""Search for consistent initial states by ``templates/runtime/start/cotree_start.c``.
 
 In: a model at the start, and initial values of a run. Out: a ``Start``. Python searches for
-algebraic unknowns if C's iteration fails, and factorises large systems of them.
+algebraic unknowns if the iteration in C fails, and factorises large systems of algebraic unknowns.
 
 Given values are kept, and the others follow from the constraints. If the given values are nearly
-consistent, the last of them are changed as little as possible, with a warning; otherwise an error
+consistent, those given last are changed as little as possible, with a warning; otherwise an error
 lists the residual of each joint. Values of the run have priority over those of the scene, which are
 used in the scene's order. A ``Report`` writes the messages.
 
-C returns a status if a kernel fails. Python then evaluates the kernels again, for an exception that
-names the cause.
+If a kernel fails, C returns a status. Python then evaluates the kernels again and raises an
+exception that names the cause.
 """
 
 from __future__ import annotations
@@ -46,32 +46,33 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
 
 
-#: With more algebraic unknowns than this, sparse factorisations in Python are faster.
+#: Number of algebraic unknowns above which sparse factorisations in Python are faster.
 _MOST_UNKNOWNS = 200
 
 
 @locked_cache
 def load_start() -> LoadedLibrary | None:
-    """Build and load the start, once; None without a compiler."""
+    """Build and load the C library once; return None without a compiler."""
     return build_engine(shared_code("start"))
 
 
-#: Statuses in C: prescribed values contradict the constraints, or cannot change with a parameter.
+#: Statuses in C: given values contradict the constraints; or their derivatives by a parameter do.
 _CONTRADICTIONS = (100, 102)
 
-#: Statuses in C: no solution of the algebraic equations near the guess; unknowns undetermined.
+#: Statuses in C: the algebraic equations have no solution near the guess; or they do not determine
+#: the unknowns.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
 #: Status in C: the modes of jumps contradict the states that result from them.
 _REVERSED = 105
 
-#: All states are found; but redundant values may contradict each other, a value may not be finite,
-#: or the start may be at a jump whose time depends on a parameter.
+#: Statuses in C with which all states are found: no error; redundant values that contradict each
+#: other; a value that is not finite (106); a start at a jump whose time depends on a parameter.
 _REDUNDANT = 103
 _ON_JUMP = 109
 _COMPLETE = (0, _REDUNDANT, 106, _ON_JUMP)
 
-#: Kernels of a start that may solve linear systems.
+#: Kernels that solve linear systems and may be called at a start.
 _LINEAR = (
     *("initial", "inputs", "constraints", "start", "rhs", "jacobian", "events", "jumps"),
     *("constraint_sensitivity", "start_sensitivity", "augmented_rhs", "event_sensitivity"),
@@ -79,23 +80,23 @@ _LINEAR = (
 
 
 class StartInC:
-    """Starts of one model.
+    """Search for consistent initial states of one model.
 
     Parameters
     ----------
     model : CompiledModel
         The model.
     library : LoadedLibrary
-        Of :func:`load_start`.
+        The library from :func:`load_start`.
 
     Attributes
     ----------
     tables : cdata
         The model's ``cotree_start_tables``.
     address, function : int
-        Addresses of these and of ``cotree_start_once``.
+        Addresses of ``tables`` and of ``cotree_start_once``.
     is_sparse : bool
-        Whether the systems of algebraic unknowns are factorised in Python.
+        Whether Python factorises the systems of algebraic unknowns.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
@@ -104,7 +105,7 @@ class StartInC:
         self.tables = filled_tables(self._objects, model.layout)
         self.is_sparse = model.layout.n_algebraic > _MOST_UNKNOWNS
         for content, _ in model.layout.followers:
-            # At an operating point the contents of storages follow from the voltages.
+            # At an operating point, storage contents follow from the voltages.
             self.tables.given[content] &= not model.begins_at_rest
         self.address = int(self._ffi.cast("uintptr_t", self.tables))
         self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
@@ -123,35 +124,35 @@ class StartInC:
         at : EvaluationPoint
             The model at the start.
         initial : mapping of str to float
-            Initial values of states that replace the scene's, finite numbers.
+            Finite initial values of states that replace the scene's.
         given : ndarray, shape (n_states * (1 + n_sensitivities),), optional
-            All initial values and their sensitivities, if they are not the scene's alone.
+            All initial values with their sensitivities; by default, C evaluates the scene's.
 
         Raises
         ------
         ParameterError
             If given values contradict the constraints or each other.
         SolveError
-            If the algebraic equations have no solution, or modes of jumps none that agree.
+            If the algebraic equations have no solution, or no modes of jumps are consistent.
         SingularSystemError
             If a linear system is singular at the start.
         """
         return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
-        """Return the gradients of the constraints by the speeds, scaled to length one per edge.
+        """Return the constraint gradients by the speeds, scaled to length one for each edge.
 
         Parameters
         ----------
         at : EvaluationPoint
-            The model at a point.
+            The model with time, parameters and inputs.
         y : ndarray, shape (n_states,)
-            Its states.
+            The states.
 
         Returns
         -------
         ndarray, shape (n_rows, n_speeds), and float
-            These, and the singular value below which a direction is nearly lost.
+            The gradients, and the singular value below which they are nearly dependent.
         """
         call, layout = StartCall(self, at, {}, None), at.model.layout
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
@@ -162,14 +163,14 @@ class StartInC:
 
 
 class UnknownsOfStart(CObjects):
-    """Python functions that C calls for the algebraic unknowns of a start.
+    """Python functions that C calls to find the algebraic unknowns of a start.
 
     Attributes
     ----------
     algebraic : Algebraic
-        The equations.
+        The algebraic equations.
     helper : cdata
-        The ``cotree_helper``, which searches where C's iteration fails.
+        The ``cotree_helper``, whose function is called if the iteration in C fails.
     """
 
     def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
@@ -179,7 +180,7 @@ class UnknownsOfStart(CObjects):
         self.helper.find_unknowns = self.callback("cotree_find_unknowns", self._find)
 
     def factorise(self, call: Any) -> None:
-        """Set the functions of a ``cotree_start_call`` that factorise in Python."""
+        """Set the functions with which a ``cotree_start_call`` factorises in Python."""
         rows = call.elimination = self.new("cotree_elimination *")
         rows.linearise = self.callback("int (*)(double, const double *, void *)", self._linearise)
         rows.solve = self.callback("int (*)(const double *, double *, void *)", self._solve)
@@ -254,7 +255,7 @@ class StartCall(CObjects):
             self.search().factorise(c)
 
     def find(self) -> Start:
-        """Return the start; see :meth:`StartInC.find`."""
+        """Find the start; see :meth:`StartInC.find`."""
         at, c = self._at, self.c
         status, report = self._run(), None
         if status in (*_CONTRADICTIONS, _UNSOLVED):
@@ -282,7 +283,7 @@ class StartCall(CObjects):
         return Start(y, s, bool(c.is_chosen), note, report.is_mended, on_jump)
 
     def _jump_at_start(self) -> str:
-        """Return why there are no sensitivities: an expression jumps exactly at the start."""
+        """Return a message that an expression jumps exactly at the start."""
         name, by = self._ffi.string(self.c.culprit), self._at.model.sensitivities[self.c.column]
         return (
             f"'{name.decode()}' occurs exactly at the start, t = {self._at.t:.6g}, and '{by}' "
@@ -291,18 +292,18 @@ class StartCall(CObjects):
         )
 
     def fail(self, status: int) -> NoReturn:
-        """Raise the error of a status."""
+        """Raise the exception for a status of C."""
         if self._search is not None and self._search.errors:
             raise self._search.errors[-1]
         if status in (_UNSOLVED, _UNDETERMINED):
             raise self._unsolved()
         y, s = self._found()
         for name in _LINEAR:
-            self._at.call(name, y, s)  # raises the error of a singular matrix
+            self._at.call(name, y, s)  # raises the exception for a singular matrix
         raise SolveError(f"a kernel fails near the start at t = {self._at.t:.10g}")
 
     def _unsolved(self) -> SolveError:
-        """Return the error of algebraic equations that cannot be solved."""
+        """Return the exception for algebraic equations that cannot be solved."""
         model, initial = self._at.model, self._initial
         states = [model.states[i] for i, _ in model.layout.followers]
         names = ", ".join(f"'{name}'" for name in states if name not in initial)
@@ -318,7 +319,7 @@ class StartCall(CObjects):
         )
 
     def search(self) -> UnknownsOfStart:
-        """Return the Python functions for algebraic unknowns."""
+        """Return the Python functions for algebraic unknowns, which the first call creates."""
         if self._search is None:
             self._search = UnknownsOfStart(self._ffi, self._at)
         return self._search
@@ -327,13 +328,13 @@ class StartCall(CObjects):
         return int(self._starts._lib.cotree_start_once(self.c))
 
     def _found(self) -> tuple[Array, Array]:
-        """Return the states and sensitivities that C has reached."""
+        """Return the last states and sensitivities of the search in C."""
         model = self._at.model
         z = self.z.reshape(1 + len(model.sensitivities), len(model.states))
         return z[0].copy(), z[1:].T.copy()
 
     def _set_inputs(self) -> None:
-        """Return the inputs that replace the scene's as tables of one point."""
+        """Pass the inputs that replace the scene's to C, as tables with one point."""
         given = [] if self._at.u is None else self._at.u.tolist()
         rows = self.new("cotree_table_input[]", max(1, len(given)))
         for i, value in enumerate(given):
@@ -348,9 +349,9 @@ def filled_tables(objects: CObjects, layout: Layout) -> Any:
     Parameters
     ----------
     objects : CObjects
-        Objects of a library which declares the structure; they keep it alive.
+        C objects of a library that declares the structure; they keep it alive.
     layout : Layout
-        The model's.
+        The layout of the model.
     """
     tables, c = start_tables(layout), objects.new("cotree_start_tables *")
     if tables.has_assembly:
@@ -369,32 +370,32 @@ def filled_tables(objects: CObjects, layout: Layout) -> Any:
 
 
 def start_in_c(model: CompiledModel) -> StartInC | None:
-    """Return the search for starts of a model in C; None without a compiler."""
+    """Return the C search for initial states of a model; None without a compiler."""
     library = load_start()
     return None if library is None else StartInC(model, library)
 
 
-#: Relative changes of prescribed values above the first number are named in messages; residuals
-#: below the second number count as zero.
+#: Relative changes of given values are named in messages above the first number; residuals are zero
+#: below the second.
 _NOTICED, _MET = 1e-4, 1e-10
 
-#: Maximum number of residuals, and of changes, in a message.
+#: Maximum number of residuals and of changes in a message.
 _MOST_NAMED = 6
 
 _LEVELS = ("positions", "velocities")
 
 
 class Report:
-    """Messages on a start whose given values violate the constraints, from results of C.
+    """Messages on given values that violate the constraints, based on arrays that C fills.
 
     Parameters
     ----------
     at : EvaluationPoint
         The model at the start.
     places : ndarray of int
-        Indices of the states whose values the run gives, in its order.
+        Indices of the states whose values the run gives, in the run's order.
     call : StartCall
-        The call; its report arrays are set here.
+        The C call, to which the report arrays are attached.
     """
 
     def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
@@ -411,7 +412,7 @@ class Report:
         )
         for name in ("before", "after", "changes", "left"):
             setattr(c, name, call.pointer(getattr(self, f"_{name}")))
-        # A run's own values come first, then the scene's in its order.
+        # Values of the run come first, then those of the scene in its order.
         names = [*(at.model.states[i] for i in places), *layout.given_names, *at.model.states]
         order = {name: i for i, name in enumerate(dict.fromkeys(names))}
         c.ranks = call.new("int[]", [order.get(name, 0) for name in self._values])
@@ -420,11 +421,11 @@ class Report:
 
     @property
     def is_mended(self) -> bool:
-        """Whether given values had to change."""
+        """Whether given values had to be changed."""
         return bool(np.any(self._changes))
 
     def _moved(self) -> list[str]:
-        """List the given values that have changed, and the residuals of relaxed conditions."""
+        """Return texts on the changed given values and the residuals of relaxed conditions."""
         n, size = len(self._before), np.abs(self._changes)
         states = self._model.states
         found = [
@@ -443,7 +444,7 @@ class Report:
         return np.where(self._is_length, self._c.length, 1.0)
 
     def warn(self) -> None:
-        """Warn of given values that had to change."""
+        """Warn if given values had to be changed."""
         moved = self._moved()
         if moved:
             warnings.warn(
@@ -453,7 +454,7 @@ class Report:
             )
 
     def note(self, *, is_warning: bool) -> str:
-        """Name the given values that change with parameters; empty if none does."""
+        """Return a sentence on given values that change with parameters; empty if none does."""
         following: dict[str, list[str]] = {}
         for value, name in self._following():
             following.setdefault(value, []).append(name)
@@ -475,7 +476,7 @@ class Report:
             yield self._values[i], self._model.sensitivities[j]
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
-        """Raise the error of a start near y that does not exist, or has no derivative."""
+        """Raise the exception for a start near y that does not exist or has no derivative."""
         for first in self._model.layout.quaternions:
             if not np.any(y[first : first + 4]):
                 raise ParameterError(
@@ -512,20 +513,20 @@ class Report:
 def contradiction(
     at: EvaluationPoint, y: Array, s: Array, is_apart: npt.NDArray[np.bool_]
 ) -> ParameterError:
-    """Return the error of initial values that contradict those of states or sources.
+    """Return the exception for initial values that contradict those of states or sources.
 
     Parameters
     ----------
     at : EvaluationPoint
         The model at the start.
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        The start.
+        The initial states and sensitivities.
     is_apart : ndarray of bool, shape (1 + n_parameters, n_redundant)
-        Which redundant values, and which of their derivatives, contradict it.
+        Whether each redundant value, then each of its derivatives, contradicts y and s.
     """
     rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
     if is_apart[0].any():
-        # The kernel ends with these two rows: derived values, then given values.
+        # The kernel's last two rows are the values that follow from the states, and the given ones.
         follows, given = at.call("start", y)[-2 * n :].reshape(2, n)
         apart = {
             f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
@@ -536,7 +537,7 @@ def contradiction(
             f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
             f"leave these out{_hint(apart.values())}"
         )
-    # For each parameter, the same two rows of derivatives are last.
+    # For each parameter, the derivatives of the same two rows are last.
     found = at.call("start_sensitivity", y, s).reshape(m, -1)[:, -2 * n :].reshape(m, 2, n)
     apart = {
         f"d({rows[i].name})/d({at.model.sensitivities[j]}) is {found[j, 1, i]:.6g} as given but "
@@ -551,7 +552,7 @@ def contradiction(
 
 
 def _hint(rows: Iterable[RedundantRow]) -> str:
-    """Return advice for positions that follow from those of nodes."""
+    """Return advice for messages on positions, which follow from node positions; else empty."""
     if not any(row.is_position for row in rows):
         return ""
     return (

@@ -1,11 +1,10 @@
-"""Equilibria and steady motions: unknowns that satisfy prescribed rates and outputs.
+"""Trim: search for equilibria and steady motions with prescribed rates and outputs.
 
-Derivatives follow from the conditions F(z, p) = 0 on the unknowns z: dz/dp = -F_z^+ F_p.
-
-In: a model, the states, inputs and parameters that are unknown, and prescribed rates and outputs.
-Out: a ``TrimPoint``. The equations prescribe rates and outputs and include the constraints and the
-norms of quaternions. They may be redundant, so each Newton step is the minimum-norm least-squares
-solution. The iteration is that of :mod:`cotree.model.roots`.
+In: a model; the states, inputs and parameters that are unknown; prescribed rates and outputs. Out:
+a ``TrimPoint``. The conditions F(z, p) = 0 on the unknowns z prescribe rates and outputs and
+include the constraints and quaternion norms. They may be redundant, so each Newton step of
+:mod:`cotree.model.roots` is the minimum-norm least-squares solution. The derivatives of the
+unknowns are dz/dp = -F_z^+ F_p.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Conditions(NamedTuple):
-    """The conditions on a point; see :meth:`cotree.Model.trim`."""
+    """The conditions on a trim point; see :meth:`cotree.Model.trim`."""
 
     solve: Sequence[str]
     fixed: Mapping[str, float]
@@ -46,7 +45,7 @@ class Conditions(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrimPoint(Reported):
-    """An equilibrium, or a point of a steady motion; a value by name is ``point["tau"]``.
+    """An equilibrium, or a point of a steady motion; ``point["tau"]`` is the value of tau.
 
     Attributes
     ----------
@@ -59,8 +58,8 @@ class TrimPoint(Reported):
     unknowns : tuple of str
         Names of the unknowns.
     undetermined : tuple of tuple of str
-        For each direction in which the point can move without violating the conditions, the
-        unknowns involved. They stay close to the guess.
+        For each direction in which the point can move without violating the conditions, the names
+        of the unknowns involved, which stay close to the guess.
     residual : float
         The largest residual of the conditions, in their units.
     """
@@ -106,7 +105,7 @@ class TrimPoint(Reported):
         }
 
     def __getitem__(self, name: str) -> float:
-        """Return a state, input, parameter or output by name.
+        """Return the value of a state, input, parameter or output by name.
 
         Raises
         ------
@@ -137,9 +136,10 @@ class TrimPoint(Reported):
         Parameters
         ----------
         reduced : bool
-            Whether to linearise in independent deviations.
+            Whether the result is in independent deviations.
         sensitivities : sequence of str
-            Names, other than unknowns, to differentiate A, B, C and D by.
+            Parameters, inputs and states, except unknowns, by which A, B, C and D are
+            differentiated.
         """
         names = check_names(sensitivities, "sensitivities")
         directions = {name: self._direction(name) for name in names}
@@ -147,7 +147,7 @@ class TrimPoint(Reported):
         return self.linearizer.about(self.at, self.y, reduced=reduced, directions=directions)
 
     def sensitivity(self, name: str, to: str) -> float:
-        """Return the derivative of an unknown by a given parameter, input or state.
+        """Return the derivative of an unknown by a parameter, input or state that is not unknown.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class TrimPoint(Reported):
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Return the derivatives of the unknowns by a name, and the corresponding direction."""
+        """Return the derivatives of the unknowns by a named quantity, and its unit direction."""
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(
@@ -170,7 +170,7 @@ class TrimPoint(Reported):
         return -self.inverse @ changed[list(self.rows)], direction
 
     def _direction(self, name: str) -> Direction:
-        """Return the total derivative of the point by a name."""
+        """Return the total derivative of the point by a named quantity."""
         moved, found = self._moved(name)
         by_kind = {"y": found.y, "u": found.u, "p": found.p}
         for (kind, i), change in zip(self.places, moved, strict=True):
@@ -190,36 +190,37 @@ class TrimPoint(Reported):
         return f"not locally unique: {listed(parts)}"
 
     def report(self) -> Report:
-        """Build the report: the unknowns."""
+        """Build the report, which lists the unknowns."""
         values = [(name, f"{self[name]:.8g}") for name in self.unknowns]
         shown = values[:12] + ([("...", f"{len(values) - 12} more")] if len(values) > 12 else [])
         facts = [("point", self.summary()), *shown, ("residual", f"{self.residual:.2g}")]
         return Report(f"TrimPoint of {self.model.layout.name}", Facts(facts))
 
 
-#: Largest change of an angle in one step, [rad]; a larger one might lead to another branch.
+#: Largest change of an angle in one step, [rad]; larger changes may lead to another solution.
 _LONGEST_TURN = 1.0
 
-#: A condition is satisfied if its residual is below a thousandth of this, relative to the sum of
-#: the magnitudes of its terms.
+#: A condition is satisfied if its residual is below a thousandth of this fraction of the summed
+#: magnitudes of its terms.
 _MET = 1e-6
 
-#: Residuals below this are rounding errors, relative to the sum of the magnitudes of their terms.
+#: Residuals below this fraction of the summed magnitudes of their terms are rounding errors.
 _EXACT = 1e-11
 
-#: Maximum number of iterations over modes, each of which solves for the point again.
+#: Maximum number of changes of the modes, after each of which the search is repeated.
 _MOST_ROUNDS = 20
 
-#: Unknowns with relative components below this are not involved in a direction.
+#: Unknowns are not involved in a direction if their components are below this fraction of the
+#: largest one.
 _INVOLVED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The unknowns and the equations of one search."""
+    """The unknowns and equations of one search for a trim point."""
 
     linearizer: Linearizer
-    at: EvaluationPoint  # model and the values of parameters and inputs before the search
+    at: EvaluationPoint  # model with its parameters and inputs before the search
     y: Array  # states before the search
     unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
     rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints
@@ -235,12 +236,12 @@ class _Search:
 
     @property
     def guess(self) -> Array:
-        """The unknowns before the search."""
+        """The values of the unknowns before the search."""
         known = {"y": self.y, "u": self.at.inputs, "p": self.at.p}
         return np.array([known[kind][i] for kind, i in self.unknowns])
 
     def point(self, z: Array) -> tuple[EvaluationPoint, Array]:
-        """Insert the unknowns into time, parameters, inputs and states."""
+        """Return the evaluation point and states that contain the given values of unknowns."""
         at, y, p = self.at, self.y.copy(), self.at.p.copy()
         for (kind, i), value in zip(self.unknowns, z, strict=True):
             if kind != "u":
@@ -255,7 +256,7 @@ class _Search:
         return moment, y
 
     def value(self, z: Array) -> Array:
-        """Evaluate the residuals; nan if the model cannot be evaluated."""
+        """Return the residuals of the conditions; nan if the model cannot be evaluated."""
         try:
             at, y = self.point(z)
             found = all_values(at, y)[list(self.rows)]
@@ -287,7 +288,7 @@ class _Search:
 
 
 def all_values(at: EvaluationPoint, y: Array) -> Array:
-    """Evaluate rates, outputs, and residuals of constraints including norms of quaternions."""
+    """Evaluate rates, outputs, and residuals of constraints and quaternion norms."""
     parts = [at.call("rhs", y)]
     if at.model.outputs:
         parts.append(at.call("outputs", y))
@@ -316,7 +317,7 @@ def along(linearizer: Linearizer, at: EvaluationPoint, y: Array, direction: Dire
 
 
 class _TrimEquation(Equation):
-    """The conditions as an equation for the root finder; the system may be overdetermined."""
+    """The conditions as equations for the root finder, which may be over- or underdetermined."""
 
     def __init__(self, search: _Search) -> None:
         super().__init__(search.value, search.slope, np.zeros(0))
@@ -337,26 +338,26 @@ class _TrimEquation(Equation):
             raise np.linalg.LinAlgError("not finite")
         inverse = pseudo_inverse(slope)[0]
         terms = np.abs(slope) @ np.abs(z) + self._targets
-        # Least-squares steps also vanish if the conditions contradict each other, so the residuals
-        # are compared with the magnitude of their terms. At a solution of zero all terms are
-        # rounding errors; therefore unknowns count as at least one.
+        # Least-squares steps also vanish if the conditions contradict each other, so residuals are
+        # compared with the magnitudes of their terms. If the solution is zero, all terms are
+        # rounding errors; unknowns therefore count as at least one.
         sizes = _MET * (np.abs(slope) @ np.maximum(np.abs(z), 1.0) + self._targets)
         return Linear(inverse.dot, np.abs(z) + np.abs(inverse) @ terms, sizes)
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Take a step, shortened so that angles stay on their branch."""
+        """Return the point after a step, which is shortened if an angle would change too much."""
         turn = float(np.max(np.abs(step[self._turns]), initial=0.0))
         return z + step * min(1.0, _LONGEST_TURN / max(turn, 1e-300))
 
 
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
-    """Invert a matrix of any rank, independently of units.
+    """Return the pseudo-inverse of a scaled matrix, scaled back, and a basis of its null space.
 
-    The second result is a basis, in its rows, of the null space of the scaled matrix.
+    The scaling makes the rank independent of units. The basis vectors are rows.
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
-        # Equilibration: scale the largest entry of every column, then of every row, to one.
+        # Scale the largest entry of every column, then of every row, to one (equilibration).
         for axis, sizes in ((0, columns), (1, rows)):
             found = np.max(np.abs(scaled), axis=axis, initial=0.0)
             found = np.where(found > 0.0, found, 1.0)
@@ -377,7 +378,7 @@ def find_trim(
     outputs: Any = None,
     guess: Any = None,
 ) -> TrimPoint:
-    """Find a point; see :meth:`cotree.Model.trim`."""
+    """Find a trim point; see :meth:`cotree.Model.trim`."""
     conditions = Conditions(
         check_names(solve, "solve"),
         check_mapping(fixed, "fixed"),
@@ -397,8 +398,8 @@ def find_trim(
         if np.array_equal(settled, y):
             check_friction(moment, y)
             return _point(search, root.z)
-        # A discontinuous expression or dry friction switched branches at this point, so it is
-        # solved for again.
+        # A discontinuous expression or dry friction has changed its mode at this point, so the
+        # search is repeated.
         search = _Search(
             linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )
@@ -409,13 +410,13 @@ def find_trim(
 
 
 def _is_met(search: _Search, z: Array) -> bool:
-    """Return whether all residuals are rounding errors, where the iteration converged slowly.
+    """Return whether all residuals are rounding errors, though the iteration converged slowly.
 
-    If rates are independent of each other only away from an equilibrium, it is a double root: steps
-    only halve, and the slopes vanish there. Therefore the terms at the guess are included.
+    At a double root, steps only halve, and the slopes vanish. The terms of the residuals are
+    therefore also evaluated at the guess.
     """
     left = np.abs(search.value(z))
-    # Each slope with its own unknowns: those of the guess times unknowns that diverge excuse all.
+    # Slopes at the guess are multiplied by the guess: unknowns that diverge would hide residuals.
     terms = [np.abs(search.slope(x)) @ np.maximum(np.abs(x), 1.0) for x in (z, search.guess)]
     return bool(np.all(left <= _EXACT * (np.maximum(*terms) + np.abs(search.targets))))
 
@@ -440,12 +441,12 @@ def _posed(
     at = EvaluationPoint(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
-    except Error:  # keep the prescribed initial values
+    except Error:  # keep the given initial values
         y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
     y = guess_friction(at, y, values)
-    # Modes change only at events: they are not unknowns, and their rates are always zero.
+    # Modes change only at events, so they are not unknowns, and their rates are always zero.
     modes = linearizer.modes
     unknowns = [
         ("y", i) for i, name in enumerate(states) if name not in conditions.fixed and i not in modes
@@ -481,7 +482,7 @@ def _posed(
 def _known_rates(
     linearizer: Linearizer, at: EvaluationPoint, y: Array, fixed: set[int]
 ) -> set[int]:
-    """Return the coordinates whose rates are determined by prescribed speeds."""
+    """Return the coordinates whose rates depend only on the given fixed states."""
     layout = at.model.layout
     if not any(layout.n_coordinates <= i < layout.n_coordinates + layout.n_speeds for i in fixed):
         return set()
@@ -519,14 +520,14 @@ def _check_names(model: CompiledModel, conditions: Conditions) -> None:
 
 
 def _refuse(search: _Search, z: Array) -> NoReturn:
-    """Raise an error that names the violated conditions."""
+    """Raise an error that names the conditions violated at the last point of the search."""
     left = search.value(z)
     n, m = len(search.unknowns), len(search.rows)
     if not np.all(np.isfinite(left)):
         raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # Residuals are compared in units of the unknowns, since the rates may differ in magnitude.
+    # Residuals are divided by their slopes, since the rates may differ in magnitude.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
     violated = listed(
@@ -550,7 +551,7 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
 
 
 def _point(search: _Search, z: Array) -> TrimPoint:
-    """Build the result from a solution."""
+    """Return the trim point for a solution of the search."""
     at, y = search.point(z)
     model = at.model
     inverse, free = pseudo_inverse(search.slope(z))

@@ -1,11 +1,11 @@
-"""Algebraic unknowns, contents of storages and modes at a point.
+"""Algebraic unknowns, storage contents and modes at a point.
 
-A scene may give a voltage while the state is a charge. Absolute tolerances are also given for
-voltages; those of charges follow from them. Modes of jumps inside expressions are found together
-with the unknowns.
+A scene may give the initial value of a voltage although the state is a charge. Absolute tolerances
+also refer to voltages; those of charges follow from them. Modes of jumps inside expressions are
+found together with the algebraic unknowns.
 
-A run determines the modes of dry friction of all edges together, in C. At a point of linearisation
-or trim the modes are given and checked against speeds and forces.
+During a run, C determines the modes of dry friction of all edges together. At a point of
+linearisation or trim, the modes are given and are checked against speeds and forces.
 """
 
 from __future__ import annotations
@@ -27,19 +27,18 @@ if TYPE_CHECKING:
 
 
 def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
-    """Return the factors of the states' absolute tolerances, (n_states,); None if all are one.
+    """Return a factor for the absolute tolerance of each state, (n_states,); None if all are one.
 
-    For the content of a storage, the factor is the change of the content per unit of the across or
-    through variable, such as a capacitance. It is one for all other states.
+    For a storage content, the factor is the change of the content per unit of the across or through
+    variable, such as a capacitance. It is one for all other states.
     """
     followers = at.model.layout.followers
     if not followers:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
-        # This row contains the derivatives of the storage's law. If the law does not depend on its
-        # own variable at this point, the largest derivative by another variable replaces the
-        # capacitance.
+        # This row has the derivatives of the storage's law. If the law does not depend on its own
+        # variable at this point, the largest derivative by another one replaces the capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own
@@ -47,20 +46,20 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
 
 
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Return the states y with the modes of jumps inside expressions that belong to them.
+    """Return the states y with consistent modes of jumps inside expressions.
 
-    The modes that an event function contradicts change; the algebraic unknowns stay as they are.
+    Modes that contradict their event function are changed; algebraic unknowns are not.
     """
     rows, settled = at.model.layout.events, y.copy()
     for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
-        # An event has occurred if the sign of its function is that of its direction.
+        # An event has occurred if its function has the sign of its direction.
         if row.is_jump and row.direction * value > 0.0:
             settled[row.targets[0]] = at.call("jumps", settled)[row.results.start]
     return settled
 
 
 def contradicting_jumps(at: EvaluationPoint) -> SolveError:
-    """Return the error for modes of jumps that contradict the resulting states."""
+    """Return the exception for modes of jumps that contradict the states that follow from them."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
@@ -71,7 +70,7 @@ def contradicting_jumps(at: EvaluationPoint) -> SolveError:
 
 
 def solve_states(at: EvaluationPoint, y: Array) -> Array:
-    """Solve for the algebraic unknowns of a point; the other states are kept."""
+    """Return the states with algebraic unknowns that satisfy their equations."""
     if at.model.layout.n_algebraic:
         y = y.copy()
         of_model(at).solve(at.t, y)
@@ -79,8 +78,8 @@ def solve_states(at: EvaluationPoint, y: Array) -> Array:
 
 
 def of_model(at: EvaluationPoint) -> Algebraic:
-    """Return the algebraic unknowns of a model at fixed parameters and inputs."""
-    # Most models have no algebraic unknowns.
+    """Return the algebraic equations of a model for fixed parameters and inputs."""
+    # Imported here, since most models have no algebraic unknowns.
     from cotree.model.algebraic import Algebraic
     from cotree.model.linear import is_sparse
 
@@ -104,25 +103,25 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     )
 
 
-#: Relative tolerance of speeds and forces, larger than the errors of runs and searches.
+#: Relative tolerance in checks of speeds and forces, larger than the errors of runs and searches.
 _CLOSE = 1e-6
 
-#: Modes of an edge that sticks and of one without a normal force.
+#: Modes of a dry friction edge that sticks, and of one without a normal force.
 _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Set the modes of edges that slide against their mode to the direction of their speed.
+    """Change the modes of dry friction that contradict speeds or normal forces.
 
     Parameters
     ----------
     at : EvaluationPoint
-        The model, with time, parameters and inputs.
+        The model with time, parameters and inputs.
     y : ndarray, shape (n_states,)
-        States that satisfy the equations with the modes that they hold.
+        States, including modes, that satisfy the equations.
     fixed : collection of str
-        Modes that are kept.
+        Names of modes that do not change.
 
     Returns
     -------
@@ -144,10 +143,10 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 
 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
-    """Initialise the modes of dry friction in a guess, and the forces on joints that they need.
+    """Initialise the modes of dry friction in a guess, and the joint forces that they depend on.
 
-    An edge that sticks is in equilibrium at any point within its limits. The mode of sticking is
-    set, since otherwise the search would move the edge.
+    An edge that sticks is in equilibrium at any point within its limits. Without the mode for
+    sticking, the search would move the edge.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y
@@ -159,7 +158,7 @@ def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Arr
 
 
 def check_friction(at: EvaluationPoint, y: Array) -> None:
-    """Check the modes of dry friction at a point.
+    """Check that the modes of dry friction at a point agree with speeds and forces.
 
     Raises
     ------
@@ -187,7 +186,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             _values(at, y, part).get(place, np.inf)
             for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
-        # The sum of the distances is the width of the range between both limits.
+        # The sum of the distances from both limits is the width of the range between them.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
             raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")
@@ -204,12 +203,12 @@ def _refused(edge: str, mode: float, why: str) -> SolveError:
 
 
 def _still(y: Array) -> float:
-    """Return the largest speed that counts as zero."""
+    """Return the speed below which an edge is at rest."""
     return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
 
 
 def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
-    """Evaluate one kind of event function of each edge; keys are indices of modes."""
+    """Return the values of one kind of event function by the index of their mode."""
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
         return {}
@@ -222,10 +221,10 @@ def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
 
 
 def _speeds(at: EvaluationPoint, y: Array) -> dict[int, float]:
-    """Evaluate the relative speed of each edge; keys are indices of modes."""
+    """Return the relative speed of each dry friction edge by the index of its mode."""
     moving = y.copy()
     for row in at.model.layout.events:
         if row.part == ModePart.SLIP:
-            # Its event function is the speed times the mode.
+            # The event function is the speed times the mode.
             moving[row.targets[0]] = 1.0
     return _values(at, moving, ModePart.SLIP)
