@@ -1,6 +1,6 @@
 """Linear graphs: nodes, directed edges, trees, and the matrices and walks that follow from them.
 
-Pure topology: the physical meaning of the edges belongs to other packages.
+This package is pure topology: other packages define the physical meaning of the edges.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Largest sets of edges that are forests in two graphs at once, at minimum cost.
+"""Largest sets of edges, of minimum cost, that form a forest in each of two graphs.
 
-The two trees of a network with ideal amplifiers share such a set, and so do a tree and the graph
-that has two parallel edges for each ideal transformer: at most one of them is a branch. They are
-common independent sets of two matroids, found by augmenting along shortest paths of exchanges (A.
-Schrijver, Combinatorial Optimization, 2003, section 41.3).
+Such a set is part of both trees of a network with ideal amplifiers. It also solves a network with
+ideal transformers, of whose two ports at most one may be a branch: in the second graph, these two
+ports are parallel edges. The sets are common independent sets of two matroids, found by
+augmentation along shortest exchange paths (A. Schrijver, Combinatorial Optimization, 2003, section
+41.3).
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from cotree.graph.tree import Parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-#: Cost and number of edges of a path: among paths of equal cost, the shortest is required.
+#: Cost and number of edges of a path: of all paths of equal cost, the shortest is required.
 _Length = tuple[int, int]
 
 
 class Contracted:
-    """A graph with given branches, which must not form a circuit."""
+    """A graph in which the given branches, which must not form a circuit, are contracted."""
 
     def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
         parts = Parts(node for pair in ends.values() for node in pair)
@@ -30,18 +31,18 @@ class Contracted:
                 raise TopologyError(
                     f"edge '{name}' closes a circuit of edges that must be branches"
                 )
-        # A branch identifies its two nodes, so that one node represents each part of the branches.
+        # The two nodes of a branch become one, so that one node represents each connected part.
         self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
 
     def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
-        """Select a forest of minimum cost from some edges, the first among equals."""
+        """Select a forest of minimum cost from the given edges, the first one among equals."""
         parts = self._parts()
         cheapest = sorted(names, key=costs.__getitem__)
-        # Kruskal's algorithm; the sort is stable, so that the first of equal edges is taken.
+        # Kruskal's algorithm. The sort is stable, so that the first of equal edges is selected.
         return [name for name in cheapest if parts.join(*self.ends[name])]
 
     def extended(self, forest: Iterable[str]) -> Parts:
-        """Find the connected parts of a forest."""
+        """Return the connected parts of a forest."""
         parts = self._parts()
         for name in forest:
             parts.join(*self.ends[name])
@@ -53,13 +54,13 @@ class Contracted:
     def circuits(
         self, forest: Sequence[str], others: Iterable[str]
     ) -> dict[str, Sequence[str] | None]:
-        """Return the edges of a forest between the ends of each other edge, or None."""
+        """Return the forest edges between the ends of each other edge, or None without a path."""
         neighbours: dict[str, list[tuple[str, str]]] = {}
         for name in forest:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
-        # A forest may have several trees, each with a root from which depths are counted.
+        # A forest may have several trees; depths are counted from the root of each.
         places: dict[str, tuple[int, str, str]] = {}  # depth, parent and edge to the parent
         for root in neighbours:
             if root not in places:
@@ -75,14 +76,14 @@ class Contracted:
         found: dict[str, Sequence[str] | None] = {}
         for name in others:
             a, b = self.ends[name]
-            # An edge between two trees closes no circuit and can be added to the forest.
+            # An edge between two trees closes no circuit, so that it can be added to the forest.
             found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
         return found
 
 
 def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
     """Return the edges between two nodes of a rooted tree."""
-    # Climb from the deeper end until the two paths meet.
+    # Move up from the deeper end until both paths meet.
     route = []
     while a != b:
         if places[a][0] < places[b][0]:
@@ -94,9 +95,9 @@ def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list
 
 
 def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
-    """Select a largest set of edges that is a forest in two graphs, at minimum total cost.
+    """Select a largest set of edges that is a forest in both graphs, at minimum total cost.
 
-    Only edges with a cost may be selected; of equal ones, the first are preferred.
+    Only edges with a cost may be selected. Among equal sets, the first edges are preferred.
 
     >>> first = Contracted({"a": ("0", "1"), "b": ("0", "1"), "c": ("1", "2"), "d": ("1", "2")})
     >>> second = Contracted({"a": ("0", "1"), "b": ("2", "3"), "c": ("0", "1"), "d": ("4", "5")})
@@ -109,9 +110,9 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
         path = _exchange(first, second, costs, shared)
         if path is None:
             return shared
-        # Along the path edges enter and leave alternately; one more enters than leaves.
+        # Edges on the path are added and removed alternately; one more is added than removed.
         shared ^= set(path)
-        # If an edge that is free in both graphs costs no more than the remaining ones, it is the
+        # If an edge is free in both graphs and costs no more than this path, it is itself the next
         # shortest path, and no search is needed.
         least = sum(costs[name] if name in shared else -costs[name] for name in path)
         grown = first.extended(shared), second.extended(shared)
@@ -130,21 +131,21 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
 def _exchange(
     first: Contracted, second: Contracted, costs: Mapping[str, int], shared: set[str]
 ) -> list[str] | None:
-    """Find the cheapest exchange that adds one edge; None if there is none."""
+    """Return the cheapest exchange that adds one edge, or None if there is none."""
     forest = [name for name in costs if name in shared]
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)
-    # Edges lead from a leaving one to those that the first graph then accepts, and from these to
-    # those that must leave the second. Edges that are free in one of them begin or end a path: a
-    # path through one is no cheaper than its part from or up to it, since no exchange that adds no
-    # edge lowers the cost.
+    # An arc leads from an edge that is removed to each edge that the first graph can then accept,
+    # and from there to each edge that must then be removed in the second graph. Edges that are free
+    # in one graph begin or end a path. A path through such an edge is no cheaper than its part
+    # before or after it, since an exchange that adds no edge cannot lower the cost.
     arcs: dict[str, list[str]] = {name: [] for name in costs}
     for name in others:
         for leaving in enters[name] or ():
             arcs[leaving].append(name)
         arcs[name] += leaves[name] or ()
-    # Bellman and Ford's algorithm, since leaving edges have a negative cost. No cycle has negative
-    # cost while the shared set is the cheapest of its size, so that the search ends.
+    # Bellman-Ford algorithm, since removed edges have negative cost. No cycle has negative cost as
+    # long as the shared set is the cheapest of its size, so that the search ends.
     length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
     before: dict[str, str] = {}
     waiting = list(length)

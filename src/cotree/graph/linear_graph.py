@@ -1,6 +1,6 @@
 """The linear graph of one domain: named nodes and directed, named edges between them.
 
-In: names. Out: a `LinearGraph`, checked on construction. [1] section 1.1, Fig. 1.
+A `LinearGraph` consists of names and is checked when it is created. [1] section 1.1, Fig. 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GraphEdge:
-    """A directed edge. Its across variable is the one of `head` minus the one of `tail`."""
+    """A directed edge. Its across variable is that of `head` minus that of `tail`."""
 
     name: str
     tail: str
@@ -38,15 +38,15 @@ class LinearGraph:
     nodes : tuple of str
         Names of the nodes, the reference among them.
     edges : tuple of GraphEdge
-        The edges, whose order all matrices keep.
+        The edges, in an order that all matrices keep.
     reference : str
-        The node that across variables of nodes are measured from.
+        The node relative to which node potentials are measured.
 
     Raises
     ------
     TopologyError
-        If a name occurs twice, the reference is not a node, or an edge has an unknown node or joins
-        a node to itself.
+        If a name occurs twice, the reference is not a node, an edge has an unknown node, or both
+        ends of an edge are the same node.
 
     Examples
     --------
@@ -64,10 +64,10 @@ class LinearGraph:
 
     def __post_init__(self) -> None:
         _check_unique("node", self.nodes, self.domain)
-        # Two domains may use the same name; within a graph it is a row or a column of the matrices.
+        # Domains may share a name; within a graph, a name is a row or column of the matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
         known = set(self.nodes)
-        # Across variables of nodes are relative to the reference, at which walks start.
+        # Node potentials are relative to the reference, at which walks start.
         if self.reference not in known:
             raise TopologyError(
                 f"the {self.domain} graph has no node '{self.reference}' to be its reference; "
@@ -79,7 +79,7 @@ class LinearGraph:
                     raise TopologyError(
                         f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
                     )
-            # Such an edge is a circuit: never a branch, and its across variable is zero.
+            # Such an edge is a circuit: it is never a branch, and its across variable is zero.
             if edge.tail == edge.head:
                 raise TopologyError(
                     f"edge '{edge.name}' connects node '{edge.tail}' to itself; give it two nodes"
@@ -102,11 +102,11 @@ class LinearGraph:
     @cached_property
     def edge_names(self) -> tuple[str, ...]:
         """Names of the edges, in their order."""
-        # Dictionaries keep the order of insertion, which is that of the edges.
+        # Dictionaries keep their order of insertion, which is the edge order.
         return tuple(self._edge_by_name)
 
     def edge(self, name: str) -> GraphEdge:
-        """Return an edge by its name.
+        """Return the edge with the given name.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class LinearGraph:
             ) from None
 
     def summary(self) -> str:
-        """Describe the graph, one line per edge."""
+        """Return a description of the graph, one line per edge."""
         head = (
             f"{self.domain} graph: {self.n_nodes} nodes, {self.n_edges} edges, "
             f"reference {self.reference}"
@@ -142,7 +142,7 @@ def _check_unique(noun: str, names: Iterable[str], domain: str) -> None:
 
 @dataclass(frozen=True)
 class TreeStep:
-    """One step of a walk along an edge, from a known node, the parent, to a new one, the child.
+    """A step of a walk along an edge, from a visited node, the parent, to a new one, the child.
 
     ``sign`` is +1 if the edge points from parent to child, -1 if it points back.
     """
@@ -154,25 +154,25 @@ class TreeStep:
 
 
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
-    """Walk depth first from `start` along the named edges, reaching each node once.
+    """Walk depth first from `start` along the named edges, and reach each node once.
 
-    Parents come before children, siblings in edge order, subtrees without interruption. Costs O(n),
-    without recursion, so that long chains are no problem.
+    Parents come before children, siblings are in edge order, and subtrees are not interrupted. The
+    walk costs O(n) and is not recursive, so that long chains do not exceed Python's limit.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
-    # In reverse order, so that the stack returns the edges in their original order.
+    # Edges are pushed in reverse, so that the stack returns them in their original order.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
-            # A walk ignores the direction of edges, and records it in the sign.
+            # A walk ignores the directions of edges, but records them in the sign.
             leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
     steps: list[TreeStep] = []
     reached = {start}
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
-        # An edge of a circuit may lead to a node that was reached after the edge was put on the
+        # If there are circuits, the node may have been reached after the edge was pushed on the
         # stack.
         if step.child not in reached:
             reached.add(step.child)
@@ -182,12 +182,12 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
-    """Raise an error if the named edges do not connect every node to the reference.
+    """Raise an error if the named edges do not connect all nodes to the reference.
 
     ``what`` names these edges in the message; `{them}` in ``remedy`` is replaced by the nodes.
     """
     steps = walk_edges(graph, names, graph.reference)
-    # Each step reaches one new node; no step reaches the reference.
+    # Each step reaches one new node; the reference is not reached by a step.
     if len(steps) + 1 < graph.n_nodes:
         reached = {graph.reference, *(step.child for step in steps)}
         floating = [node for node in graph.nodes if node not in reached]
@@ -196,7 +196,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
 
 def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
     inside = set(floating)
-    # Edges of any kind: the message also names those that cannot be branches.
+    # These are edges of any kind: the message also names those that cannot be branches.
     touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
     subject, verb, them = (
         ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")

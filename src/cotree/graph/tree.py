@@ -1,9 +1,9 @@
-"""The tree of a linear graph, and the matrices that follow from the walk over it.
+"""The tree of a linear graph, and the matrices that follow from a walk over it.
 
-In: a `LinearGraph` with weights or names. Out: a `Tree`. Its edges are branches, the others chords
-([1] section 1.1). Matrices are of integers, with their rows and columns named, columns in edge
-order. Their signs are such that `incidence @ through = 0`, `cutset @ through = 0` ([1] eq. 1),
-`circuit @ across = 0` ([1] eq. 2) and `cutset @ circuit.T = 0`.
+A `Tree` is made from a `LinearGraph` with weights or names of branches. Edges in the tree are
+branches, all others are chords ([1] section 1.1). Matrices are integer; their rows and columns have
+names, and columns are in edge order. The signs are such that `incidence @ through = 0`, `cutset @
+through = 0` ([1] eq. 1), `circuit @ across = 0` ([1] eq. 2) and `cutset @ circuit.T = 0`.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class Tree:
 
     @cached_property
     def chords(self) -> tuple[str, ...]:
-        """Names of the edges of the cotree, in edge order."""
-        # Edges that can never be branches, such as springs and loads, are also chords.
+        """Names of the chords, the edges of the cotree, in edge order."""
+        # This includes edges that can never be branches, such as springs and loads.
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
@@ -57,11 +57,11 @@ class Tree:
         TopologyError
             If the graph has no such edge.
         """
-        # The graph raises for unknown names.
+        # For unknown names, the graph raises the error.
         return self.graph.edge(name).name in self._branch_set
 
     def summary(self) -> str:
-        """Describe the tree in one line.
+        """Return a description of the tree in one line.
 
         Examples
         --------
@@ -76,14 +76,14 @@ class Tree:
 
 
 def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
-    """Select the spanning tree of minimum weight, the first in edge order among equals.
+    """Select the spanning tree of minimum weight, the first one in edge order among equals.
 
-    Edges without a finite weight never become branches. Raises TopologyError if a weight is given
-    for an unknown edge, or the edges that may be branches do not reach every node.
+    Edges without a finite weight never become branches. Raises TopologyError if there is a weight
+    for an unknown edge, or if the possible branches do not reach all nodes.
     """
     for name in weights:
         graph.edge(name)
-    # In edge order, which the stable sort below preserves among equal weights.
+    # This is in edge order, which the stable sort below preserves among equal weights.
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
     check_spanned(
         graph,
@@ -91,7 +91,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         "edges that may be branches",
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
-    # Kruskal's algorithm: the lightest edge that connects two parts, first in edge order among
+    # Kruskal's algorithm: select the lightest edge that connects two parts, the first one among
     # equals.
     parts = Parts(graph.nodes)
     chosen = {
@@ -103,10 +103,10 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
 
 
 def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
-    """Make the tree of the named edges, in any order.
+    """Return the tree of the named edges, which may be in any order.
 
-    Raises TopologyError if a name is unknown or occurs twice, the edges contain a circuit, or they
-    do not reach every node.
+    Raises TopologyError if a name is unknown or occurs twice, if the edges contain a circuit, or if
+    they do not reach all nodes.
     """
     parts = Parts(graph.nodes)
     branches: set[str] = set()
@@ -116,9 +116,9 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             raise TopologyError(
                 f"the tree of the {graph.domain} graph names edge '{name}' twice; name it once"
             )
-        # Checked edge by edge, so that the error can name the circuit.
+        # Edges are checked one by one, so that the error message can name the circuit.
         if not parts.join(edge.tail, edge.head):
-            # The edges named so far already connect the two nodes; the path between them closes the
+            # The edges so far already connect the two nodes; their path and the new edge form a
             # circuit.
             circuit = [*path_between(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
@@ -133,7 +133,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
 
 
 def tree_walk(tree: Tree) -> tuple[TreeStep, ...]:
-    """Walk the tree outwards: parents before children, siblings in edge order."""
+    """Return the steps outwards along the tree: parents before children, siblings in edge order."""
     return walk_edges(tree.graph, tree.branches, tree.graph.reference)
 
 
@@ -144,14 +144,14 @@ class Parts:
         self._above = {node: node for node in nodes}
 
     def join(self, a: str, b: str) -> bool:
-        """Join the parts of two nodes; return False if they are in one part already."""
+        """Join the parts of two nodes; return False if both nodes are already in one part."""
         top, other = self.top(a), self.top(b)
-        # If both nodes are in one part, the forest is unchanged.
+        # If both nodes are already in one part, this changes nothing.
         self._above[other] = top
         return top != other
 
     def top(self, node: str) -> str:
-        """Return the node that represents the part of a node."""
+        """Return the node that represents the part to which a node belongs."""
         above = self._above
         while above[node] != node:
             above[node] = node = above[above[node]]  # halves the path for the next search
@@ -163,8 +163,8 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
-    """Return the edges from a node to another along a forest that connects them."""
-    # From the end back to the start, since exactly one step leads to each node.
+    """Return the edges of a forest on the path from one node to another."""
+    # Follow the path from the end back to the start, since exactly one step leads to each node.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end
@@ -196,12 +196,12 @@ class TopologyMatrix:
         self.matrix.setflags(write=False)
 
     def terms(self, row: str) -> tuple[tuple[int, str], ...]:
-        """List sign and column of the nonzero entries of a row."""
+        """List sign and column of each nonzero entry in a row."""
         entries = self.matrix[self.rows.index(row)]
         return tuple((int(entries[j]), self.columns[j]) for j in np.flatnonzero(entries))
 
     def summary(self) -> str:
-        """Describe the matrix with the names of its rows and columns."""
+        """Return the matrix as text, with the names of its rows and columns."""
         rows = [(name, *row) for name, row in zip(self.rows, self.matrix.tolist(), strict=True)]
         return Table(("", *self.columns), rows).text()
 
@@ -211,7 +211,7 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
-        # Through variables flow from tail to head, so that a row sums the flows out of its node.
+        # Through variables flow from tail to head: a row is the sum of the flows out of its node.
         matrix[row_of[edge.tail], j] = 1
         matrix[row_of[edge.head], j] = -1
     return TopologyMatrix(matrix, graph.nodes, graph.edge_names)
@@ -220,13 +220,13 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 def f_cutset(tree: Tree) -> TopologyMatrix:
     """Form the f-cutset matrix, (n_branches, n_edges), of [1] eq. 1.
 
-    One row per branch, with +1 for the branch and for each edge that crosses the cut in its
-    direction, -1 for those that cross against it. The columns of the branches are the identity.
+    There is one row per branch, with +1 for the branch and for each edge that crosses its cut in
+    the same direction, -1 for edges in the opposite direction. The branch columns are the identity.
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
-    # The chord's f-circuit contains a branch exactly if the branch's f-cutset contains the chord,
-    # with the opposite sign.
+    # The f-circuit of a chord contains a branch exactly if the f-cutset of the branch contains the
+    # chord; the signs are opposite.
     for chord, branch, sign in _circuit_terms(tree):
         matrix[row_of[branch], column_of[chord]] = -sign
     return TopologyMatrix(matrix, tree.branches, tree.graph.edge_names)
@@ -235,10 +235,10 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 def f_circuit(tree: Tree) -> TopologyMatrix:
     """Form the f-circuit matrix, (n_chords, n_edges), of [1] eq. 2.
 
-    One row per chord, with +1 for the chord and for each branch that the circuit follows in its
-    direction, -1 for those against it. The columns of the chords are the identity.
+    There is one row per chord, with +1 for the chord and for each branch that the circuit follows
+    in its direction, -1 for branches in the opposite direction. The chord columns are the identity.
     """
-    # Each chord closes exactly one f-circuit, so that its own column has a single entry.
+    # Each chord closes exactly one f-circuit, so that its column has a single entry.
     matrix, column_of = _with_identity(tree, tree.chords)
     row_of = {name: i for i, name in enumerate(tree.chords)}
     for chord, branch, sign in _circuit_terms(tree):
@@ -249,8 +249,8 @@ def f_circuit(tree: Tree) -> TopologyMatrix:
 def _with_identity(
     tree: Tree, rows: tuple[str, ...]
 ) -> tuple[npt.NDArray[np.int64], dict[str, int]]:
-    """Return a matrix with an identity in the columns of `rows`, and the map to columns."""
-    # Columns are in edge order, so that cutset and circuit matrices share them.
+    """Return a matrix with an identity in the columns `rows`, and the index of each column."""
+    # Columns are in edge order for both cutset and circuit matrices.
     column_of = {name: j for j, name in enumerate(tree.graph.edge_names)}
     matrix = np.zeros((len(rows), len(column_of)), dtype=np.int64)
     for i, name in enumerate(rows):
@@ -259,24 +259,24 @@ def _with_identity(
 
 
 def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
-    """Yield chord, branch and sign for every branch of every f-circuit.
+    """Return chord, branch and sign for every branch in every f-circuit.
 
-    A circuit follows its chord from tail to head and returns to the tail through the tree. Only the
-    steps below the point at which the two paths meet are visited, so the cost is the number of
+    A circuit follows its chord from tail to head, and returns to the tail through the tree. Only
+    steps below the point at which both paths meet are visited, so that the cost is the number of
     terms.
     """
     step_to = {step.child: step for step in tree_walk(tree)}
     depth = {tree.graph.reference: 0}
     for step in step_to.values():
-        # The walk lists parents before children, so that the depth of the parent is known.
+        # The walk lists parents before children, so that the parent's depth is known.
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
-        # The path runs up from the head, against the direction of the path from the reference,
-        # hence the minus sign.
+        # The path runs inwards from the head, against the direction of the walk, hence the minus
+        # sign.
         tail, head = edge.tail, edge.head
         while tail != head:
-            # The deeper end is not an ancestor of the other one: move it up.
+            # The deeper end is not an ancestor of the other one: move it inwards.
             if depth[head] >= depth[tail]:
                 step = step_to[head]
                 head = step.parent

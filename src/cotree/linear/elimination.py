@@ -1,14 +1,15 @@
 """Gaussian elimination of a sparse matrix with entries of any type, and plans of it.
 
-In: the nonzeros of a matrix, a choice of pivots, and the arithmetic of the entries. Out: its
-factors. Entries are nodes whose values become code, or places in a plan of which only the pattern
-is known. All sparse eliminations of this package use it; they differ in the choice of pivots and in
-the use of symmetry. None depends on values, which are known at run time only.
+The input consists of the nonzeros of a matrix, a choice of pivots, and the arithmetic of the
+entries; the output is the factors. Entries are nodes whose values become code, or placeholders in a
+plan if only the pattern is known. All sparse eliminations of this package use this module; they
+differ in the choice of pivots and the use of symmetry. None depends on values, which are known only
+at run time.
 
-The plan of a Jacobian J, whose algebraic unknowns come last, has the steps that factor
-``shift M - J`` and solve with the factors, where M is one on the diagonal of the other unknowns and
-zero elsewhere. The code that takes the steps checks their results. For banded factors it has the
-bandwidths of a pattern that is compressed by columns, and the places of the unknowns.
+The plan of a Jacobian J, whose last unknowns are algebraic, lists the steps that factorise ``shift
+M - J`` and solve with the factors; M is diagonal with ones, but zeros for algebraic unknowns. The
+code that executes the steps checks their results. For banded factors, the plan contains the
+bandwidths of the pattern, which is compressed by columns, and the new order of the unknowns.
 """
 
 from __future__ import annotations
@@ -27,31 +28,31 @@ Place = tuple[int, int]
 
 
 class Arithmetic(Protocol[T]):
-    """The operations of elimination on entries."""
+    """Arithmetic operations on the entries of a matrix that is eliminated."""
 
     def inverse(self, pivot: T) -> T:
-        """Form the reciprocal of a pivot."""
+        """Return the reciprocal of a pivot."""
 
     def scaled(self, entry: T, inverse: T) -> T:
-        """Multiply an entry with the reciprocal of the pivot above it."""
+        """Multiply an entry by the reciprocal of the pivot in its column."""
 
     def less(self, entry: T | None, multiplier: T, other: T) -> T | None:
-        """Subtract the product of a multiplier and the pivot row's entry; None stands for zero."""
+        """Subtract the product of a multiplier and a pivot row's entry; None represents zero."""
 
 
 @dataclass
 class Remainder:
-    """The remaining pattern between the elimination of two pivots."""
+    """The pattern that remains between the eliminations of two pivots."""
 
-    #: Columns of the entries in each row, and rows of the entries in each column.
+    #: Columns of the entries in each row; rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
-    #: Rows with an entry in the last pivot's column; columns with an entry in its row.
+    #: Rows with an entry in the column of the last pivot; columns with an entry in its row.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
 
-#: Function that returns the next pivot, or None at the end of the elimination.
+#: Function that returns the next pivot, or None to end the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 
@@ -61,7 +62,7 @@ class Factors(Generic[T]):
 
     pivots: tuple[Place, ...]  # row and column of each pivot
     inverses: tuple[T, ...]  # reciprocals of the pivots
-    #: For each pivot: the multipliers with which its row is subtracted from others, by row.
+    #: For each pivot: the multipliers with which its row is subtracted from other rows, by row.
     lower: tuple[dict[int, T], ...]
     upper: tuple[dict[int, T], ...]  # remaining row of each pivot, by column
 
@@ -73,17 +74,17 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns until there is no further pivot; ``rows`` then contains the remainder.
+    """Eliminate unknowns until there is no further pivot; the remainder is left in ``rows``.
 
-    With ``is_symmetric`` all pivots are on the diagonal, and only one of each pair of symmetric
+    With ``is_symmetric``, all pivots are on the diagonal, and only one of each two symmetric
     entries is computed.
     """
-    # A symmetric matrix is its own transpose.
+    # A symmetric matrix equals its transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
     left = Remainder(rows, rows if is_symmetric else columns)
     pivots, inverses, lower, upper = [], [], [], []
     less = arithmetic.less
-    # Right-looking elimination, so that counts are current when the next pivot is chosen.
+    # Right-looking elimination: all counts are up to date when the next pivot is chosen.
     while (pivot := choose(left)) is not None:
         i, j = pivot
         row = rows.pop(i)
@@ -91,25 +92,25 @@ def eliminate(
         if not is_symmetric:
             for k in (j, *row):
                 columns[k].discard(i)
-        # Sorted, so that the generated code does not depend on the order of sets.
+        # Sort, so that the generated code does not depend on the order of sets.
         below = sorted(row if is_symmetric else columns.pop(j))
-        # Multiply by the reciprocal, so that each pivot needs one division.
+        # Multiply by the reciprocal, so that each pivot requires only one division.
         multipliers = {k: arithmetic.scaled(rows[k].pop(j), inverse) for k in below}
         for k, multiplier in multipliers.items():
             own = rows[k]
             for other, entry in row.items():
-                # Entries across the diagonal are computed once.
+                # Symmetric entries are computed once.
                 if is_symmetric and other > k:
                     continue
                 before = own.get(other)
                 updated = less(before, multiplier, entry)
-                # The same object: the node is unchanged, or the sum was extended in place.
+                # If it is the same object, the node is unchanged, or the sum was extended in place.
                 if updated is before:
                     continue
                 _set_entry(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _set_entry(rows[other], columns, other, k, updated)
-        # Only the counts of the pivot's rows and columns have changed.
+        # Only counts in the rows and columns of the pivot have changed.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)
@@ -119,7 +120,7 @@ def eliminate(
 
 
 def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
-    """List the rows of each column's entries; each row has a column of its number."""
+    """Return the rows of each column's entries; columns have the same numbers as rows."""
     columns: dict[int, set[int]] = {j: set() for j in rows}
     for i, row in rows.items():
         for j in row:
@@ -130,7 +131,7 @@ def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
 def _set_entry(
     row: dict[int, T], columns: Mapping[int, set[int]], i: int, j: int, entry: T | None
 ) -> None:
-    """Set the entry in row i, column j, and update the pattern by columns, if there is one."""
+    """Set the entry in row i, column j; update the pattern by columns if there is one."""
     if entry is None:
         row.pop(j, None)
     else:
@@ -140,27 +141,27 @@ def _set_entry(
 
 
 class FewestCouplings:
-    """Minimum degree: the allowed unknown of a symmetric matrix with the fewest couplings.
+    """Minimum-degree pivots: the allowed unknown of a symmetric matrix with the fewest couplings.
 
-    Among unknowns with equally many couplings the last one is chosen, which is farthest out in the
+    Among unknowns with equally many couplings, the last one is chosen: it is farthest out in the
     tree and causes the least fill-in.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)
-        # By degree, then by the negative number, so that the last comes first.
+        # Sort by degree, then by negative number, so that the last unknown comes first.
         self._waiting = [(len(rows[i]), -i) for i in self._left]
         heapify(self._waiting)
 
     def __call__(self, left: Remainder) -> Place | None:
-        """Choose the next pivot."""
+        """Return the next pivot."""
         for i in left.below:
             heappush(self._waiting, (len(left.rows[i]), -i))
         while self._waiting:
             count, negative = heappop(self._waiting)
             k = -negative
-            # An unknown whose count has changed was pushed again. A pivot that cancels by rounding,
-            # as that of a mass of 1e-17 of another, is no entry.
+            # If its count has changed, the unknown was pushed again. A pivot that vanishes by
+            # rounding, such as that of a mass 1e-17 times another, is not an entry.
             if k in self._left and len(left.rows[k]) == count and k in left.rows[k]:
                 self._left.remove(k)
                 return k, k
@@ -168,23 +169,23 @@ class FewestCouplings:
 
 
 class FewestUpdates:
-    """The pivot whose elimination changes the fewest entries, up to ``most_updates`` in all.
+    """Pivots whose elimination changes the fewest entries, up to ``most_updates`` in total.
 
-    Pivots on the diagonal, and those that change no entry, are preferred. An equation without
-    unknowns ends the elimination.
+    Pivots on the diagonal, and pivots that change no entry, are preferred. The elimination ends at
+    an equation without unknowns.
     """
 
     def __init__(self, most_updates: int) -> None:
         self._n_left = most_updates
 
     def __call__(self, left: Remainder) -> Place | None:
-        """Choose the next pivot."""
-        # Nothing is left, or a row has no entries: the matrix is singular for all values.
+        """Return the next pivot, or None."""
+        # Everything is eliminated, or a row has no entries: then the matrix is always singular.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Pivots off the diagonal only if they cause no updates; then by number of updates, then
-            # by order.
+            # Pivots off the diagonal are chosen only if they cause no updates. Pivots are ordered
+            # by their number of updates, then by position.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -195,9 +196,9 @@ class FewestUpdates:
 
 
 class FewestUpdatesOfMatched:
-    """The pivot that changes the fewest entries, among one for each column.
+    """Pivots that change the fewest entries, with one candidate for each column.
 
-    ``row_of`` has the row of each column's pivot; see :func:`match`.
+    ``row_of`` contains the row of each column's candidate; see :func:`match`.
     """
 
     def __init__(self, left: Remainder, row_of: Sequence[int]) -> None:
@@ -208,8 +209,8 @@ class FewestUpdatesOfMatched:
         heapify(self._waiting)
 
     def __call__(self, left: Remainder) -> Place | None:
-        """Choose the next pivot."""
-        # Costs of other columns have not changed; stale entries of the heap are skipped.
+        """Return the next pivot."""
+        # The costs of other columns have not changed; outdated entries of the heap are skipped.
         for j in {self._column_of[i] for i in left.below}.union(left.beside):
             heappush(self._waiting, (_n_updates(left, self._row_of[j], j), j))
         while self._left:
@@ -221,20 +222,20 @@ class FewestUpdatesOfMatched:
 
 
 def _n_updates(left: Remainder, i: int, j: int) -> int:
-    """Count the entries that a pivot changes (H. M. Markowitz, Management Sci. 3 (1957) 255)."""
+    """Return the number of updates by a pivot (H. M. Markowitz, Management Sci. 3 (1957) 255)."""
     return (len(left.rows[i]) - 1) * (len(left.columns[j]) - 1)
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Match each column with a distinct row that has an entry in it, preferably on the diagonal.
+    """Match each column with a different row that has an entry in it, preferably the diagonal one.
 
-    None if no such matching exists: the matrix is then singular for all values.
+    Returns None if no such matching exists: then the matrix is singular for all values.
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
-    # Augmenting paths of a bipartite matching, from columns without a row to free rows.
+    # Find augmenting paths of a bipartite matching, from columns without a row to free rows.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
-        # Breadth first, so that as few of the other unknowns as possible change their rows.
+        # The search is breadth first, so that as few columns as possible get another row.
         came_from: dict[int, int] = {}
         queue, free = [start], -1
         for j in queue:
@@ -252,7 +253,7 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
             return None
         row = free
         while True:
-            # Shift the rows back along the path.
+            # Move the rows along the path back to the start.
             j = came_from[row]
             row_of[j], row = row, row_of[j]
             column_of[row_of[j]] = j
@@ -263,32 +264,32 @@ def match(columns: Sequence[Collection[int]]) -> list[int] | None:
 
 @dataclass(frozen=True)
 class FactorStep:
-    """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal."""
+    """A factor: ``(shift + -J - sum of products) * scale``, or the reciprocal of this value."""
 
-    value: int  # index of its value among the entries of J, or -1
+    value: int  # index among the entries of J, or -1
     has_shift: bool  # whether the scalar ``shift`` is added to the matrix
     products: tuple[tuple[int, int], ...]  # pairs of factors whose products are subtracted
-    pivot: int  # factor by which the value is multiplied, or -1
+    pivot: int  # index of the factor by which the value is multiplied, or -1
     is_pivot: bool  # whether the reciprocal is stored
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """Plan of the factorisation of a matrix, and of solutions with its factors."""
+    """Plan for factorising a matrix and for solving with its factors."""
 
-    factors: tuple[FactorStep, ...]  # factors, in the order of their computation
-    #: Row and column of each pivot, in order.
+    factors: tuple[FactorStep, ...]  # factors in the order of their computation
+    #: Row and column of each pivot.
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     pivots: tuple[int, ...]  # index of each pivot's reciprocal among the factors
-    #: For each pivot: earlier pivots that its row subtracts, as pairs of pivot and factor.
+    #: For each pivot: earlier pivots that are subtracted from its row, as pairs (pivot, factor).
     lower: tuple[tuple[tuple[int, int], ...], ...]
-    #: For each pivot: later pivots, as pairs, for backward substitution.
+    #: For each pivot: later pivots for backward substitution, as pairs (pivot, factor).
     upper: tuple[tuple[tuple[int, int], ...], ...]
 
     @property
     def n_operations(self) -> int:
-        """Number of products of the factorisation and of one solution."""
+        """Number of products in the factorisation and in one solution."""
         solving = sum(len(row) for row in (*self.lower, *self.upper))
         return sum(len(entry.products) + 1 for entry in self.factors) + solving
 
@@ -296,7 +297,7 @@ class Elimination:
 def plan_elimination(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int], n_algebraic: int
 ) -> Elimination | None:
-    """Plan the factors of ``shift M - J``; None if the matrix is structurally singular.
+    """Plan the factors of ``shift M - J``; return None if the matrix is structurally singular.
 
     The pattern of J is compressed by columns; the last ``n_algebraic`` unknowns are algebraic.
     """
@@ -306,10 +307,10 @@ def plan_elimination(
         for at in range(column_starts[j], column_starts[j + 1]):
             rows[row_indices[at]][j] = _Sum(at)
     for i in range(n_shifted):
-        # The shift adds diagonal entries that J may lack, except for algebraic unknowns.
+        # The shift adds diagonal entries that J may not have, except for algebraic unknowns.
         rows[i].setdefault(i, _Sum()).has_shift = True
     columns = columns_of(rows)
-    # Algebraic unknowns may have no entry on the diagonal: a matching finds pivots for all.
+    # Algebraic unknowns may have no diagonal entry: a matching finds pivots for all unknowns.
     row_of = match([columns[j] for j in range(n)])
     if row_of is None:
         return None
@@ -319,21 +320,21 @@ def plan_elimination(
 
 @dataclass(eq=False, slots=True)
 class _Sum:
-    """An entry during elimination: its index in J, and the products subtracted from it."""
+    """An entry during elimination: its index in J, and the products that are subtracted from it."""
 
     value: int = -1
     has_shift: bool = False
-    products: list[_Sum] = field(default_factory=list)  # pairs of entries, concatenated
+    products: list[_Sum] = field(default_factory=list)  # pairs of entries, in one list
     pivot: _Sum | None = None
     is_pivot: bool = False
-    number: int = -1  # index among the factors, once their order is known
+    number: int = -1  # index among the factors, assigned when their order is known
 
 
 class _OfSums:
-    """Symbolic elimination, which records products; no entry cancels."""
+    """Symbolic elimination: records products; entries never cancel."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
-        # The reciprocal replaces the pivot, since solutions multiply by it.
+        # The reciprocal replaces the pivot, since solutions are multiplied by it.
         pivot.is_pivot = True
         return pivot
 
@@ -343,30 +344,30 @@ class _OfSums:
 
     def less(self, entry: _Sum | None, multiplier: _Sum, other: _Sum) -> _Sum:
         if entry is None:
-            # Fill-in: the entry has no value in J.
+            # Fill-in: the new entry has no value in J.
             entry = _Sum()
         entry.products += multiplier, other
         return entry
 
 
 def _listed(plan: Factors[_Sum]) -> Elimination:
-    """Assign numbers to the factors: pivot by pivot, each in the order of the other pivots."""
+    """Assign numbers to the factors, pivot by pivot, and for each pivot in pivot order."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
-    # From here on, rows and columns are numbered by the rank of their pivot.
+    # From here on, rows and columns are numbered by the position of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
     rank_of_column = {column: k for k, column in enumerate(columns)}
     below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
     beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
     factors: list[_Sum] = []
     for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
-        # Products of a factor are those of previous pivots.
+        # The products of a factor belong to earlier pivots.
         factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
     for number, entry in enumerate(factors):
         entry.number = number
     lower: list[list[tuple[int, int]]] = [[] for _ in rows]
     for m, down in enumerate(below):
         for k, entry in down:
-            # By rows, for forward substitution.
+            # Stored by rows for forward substitution.
             lower[k].append((m, entry.number))
     return Elimination(
         tuple(map(_entry, factors)),
@@ -379,23 +380,23 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
 
 
 def _entry(own: _Sum) -> FactorStep:
-    # Pairs were stored concatenated.
+    # The two factors of each pair are stored one after the other.
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number
     return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
 
 
-# Matrices up to this size are stored dense.
+# Size up to which matrices are stored as dense ones.
 _SMALL = 40
 
 
 def narrow_band(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int]
 ) -> tuple[int, int, Any]:
-    """Return the lower and upper bandwidths, and the order of unknowns that minimises them.
+    """Return the lower and upper bandwidths, and an order of the unknowns that reduces them.
 
-    The pattern is compressed by columns. Places are None if the matrix is small or not sparse.
+    The pattern is compressed by columns. The order is None if the matrix is small or not sparse.
     """
     if n > _SMALL:
         from scipy.sparse import csc_matrix
@@ -403,13 +404,13 @@ def narrow_band(
 
         starts, rows = np.array(column_starts), np.array(row_indices, dtype=np.int64)
         pattern = csc_matrix((np.ones(len(rows)), rows, starts), shape=(n, n)).tocsr()
-        # The order lists unknowns by their new positions; its inverse is the new position of each.
+        # The order lists unknowns by new position; its inverse is the new position of each unknown.
         places = np.empty(n, dtype=np.intc)
         places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
-        # Distance of each entry below the diagonal after reordering.
+        # Distance of each entry from the diagonal after reordering, positive below it.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
-        # The number of diagonals of banded storage with row pivoting.
+        # This is the number of diagonals in banded storage with row pivoting.
         if 2 * lower + upper + 1 < n:
             return lower, upper, places
     return n - 1, n - 1, None

@@ -1,9 +1,9 @@
-"""Factors of matrices of nodes, for any number of right-hand sides.
+"""Factors of matrices whose entries are nodes, for any number of right-hand sides.
 
-In: the nonzeros of a matrix. Out: its factors, which solve by substitution. Symmetric matrices are
-factorised as L D L^T. Rows without a pivot that is certainly nonzero form a dense core, whose
-pivots are chosen at run time. The pivots of unsymmetric matrices are chosen by sparsity, without
-regard to values; at run time a bound of the cancellation errors is computed.
+The factors are computed from the nonzeros of a matrix, and solve by substitution. Symmetric
+matrices are factorised as L D L^T. Rows without a pivot that is certainly nonzero form a dense
+core, whose pivots are chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity,
+regardless of their values; at run time, a bound of the cancellation errors is computed.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Squared gradients of constraints below this fraction of their terms are scaled as if they had
-#: this size: rounding errors, about 1e-31, are then below the rank tolerance.
+#: If the squared gradient of a constraint is below this fraction of its terms, the row is scaled as
+#: if it had this fraction: rounding errors, about 1e-31, are then below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
 
-#: Limit of the ratio of a multiplier to the one that its residual would require if nothing else
-#: balanced it. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of residuals
-#: are amplified as much.
+#: Largest ratio of a multiplier to the one that its residual would require if nothing else balanced
+#: the residual. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of
+#: residuals are amplified by the same factor.
 _BEYOND = 1e4
-#: Factor on it where a residual exceeds rounding, so that the multiplier passes its limit long
-#: before the row counts as one that motions change; and the largest rounding, [m/s^2], [rad/s^2].
+#: Additional factor if a residual is larger than rounding, so that its multiplier exceeds the limit
+#: long before the row counts as one that motions change; and largest rounding, [m/s^2], [rad/s^2].
 _FURTHER, _ROUNDING = 1e6, 1e-10
 
 
 class LinearSolver(Protocol):
-    """Factorised equations."""
+    """Factorised equations that can be solved for any right-hand side."""
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve for one right-hand side."""
 
 
 class RankedSolver(LinearSolver, Protocol):
-    """Factorised equations, of which some may be redundant."""
+    """Factorised equations, some of which may be redundant."""
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.
 
-        Pivots chosen at run time that are below ``tolerance`` times their entries count as zero.
+        Pivots that are chosen at run time count as zero if below ``tolerance`` times their entries.
         """
 
 
@@ -57,18 +57,18 @@ class Core:
 
     places: tuple[int, ...]  # indices of the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # symmetric matrix of the equations
-    #: Scales of the diagonal. Entries divided by the roots of the scales are close to 1 if nothing
-    #: cancels, so that the rank does not depend on units.
+    #: Scales of the diagonal. If nothing cancels, entries divided by the roots of the scales are
+    #: close to 1, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
-    n_determined: int  # number of unknowns, the first ones, that must be unique
+    n_determined: int  # number of leading unknowns that must be unique
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
-        """Solve for the core unknowns; empty if their right-hand side is zero."""
+        """Solve for the core unknowns; return nothing if their right-hand side is zero."""
         rest = [right[i] for i in self.places]
         if all(value.is_zero for value in rest):
             return {}
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
-        # Scaled to a unit diagonal, so that entries are compared with one.
+        # Scaled to a unit diagonal, so that pivots are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
         return dict(zip(self.places, found, strict=False))  # the last entry of found is the rank
 
@@ -79,16 +79,16 @@ class SparseFactors:
 
     dag: Dag  # arena that holds the nodes
     factors: Factors[Node]  # factors, pivot by pivot
-    is_symmetric: bool  # whether the row multipliers of a pivot equal those of its column
-    core: Core | None = None  # the remaining system without safe pivots
+    is_symmetric: bool  # whether a pivot's row and column multipliers are equal
+    core: Core | None = None  # the remaining equations, which have no safe pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        # The substitution in unsymmetric factors belongs to the caller's section.
+        # The label of substitution in unsymmetric factors is set by the caller.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
-            # Forwards with L, the core in between, then backwards.
+            # Forward substitution with L, then the core, then backward substitution.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
                 for k, multiplier in below.items():
                     right[k] = right[k] - multiplier * right[i]
@@ -98,7 +98,7 @@ class SparseFactors:
             for (i, j), inverse, row in reversed(
                 list(zip(own.pivots, own.inverses, rows, strict=True))
             ):
-                # Multipliers of symmetric matrices are already divided by the pivot.
+                # The multipliers of symmetric matrices are already divided by the pivot.
                 value = right[i] * inverse if self.is_symmetric else right[i]
                 for k, entry in row.items():
                     value = value - entry * found[k]
@@ -107,7 +107,7 @@ class SparseFactors:
 
 
 class _OfNodes:
-    """Arithmetic of nodes; nodes that are identically zero are dropped."""
+    """Arithmetic of nodes; identically zero nodes are removed."""
 
     def inverse(self, pivot: Node) -> Node:
         return 1.0 / pivot
@@ -118,7 +118,7 @@ class _OfNodes:
     def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
         product = multiplier * other
         left = -product if entry is None else entry - product
-        # An entry that cancels identically is removed from the pattern, and causes no fill-in.
+        # An entry that cancels identically is removed from the pattern and causes no fill-in.
         return None if left.is_zero else left
 
 
@@ -128,14 +128,14 @@ def factorise(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]] = (),
 ) -> SparseFactors:
-    """Factorise a symmetric matrix. Pivots that are not safe may be zero at run time.
+    """Factorise a symmetric matrix, whose pivots may be zero at run time unless they are safe.
 
-    The last unknowns are multipliers, which may be redundant. ``sizes`` contains for each of them
-    the squares of the terms of its row before cancellation.
+    The last unknowns are multipliers, which may be redundant. For each of them ``sizes`` contains
+    the squared terms of its row, in which nothing cancels.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
-        # Only pivots that cannot be zero are eliminated; the remaining rows form the core.
+        # Eliminate only pivots that cannot be zero; the remaining rows form the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -144,13 +144,13 @@ def factorise(
 
 @dataclass(frozen=True)
 class HeldFactors:
-    """A factorised matrix, bordered by multipliers that are eliminated last."""
+    """A factorised matrix with a border of multipliers, which are eliminated last."""
 
     dag: Dag  # arena that holds the nodes
     inner: RankedSolver  # factors of the matrix without its border
-    border: tuple[tuple[Node, ...], ...]  # rows of the multipliers, in terms of the other unknowns
-    responses: tuple[tuple[Node, ...], ...]  # solution for each column as right-hand side
-    cores: tuple[Core, ...]  # remaining equations of the multipliers, in groups that are coupled
+    border: tuple[tuple[Node, ...], ...]  # coefficients of the inner unknowns in the border rows
+    responses: tuple[tuple[Node, ...], ...]  # solution for each border column as right-hand side
+    cores: tuple[Core, ...]  # remaining equations of the multipliers, in coupled groups
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
@@ -169,7 +169,7 @@ class HeldFactors:
                         value - response * multiplier
                         for value, response in zip(found, self.responses[i], strict=True)
                     ]
-                # A row that no multiplier can satisfy has a multiplier beyond all limits.
+                # If no multiplier can satisfy a row, its multiplier exceeds all limits.
                 own = [held[i] for i in core.places]
                 for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
                     left = rest[i] - _product(row, own)
@@ -187,10 +187,10 @@ def hold(
     n: int,
     sizes: Sequence[Node],
 ) -> HeldFactors:
-    """Border a factorised matrix of ``n`` unknowns with rows, which may be redundant, and columns.
+    """Border a factorised matrix of ``n`` unknowns with columns and rows, which may be redundant.
 
-    The multipliers of redundant rows are those of least norm; the multiplier of a row that depends
-    on no unknown is zero. ``sizes`` contains the diagonal entry of each row without cancellation.
+    Redundant rows get the multipliers of least norm; a row that depends on no unknown gets a zero
+    multiplier. ``sizes`` contains each row's diagonal entry without cancellation.
     """
     border = tuple(tuple(row[:n]) for row in rows)
     pairs = zip(columns, border, strict=True)
@@ -207,13 +207,13 @@ def hold(
                 if is_symmetric:
                     core[j][i] = core[i][j]
         diagonal = [
-            # Without the second term, a row that no motion changes would consist of rounding errors
-            # only.
+            # Without the second term, a row that no motion changes would consist only of rounding
+            # errors.
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
     cores = [
-        # Multipliers may be indeterminate, so that no unknown must be unique.
+        # Multipliers may be indeterminate, so no unknown needs to be unique.
         Core(
             tuple(group),
             tuple(tuple(core[i][j] for j in group) for i in group),
@@ -226,7 +226,7 @@ def hold(
 
 
 def _coupled(matrix: Sequence[Sequence[Node]]) -> list[list[int]]:
-    """Group the rows that are coupled by entries."""
+    """Group the rows that are coupled by nonzero entries."""
     groups: list[set[int]] = []
     for i, row in enumerate(matrix):
         own = {i, *(j for j, entry in enumerate(row) if not entry.is_zero)}
@@ -245,7 +245,7 @@ def _product(a: Sequence[Node], b: Sequence[Node]) -> Node:
 
 
 def factorise_definite(dag: Dag, matrix: Sequence[Mapping[int, Node]]) -> SparseFactors:
-    """Factorise a symmetric, positive definite matrix of which only the nonzeros are given."""
+    """Factorise a symmetric, positive definite matrix, given by its nonzeros."""
     rows = _nonzeros(matrix)
     with dag.labelled("elimination"):
         factors = eliminate(rows, _OfNodes(), FewestCouplings(rows, rows), is_symmetric=True)
@@ -262,11 +262,11 @@ def _core(
     rows: Mapping[int, Mapping[int, Node]],
     natural: Sequence[Sequence[Node]],
 ) -> Core:
-    """Scale the remainder of an elimination by rows and columns.
+    """Return the remaining equations of an elimination, scaled by rows and columns.
 
     Rows and columns are divided by the square roots of the diagonal entries before elimination. For
-    multipliers these entries are zero, and their values after elimination, which are minus sums of
-    squares, are used; squares of the couplings to the rest of the core are added.
+    multipliers these entries are zero; instead, their values after elimination are used, which are
+    minus sums of squares, and squared couplings to the rest of the core are added.
     """
     core, n = sorted(rows), len(matrix) - len(natural)
     fresh = [i for i in core if matrix[i][i].is_zero]
@@ -276,12 +276,12 @@ def _core(
         sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
-                # Couplings to unknowns of the core that are not eliminated, divided by their
+                # Squared couplings to core unknowns that are not eliminated, divided by their
                 # diagonal entries.
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
-                # G_j^2 / M_jj: what the diagonal of G M^-1 G^T would be if M were diagonal.
+                # G_j^2 / M_jj is what the diagonal of G M^-1 G^T would contain if M were diagonal.
                 size / matrix[j][j]
                 for j, size in enumerate(natural[i - n])
                 if not size.is_zero and not matrix[j][j].is_zero
@@ -291,16 +291,16 @@ def _core(
         tuple(core),
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         tuple(dag.one if size.is_zero else size for size in sizes.values()),
-        # Accelerations in the core come before the multipliers, and must be unique.
+        # The core's accelerations come before its multipliers, and must be unique.
         sum(i < n for i in core),
     )
 
 
 def kept_size(size: Node, parts: Sequence[Node]) -> Node:
-    """Return a positive size of a multiplier's equation whose diagonal cancels.
+    """Return a positive size for a multiplier's equation, even if its diagonal entry cancels.
 
-    The sum is zero where the gradient of a constraint vanishes, and a rounding error where
-    constraints are redundant. Adding a small fraction of the sum without cancellation ensures that
+    The diagonal entry is zero if the gradient of a constraint vanishes, and a rounding error if
+    constraints are redundant. A small fraction of the sum without cancellation is added, so that
     the scaled row is small in these cases.
     """
     return size + _SMALLEST_SHARE * sum(parts, size.dag.zero)
@@ -309,14 +309,14 @@ def kept_size(size: Node, parts: Sequence[Node]) -> Node:
 def factorise_unsymmetric(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], most_updates: int
 ) -> tuple[SparseFactors, Node] | None:
-    """Factorise a matrix; each pivot is the one whose elimination changes the fewest entries.
+    """Factorise a matrix by pivots whose elimination changes the fewest entries.
 
-    Also returns the doubt in the factors at run time: the sum of ``|terms of a pivot| / |pivot|``
-    over all pivots that are sums. None if the matrix is singular for all values, or if more than
-    ``most_updates`` entries would be changed.
+    Also return a measure of cancellation at run time: the sum of ``|terms of a pivot| / |pivot|``
+    over all pivots that are sums. Return None if the matrix is singular for all values, or if more
+    than ``most_updates`` entries would be changed.
     """
     rows = _nonzeros(matrix)
-    # The remaining rows have no pivot, or none that is cheap enough.
+    # The remaining rows have no pivot, or only pivots that cost too much.
     factors = eliminate(rows, _OfNodes(), FewestUpdates(most_updates))
     if rows:
         return None
@@ -324,17 +324,17 @@ def factorise_unsymmetric(
 
 
 def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node]) -> Node:
-    """Compare each pivot with the magnitude of the terms of its sum."""
+    """Sum the ratios of the terms of each pivot to the pivot itself."""
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [
-            # The pivot is the entry less these products; a size far above the pivot is
-            # cancellation.
+            # The pivot is the matrix entry minus these products; cancellation makes it much smaller
+            # than its terms.
             lower[i] * upper[j]
             for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
             if i in lower and j in upper
         ]
-        # A pivot that is an entry of the matrix cannot be affected by cancellation.
+        # A pivot that is a matrix entry cannot cancel.
         if not parts:
             continue
         size = dag.function("abs", matrix[i].get(j, dag.zero))

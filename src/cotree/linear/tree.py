@@ -1,13 +1,14 @@
-"""Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) for each solution.
+"""Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) per solution.
 
-The unknowns are those of a bordered mass matrix, which is not formed: the articulated inertia of a
-branch, less the part that its own motion releases, is transferred to the parent. This costs less
-for long chains and more for short ones; both costs are counted.
+The unknowns are those of a bordered mass matrix, which is not formed. Instead, the articulated
+inertia of a branch, minus the part that its own motion releases, is transferred to the parent.
+Compared with the matrix, this costs less for long chains and more for short ones; the operations of
+both methods are counted.
 
-Each speed removes w w^T / d from the inertia, where w is the wrench of a unit of the speed. This
-term is subtracted at once, or *deferred*: w is shifted by the next arm, and its part of the next
-wrench and pivot is subtracted there. That takes more operations, but shortens the critical path
-from one pivot to the next to a reciprocal, a product and a difference, half as many operations.
+Each speed subtracts w w^T / d from the inertia, where w is the wrench per unit of the speed. This
+term is subtracted at once, or *deferred*: then w is shifted by the next arm, and its effects on the
+next wrench and pivot are subtracted there. Deferring takes more operations, but halves the critical
+path from one pivot to the next, which then is a reciprocal, a product and a difference.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
 
 
-_NO_AXIS = -1  # neither a force nor a torque along a coordinate axis
+_NO_AXIS = -1  # the speed has no force or torque along a coordinate axis
 
 
 @dataclass(frozen=True)
 class Gate:
-    """The wrench of one speed, divided by its pivot, and the reciprocal of the pivot."""
+    """The wrench of one speed, divided by its pivot, and the pivot's reciprocal."""
 
     force: Vector
     torque: Vector
@@ -40,9 +41,9 @@ class Gate:
 
 @dataclass(frozen=True)
 class Spatial:
-    """Force F a + E alpha and torque E^T a + J alpha of a linear and an angular acceleration.
+    """Inertia that maps accelerations a, alpha to force F a + E alpha and torque E^T a + J alpha.
 
-    The deferred terms of speeds, w w^T / d of each wrench taken, are still to be subtracted.
+    The deferred terms w w^T / d of speeds have not yet been subtracted.
     """
 
     force: Matrix
@@ -63,19 +64,19 @@ def _skew(a: Vector) -> Matrix:
 
 
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
-    """Return the inertia of a rigid body about a point of reference.
+    """Return the inertia of a rigid body about a reference point.
 
-    ``moment`` is the first moment h, [kg m], with the coupling E = ``-[h]x``, and ``tensor`` the
-    second moment J, [kg m^2].
+    ``moment`` is the first moment h, [kg m], which yields the coupling E = ``-[h]x``; ``tensor`` is
+    the second moment J, [kg m^2].
     """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
-    # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha with h x a = (-[h]x)^T a.
+    # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha, where h x a = (-[h]x)^T a.
     return Spatial(unit, _skew(vector.neg(moment)), tensor)
 
 
 def total(a: Spatial | None, b: Spatial | None) -> Spatial | None:
-    """Add two inertias that move as one body; None stands for no inertia."""
+    """Add two inertias that move as one body; None represents zero inertia."""
     if a is None or b is None:
         return a if b is None else b
     return Spatial(
@@ -87,10 +88,10 @@ def total(a: Spatial | None, b: Spatial | None) -> Spatial | None:
 
 
 def resolved(a: Spatial, step: Matrix) -> Spatial:
-    """Resolve an inertia in another basis."""
+    """Transform an inertia to another basis."""
     return Spatial(
         vector.congruence(step, a.force),
-        # The coupling is not symmetric: `congruence` does not apply.
+        # The coupling is not symmetric, so that `congruence` cannot be used.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(
@@ -103,31 +104,30 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Release one speed: subtract w w^T / d, or defer this to after the next arm.
+    """Release one speed: subtract w w^T / d now, or defer this until after the next arm.
 
-    ``turning`` and ``shifting`` are the angular acceleration, and the acceleration of the point of
-    reference, for a unit of the speed's rate: the direction s. The gate is the wrench w = a s over
-    its pivot d = s . w, and 1 / d; the rest acts on the parent. R. Featherstone, Int. J.
-    Robotics Research 2 (1983) 13.
+    ``turning`` and ``shifting`` are the direction s: angular acceleration, and acceleration of the
+    reference point, per unit of the speed's rate. The gate contains the wrench w = a s divided by
+    its pivot d = s . w, and 1 / d; the remaining inertia acts on the parent. R. Featherstone, Int.
+    J. Robotics Research 2 (1983) 13.
     """
-    # w = I s, the wrench of a unit of the speed; its power along s itself is the pivot d.
+    # w = I s is the wrench per unit of the speed; its power along s is the pivot d.
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
     torque = vector.add(
         vector.transposed_times(a.coupling, shifting), vector.times(a.torque, turning)
     )
     pivot = vector.dot(shifting, force) + vector.dot(turning, torque)
     for w in a.taken:
-        # Each deferred term lowers the pivot by (s.w)^2 / d, and the wrench by w (s.w) / d.
+        # Each deferred term reduces the pivot by (s.w)^2 / d and the wrench by w (s.w) / d.
         along = vector.dot(shifting, w.force) + vector.dot(turning, w.torque)
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
-        # The deferred term is subtracted from the inertia, now that the inertia is shifted by the
-        # arm.
+        # Subtract the deferred term, since the inertia has now been shifted by the arm.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
-    # Substitutions in both directions multiply by w / d.
+    # Substitutions in both directions multiply with w / d.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -135,12 +135,12 @@ def released(
 
 
 def _less_scaled(a: Vector, inverse: Node, along: Node, b: Vector) -> Vector:
-    """Form a - inverse * along * b; the multiplication by the reciprocal comes last."""
+    """Return a - inverse * along * b; the multiplication by the reciprocal comes last."""
     return vector.sub(a, vector.scale(inverse, vector.scale(along, b)))
 
 
 def _less_product(a: Spatial, u: Gate, v: Gate, scale: Node) -> Spatial:
-    """Form a - scale u v^T, where v is a multiple of u."""
+    """Return a - scale u v^T, where v is a multiple of u."""
     return Spatial(
         _less(a.force, u.force, v.force, scale, is_symmetric=True),
         _less(a.coupling, u.force, v.torque, scale, is_symmetric=False),
@@ -149,7 +149,7 @@ def _less_product(a: Spatial, u: Gate, v: Gate, scale: Node) -> Spatial:
 
 
 def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> Matrix:
-    """Form m - scale a b^T; only one half if it is symmetric."""
+    """Return m - scale a b^T; if it is symmetric, only one half is computed."""
     rows = [[m[i][j] for j in range(3)] for i in range(3)]
     for i in range(3):
         for j in range(3):
@@ -161,11 +161,11 @@ def _less(m: Matrix, a: Vector, b: Vector, scale: Node, is_symmetric: bool) -> M
 
 
 def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spatial:
-    """Defer the term of a speed; for a coordinate axis, set its row and column to zero at once."""
+    """Defer the term of a speed; along a coordinate axis, set its row and column to zero."""
     zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
     axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
-    # w w^T / d removes the row and the column of s from the inertia exactly; along a coordinate
-    # axis these are known entries, which become structural zeros.
+    # Subtracting w w^T / d makes the inertia's row and column of s exactly zero. If s is a
+    # coordinate axis, these entries are known and become structural zeros.
     if others or parts[axis].value not in (1.0, -1.0):
         axis = _NO_AXIS
 
@@ -177,7 +177,7 @@ def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spat
             ]
         )
 
-    # Removed entries must not be subtracted again.
+    # The removed entries must not be subtracted again.
     left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
     taken = Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
     return Spatial(
@@ -191,18 +191,18 @@ def _matrix(rows: Sequence[Sequence[Node]]) -> Matrix:
 
 
 def shifted(a: Spatial, arm: Vector) -> Spatial:
-    """Move the point of reference back along an arm."""
+    """Move the reference point of an inertia inwards along an arm."""
     if vector.is_zero(arm):
         return a
     skew = _skew(arm)
     moved = vector.matmul(a.force, skew)
     coupling = _minus(a.coupling, moved)
-    # J - E^T R + R E - R F R, with R F R = R (F R) and R E - R F R = R (E - F R).
+    # J - E^T R + R E - R F R, where R F R = R (F R) and R E - R F R = R (E - F R).
     across = vector.matmul(vector.transpose(a.coupling), skew)
     torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
     x, y, z = torque
     symmetric = (x, (x[1], y[1], y[2]), (x[2], y[2], z[2]))
-    # Deferred wrenches move with the point of reference, as any wrench does.
+    # Deferred wrenches move with the reference point, like any wrench.
     taken = tuple(
         replace(w, torque=vector.add(w.torque, vector.cross(arm, w.force))) for w in a.taken
     )
@@ -214,7 +214,7 @@ def _minus(a: Matrix, b: Matrix) -> Matrix:
 
 
 class HeldColumn(Protocol):
-    """A multiplier of friction or of a stop."""
+    """The column of a multiplier of friction or of a stop."""
 
     @property
     def column(self) -> Sequence[Node]:
@@ -222,45 +222,45 @@ class HeldColumn(Protocol):
 
     @property
     def sizes(self) -> Sequence[Node]:
-        """Sums of squares of the terms of its row, without cancellation."""
+        """Sums of the squared terms of the multiplier's row, in which nothing cancels."""
 
 
 @dataclass(frozen=True)
 class TreeLink:
-    """A moving branch of a tree; vectors in the parent's basis."""
+    """A moving branch of a tree, with vectors in the parent's basis."""
 
-    parent: int  # index of the parent link, from one on; zero for the ground
+    parent: int  # index of the parent link, counted from one; zero is the ground
     speeds: tuple[int, ...]  # indices of its accelerations among the unknowns
-    #: Angular acceleration of the link, and acceleration of its origin, per unit of each speed.
+    #: Angular acceleration of the link and acceleration of its origin, per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
     offset: Vector  # vector from the parent's origin to the link's
-    step: Matrix | None  # rotation from the link's basis to the parent's; None if they are equal
-    #: Inertia about the link's origin, in the basis of the link.
+    step: Matrix | None  # rotation from the link's basis to the parent's; None if equal
+    #: Inertia about the link's origin, in the link's basis.
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
-    #: Whether the terms w w^T / d of its speeds are subtracted only after the shift by the offset.
+    #: Whether the terms w w^T / d of its speeds are only subtracted after the shift by the offset.
     is_deferred: bool = False
 
 
 @dataclass(frozen=True)
 class TreeFactors:
-    """A factorised tree, bordered by constraints."""
+    """A tree whose articulated inertias are computed, with a border of constraints."""
 
     dag: Dag  # arena that holds the nodes
-    links: tuple[TreeLink, ...]  # moving branches, parents first
-    #: For each branch, in the order of elimination, the last speed first: wrenches per unit of each
-    #: speed, divided by its pivot. The component along a coordinate axis of the speed is 1.
+    links: tuple[TreeLink, ...]  # the moving branches, parents first
+    #: For each branch in the order of elimination, and from its last speed to its first: wrench per
+    #: unit of the speed, divided by the pivot. Its component along an axis of the speed is 1.
     gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int  # number of accelerations
-    border: tuple[tuple[Node, ...], ...] = ()  # rows of the multipliers, by acceleration
-    #: Accelerations per unit of each multiplier's column.
+    border: tuple[tuple[Node, ...], ...] = ()  # coefficients of accelerations in border rows
+    #: Accelerations per unit of each multiplier.
     responses: tuple[tuple[Node, ...], ...] = ()
     core: Core | None = None  # remaining equations of the multipliers; None without multipliers
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
-        """Solve for one right-hand side: accelerations, then multipliers."""
+        """Solve for one right-hand side; return accelerations, then multipliers."""
         free = self._along_tree(rhs[: self.n_speeds])
         if self.core is None:
             return free
@@ -284,7 +284,7 @@ class TreeFactors:
         }
 
     def _along_tree(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve with the mass matrix: forces inwards, accelerations outwards."""
+        """Solve with the mass matrix: propagate forces inwards, then accelerations outwards."""
         dag, zero = self.dag, vector.zeros(self.dag)
         nothing = (zero, zero)
         loads: list[tuple[Vector, Vector]] = [nothing] * (len(self.links) + 1)
@@ -293,13 +293,13 @@ class TreeFactors:
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
                 if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
-                    continue  # zero entry: a constraint acts on two of many bodies
+                    continue  # zero entry: a constraint may act on only two of many bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
-                    # u = tau - s.p: the effort that accelerates this speed.
+                    # u = tau - s.p is the effort that accelerates this speed.
                     rest[at] = rest[at] - _power(link, speed, force, torque)
-                    # p + w u / d acts on the parent.
+                    # The force p + w u / d acts on the parent.
                     force = vector.add(force, vector.scale(rest[at], gate.force))
                     torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
@@ -315,9 +315,9 @@ class TreeFactors:
                 if still and all(rest[at].is_zero for at in link.speeds):
                     moved.append(nothing)
                     continue
-                # Outwards: with the parent's acceleration known, each speed has (u - w.a) / d.
+                # Outwards: if the parent's acceleration is known, each speed is (u - w.a) / d.
                 linear, angular = moved[link.parent]
-                # Velocity terms are in the right-hand side, so that arms add alpha x r only.
+                # Velocity terms are in the right-hand side, so that an arm r adds only alpha x r.
                 linear = vector.add(linear, vector.cross(angular, link.offset))
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
@@ -338,10 +338,10 @@ def factorise_bordered(
     links: Sequence[TreeLink],
     holding: Sequence[HeldColumn] = (),
 ) -> RankedSolver:
-    """Factorise a bordered mass matrix [M, -G^T; -G, 0], along its tree if ``links`` describe one.
+    """Factorise a bordered mass matrix [M, -G^T; -G, 0]; with ``links``, along its tree.
 
-    Along a tree the rows of M are not read. ``sizes`` contains for each multiplier the squares of
-    the terms of its row before cancellation; ``holding`` are the last unknowns, multipliers of
+    Then the rows of M are not used. For each multiplier ``sizes`` contains the squared terms of its
+    row, in which nothing cancels. ``holding`` are the last unknowns, which are multipliers of
     friction and stops.
     """
     n = len(matrix) - len(sizes) - len(holding)
@@ -366,7 +366,7 @@ def factorise_bordered(
 
 
 def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
-    """Return the reciprocals of the first diagonal entries that are nonzero."""
+    """Return the reciprocals of the nonzero entries among the first diagonal entries."""
     return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 
@@ -379,9 +379,9 @@ def factorise_tree(
 ) -> TreeFactors:
     """Propagate articulated inertias inwards, and eliminate the accelerations from the border.
 
-    ``links`` are the moving branches, parents first, with positive pivots. ``border`` contains the
-    coefficients of the accelerations in the multipliers' rows, ``sizes`` the squares of the terms
-    of these coefficients before cancellation.
+    ``links`` are the moving branches, parents first, all with positive pivots. ``border`` contains
+    the coefficients of accelerations in the multipliers' rows, ``sizes`` their squared terms, in
+    which nothing cancels.
     """
     carried: list[Spatial | None] = [None] * (len(links) + 1)
     gates: list[tuple[Gate, ...]] = [()] * len(links)
@@ -392,7 +392,7 @@ def factorise_tree(
             if own is None:
                 own = nothing(dag)
             if link.step is not None:
-                # Motion spaces are in the parent's basis.
+                # Motion spaces are in the basis of the parent.
                 own = resolved(own, link.step)
             found = []
             for speed in _outwards(link):
@@ -406,18 +406,18 @@ def factorise_tree(
     bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
-    # M^-1 times each column of the border: the matrix of the multipliers is -G M^-1 G^T.
+    # M^-1 times each column of the border; the matrix of the multipliers is -G M^-1 G^T.
     responses = tuple(tuple(bare.solve(row)) for row in border)
-    # The row of a constraint between two bodies is zero for most speeds.
+    # In the row of a constraint between two bodies, most entries are zero.
     entries = [_entries(row) for row in border]
     n = range(len(border))
     with dag.labelled("elimination"):
         core = [[dag.zero for _ in n] for _ in n]
         for i in n:
             for j in range(i + 1):
-                # Symmetric, since M^-1 is: one half is formed.
+                # The matrix is symmetric, since M^-1 is: only one half is computed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
-        # The squared gradient over the pivots is the diagonal, computed without cancellation.
+        # The sum of the squared gradient over the pivots is the diagonal without cancellation.
         inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
@@ -430,18 +430,18 @@ def factorise_tree(
         bare,
         border=tuple(map(tuple, border)),
         responses=responses,
-        # Multipliers may be indeterminate (redundant constraints), so that none must be unique.
+        # Multipliers may be indeterminate (redundant constraints), so none needs to be unique.
         core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 
 
 def _outwards(link: TreeLink) -> range:
-    """Return a branch's speeds in the order of elimination: the outermost first."""
+    """Return the speeds of a branch in the order of elimination, the outermost first."""
     return range(len(link.speeds) - 1, -1, -1)
 
 
 def _entries(row: Sequence[Node]) -> list[tuple[int, Node]]:
-    """Return the nonzero entries of a row with their places."""
+    """Return the nonzero entries of a row with their indices."""
     return [(i, entry) for i, entry in enumerate(row) if not entry.is_zero]
 
 
@@ -465,7 +465,7 @@ def _down(link: TreeLink, a: Vector) -> Vector:
 
 
 def _own_inertia(link: TreeLink) -> Spatial | None:
-    """Return the inertia of the child's own cluster."""
+    """Return the inertia of the child cluster itself."""
     if link.mass is None or link.moment is None or link.tensor is None:
         return None
     return rigid(link.mass, link.moment, link.tensor)
