@@ -1,8 +1,8 @@
-"""Sensitivity graphs G2, G3, ...: the formulation evaluated over differentiated variables.
+"""Sensitivity graphs G2, G3, ...: the formulation is evaluated with differentiated variables.
 
-In: the first graph, solved for its through and across variables. Out: one
-:class:`~cotree.equations.Derivative` for each direction. Jacobian columns, parameter and
-initial-value sensitivities differ in their seed only.
+From the first graph, solved for its through and across variables, these functions form one
+:class:`~cotree.equations.Derivative` per direction. Columns of the Jacobian, parameter
+sensitivities and initial-value sensitivities differ only in their seeds.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 
 
 class Changes(Sums):
-    """Wrenches on clusters as duals: the first graph's sums, and their tangents along the seed.
+    """Sums of wrenches on clusters as dual numbers: the first graph's sums with their tangents.
 
-    Zero changes are left out, so that a traversal visits only values that depend on the seed.
+    Zero tangents are omitted, so that a traversal visits only values that depend on the seed.
     """
 
     def __init__(self, motion: Motion, first: Balance) -> None:
@@ -67,46 +67,46 @@ class Changes(Sums):
         self._frames, self._first = motion.frames, first.totals
 
     def gather(self, cluster: int, wrench: Wrench) -> None:
-        """Add the change of a wrench."""
+        """Add the tangent of a wrench to a cluster's sum."""
         if is_varied(wrench.force, wrench.torque):
-            # The first graph's total already contains the value; only the tangent is added.
+            # The first graph's sum already contains the value, so only the tangent is added.
             super().gather(cluster, Wrench(tangent_of(wrench.force), tangent_of(wrench.torque)))
 
     def at(self, cluster: int) -> Wrench | None:
-        """Return the sum on a cluster; None if neither it nor the cluster's motion changes."""
-        # Projection and arms are products, whose tangent also requires the value of the sum.
+        """Return a cluster's sum, or None if neither the sum nor the cluster's motion changes."""
+        # The tangents of projections and moments, which are products, also require the sum's value.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # The sum on the cluster is constant, but it is resolved along directions that change:
-            # the total of the first graph is projected on rotating motion spaces.
+            # The sum on the cluster is constant, but the directions along which it is resolved
+            # change: the first graph's sum is projected on motion spaces that rotate.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench changes, given the nodes that it consists of."""
+        """Return whether a wrench with the given nodes changes."""
         return not self._frames.is_kept(cluster) or is_varied(*parts)
 
 
 def residual_tangents(
     view: View, loads: Loads, balance: Balance, applied: Sequence[Applied]
 ) -> list[Node]:
-    """Form the projected f-cutset equations of a sensitivity graph, by coordinate.
+    """Form the projected f-cutset equations of a sensitivity graph, one per coordinate.
 
-    Accelerations of coordinates are constant. ``loads`` and ``balance`` are the first graph's, at
-    the actual accelerations, ``applied`` the changing through variables along measures.
+    Coordinate accelerations are constant. ``loads`` and ``balance`` belong to the first graph, at
+    its actual accelerations; ``applied`` are the through variables along measures that change.
     """
     motion = view.motion
-    # The traversal of the first graph, with duals: terminal equations (Eq. (4)), then f-cutsets
-    # (Eq. (1)), then the projection on the motion spaces (Eq. (5)).
+    # The first graph's traversal with dual numbers: terminal equations (Eq. (4)), f-cutsets (Eq.
+    # (1)), and projection on the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
     rows = project_cutsets(motion, loaded, changes)
-    # Only tangents are needed: the values are the balances of the first graph, which are zero.
+    # Only tangents are used: the values are the first graph's balances, which are zero.
     return [tangent_of(row) for row in rows]
 
 
 def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
-    """Form the loads that change, and all inertias."""
+    """Return the loads that change, and all inertias."""
     motion = view.motion
     elements = []
     for action in first.actions:
@@ -117,10 +117,10 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Return whether a node or a field of an element depends on the seed."""
+    """Return whether an element's force depends on the seed."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
-    # If a node moves, the circuit between the two nodes changes, even if no field does.
+    # If a node moves, the circuit between the two nodes changes even if no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -130,44 +130,43 @@ def _is_reached(motion: Motion, action: Action) -> bool:
 
 
 def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
-    """Form the pulls of the through variables that change; a multiplier itself is constant."""
+    """Return the pulls of through variables that change; multipliers themselves are constant."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
-            # The derivative of a multiplier is an unknown of the sensitivity graph, on the
-            # left-hand side; here only its pull changes.
+            # The derivative of a multiplier is an unknown on the left-hand side of the sensitivity
+            # graph; here only its pull changes.
             amount = row.magnitude if row.formula is None else row.amount(view)
             yield row.measure.pull(view).scaled(amount)
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Index of the values that depend on each symbol, so that only these are visited."""
+    """Index from each symbol to the values that depend on it, so that only these are visited."""
 
-    #: Indices of outputs and initial values, by symbol.
+    #: Indices of outputs, and of initial values, by symbol.
     outputs: Mapping[Node, list[int]]
     initial: Mapping[Node, list[int]]
-    #: Indices of outputs that depend on unknowns, which change in every direction.
+    #: Indices of outputs that depend on unknowns, which change along every direction.
     moving: tuple[int, ...]
     starts: tuple[Node, ...]  # initial values
-    #: Indices of constraints, and of through variables along measures, by symbol. Each of them
-    #: involves only two of many bodies.
+    #: Indices of constraints, and of through variables along measures, by symbol. Each of these
+    #: usually involves only two bodies.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 
     @classmethod
     def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
-        """Index all values of the equations by the symbols that may change."""
-        # Index only symbols that change in some direction.
+        """Index all values in the equations by the symbols that may change."""
+        # Only symbols that change along at least one direction are indexed.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
-        # Reactions in fields of friction contain accelerations.
+        # Reactions in friction fields contain accelerations.
         unknowns = (*first.unknowns, *first.reactions)
         moving = {i for symbol in unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
         rows = first.constraints
         held = [
-            # All levels of a constraint: any of them may depend on a symbol that the others do not
-            # contain.
+            # Position, rate and acceleration of a constraint may depend on different symbols.
             [*gradient, rate, bias, *([] if value is None else [value])]
             for gradient, rate, bias, value in zip(
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
@@ -191,7 +190,7 @@ def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]
 
 def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
-    # One pass over all nodes of all rows; `places` returns the row of each.
+    # Traverse all nodes of all rows only once; `places` contains the row of each node.
     places = [i for i, row in enumerate(rows) for _ in row]
     for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:
@@ -200,14 +199,14 @@ def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[No
 
 
 def rows_touched(rows: Mapping[Node, list[int]], symbols: Iterable[Node]) -> list[int]:
-    """List the places of rows that depend on some symbols, in order."""
+    """Return the sorted indices of the rows that depend on the given symbols."""
     return sorted({i for symbol in symbols for i in rows.get(symbol, ())})
 
 
 def derived_parameters(
     first: FirstGraph, units: Mapping[str, str] | None = None
 ) -> tuple[DerivedParameter, ...]:
-    """List the derived parameters of a scene, with their units."""
+    """List the derived parameters of a scene with their units."""
     units = units or {}
     nodes, names = first.system.parameters, tuple(first.system.tunable)
     return tuple(
@@ -225,9 +224,10 @@ def derived_parameters(
 
 
 def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Raise ParameterError for names to which no sensitivity exists.
+    """Raise ParameterError for each name for which no sensitivity can be computed.
 
-    These are neither parameters nor states, not tunable, derived, or occur twice.
+    The error covers names that are neither parameters nor states, parameters that are derived or
+    not tunable, and repeated names.
     """
     tunable = list(first.system.tunable)
     states = [state.name for state in first.states]
@@ -254,19 +254,20 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
 def differentiate(
     first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
 ) -> list[Derivative]:
-    """Evaluate the formulation over sensitivity graphs.
+    """Evaluate the formulation in sensitivity graphs, one per direction.
 
-    ``directions`` has, by name, the tangent of each symbol that changes; all share ``support``.
+    ``directions`` contains, by name, the tangents of the symbols that change; ``support`` is
+    shared.
     """
-    # Sparse: for each direction, only values that depend on its symbols are visited.
+    # For each direction, only the values that depend on its symbols are visited.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
             _along(first, name, row, support, reach, {}, {}) for name, row in directions.items()
         ]
-    # Fields of the networks may use across variables of the multibody system.
+    # Fields of the networks may contain across variables of the multibody system.
     ahead = [{**row, **_measured_tangents(first, row)} for row in directions.values()]
-    # Mechanics to networks by the measures of ports, networks to mechanics by `seeds`.
+    # Port measures couple the mechanism to the networks, `seeds` the networks to the mechanism.
     couplings = coupling_tangents(first, ahead, support)
     networks = network_tangents(first.network, ahead, couplings, support)
     return [
@@ -286,7 +287,7 @@ def differentiate(
 def _tangents_at(
     nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
 ) -> dict[int, Node]:
-    """Differentiate the nodes at some places; zero derivatives are left out."""
+    """Differentiate the nodes with the given indices; omit zero derivatives."""
     if not seed:
         return {}
     chosen = sorted(set(places))
@@ -303,9 +304,9 @@ def _along(
     of_networks: Mapping[Node, Node],
     network_rates: Mapping[int, Node],
 ) -> Derivative:
-    """Evaluate the multibody formulation over one sensitivity graph, and add the networks'."""
+    """Evaluate one multibody sensitivity graph, and add the tangents of the networks."""
     dag = first.system.dag
-    # Across variables in fields are represented by symbols, which change with the states.
+    # Symbols represent the across variables in fields; they change with the states.
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
     seed = Seed(dag, symbols, support)
     with derivatives_labelled(dag):
@@ -314,7 +315,7 @@ def _along(
         pulled = [first.applied[i] for i in sorted({*touched, *_turned_pulls(first, view)})]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
-        # Constraints that do not depend on the direction have zero derivatives at all three levels.
+        # Constraints that do not depend on the direction have zero derivatives at all levels.
         n_held = len(first.constraints.rows)
         held = [(dag.zero, dag.zero, dag.zero)] * n_held
         sticking = [dag.zero] * len(first.holdings)
@@ -334,17 +335,17 @@ def _along(
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
-        # Forces of friction change with their multipliers.
+        # Friction forces change with their multipliers.
         of_reactions |= {row.multiplier: of_unknowns[row.multiplier] for row in first.holdings}
-        # Rates of the networks are last; their own graphs determine them.
+        # The rates of the networks come last; the networks' own sensitivity graphs determine them.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
-        # Friction that sticks on a joint depends on accelerations, which change in every direction.
+        # Sticking friction on a joint depends on accelerations, which always change.
         for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
             rates[i] = rates[i] + d if i in rates else d
-        # Positions and velocities in outputs are not differentiated again: their tangents are in
-        # the graph.
+        # Positions and velocities in outputs need no further differentiation: the graph contains
+        # their tangents.
         of_networks = _with_reactions(first, of_networks, of_reactions)
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
@@ -353,14 +354,14 @@ def _along(
             [*touched, *reach.moving],
             {**symbols, **of_unknowns, **_sums(symbols, of_reactions), **of_nodes},
         )
-        # Initial values depend on parameters only, not on states.
+        # Initial values depend on parameters, not on states.
         started = [i for symbol in symbols for i in reach.initial.get(symbol, ())]
         initial = _tangents_at(reach.starts, started, symbols)
     return Derivative(
         name,
         dict(symbols),
-        # A w_p = b_p - A_p w. The residual of the balances is A w - b, and the rows below contain
-        # -G, so the two parts have opposite signs.
+        # A w_p = b_p - A_p w. The residual of the balances is A w - b, while the rows below contain
+        # -G, so that the two parts have opposite signs.
         (
             *(-row for row in residual),
             *(acceleration for _, _, acceleration in held),
@@ -378,7 +379,7 @@ def _along(
 def _with_reactions(
     first: FirstGraph, of_networks: Mapping[Node, Node], of_reactions: Mapping[Node, Node]
 ) -> Mapping[Node, Node]:
-    """Add to the tangents of observed variables their changes with reactions."""
+    """Add the effect of changing reactions to the tangents of observed variables."""
     if first.network is None or not of_reactions:
         return of_networks
     values = [first.network.solved.values[variable] for variable in first.network.watched]
@@ -388,12 +389,12 @@ def _with_reactions(
 
 
 def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Add the changes of observed variables due to reactions to their tangents."""
+    """Add the changes of observed variables due to reactions to their other changes."""
     return {node: first[node] + second[node] for node in first if node in second}
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Differentiate the across variables that fields use."""
+    """Differentiate the across variables that are used in fields."""
     along = tangents(list(first.measured.values()), symbols)
     return {key: d for key, d in zip(first.measured, along, strict=True) if not d.is_zero}
 
@@ -411,7 +412,7 @@ def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
 
 
 def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node, Node, Node]:
-    """Differentiate a constraint at the levels of position, velocity and acceleration."""
+    """Differentiate the position, velocity and acceleration of a constraint."""
     value = measure.value(view)
     zero = view.motion.system.dag.zero
     return (
@@ -422,9 +423,9 @@ def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node
 
 
 def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]:
-    """Differentiate along each state: the columns of the Jacobian."""
+    """Differentiate along each state, which yields the columns of the Jacobian."""
     one = first.system.dag.one
-    # The seed of a column is one unit of one state.
+    # The seed of a column is a unit change of one state.
     directions = {state.name: {state.symbol: one} for state in first.states}
     return tuple(differentiate(first, directions, support))
 
@@ -440,18 +441,18 @@ def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
 def form_derivatives(
     first: FirstGraph, wanted: Sequence[str], support: Support | None = None
 ) -> tuple[Derivative, ...]:
-    """Differentiate along parameters or initial values, with the sensitivities of the states.
+    """Differentiate along parameters or initial values, including the sensitivities of the states.
 
-    ``wanted`` are parameters, or states, for their initial values. The sensitivity of state i to
-    number j is the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.nodes`. Raises
-    ParameterError as :func:`check_wanted`.
+    ``wanted`` are names of parameters, or of states for their initial values. The sensitivity of
+    state i to quantity j is the symbol ``(SENSITIVITY, j * n_states + i)``; see
+    :mod:`cotree.dag.nodes`. Raises ParameterError like :func:`check_wanted`.
     """
     check_wanted(first, wanted)
     dag, n = first.system.dag, len(first.states)
     support = support or Support()
     directions = {}
     for j, name in enumerate(wanted):
-        # States change as well, each by its sensitivity, which is a state of the extended system.
+        # The states change as well; their sensitivities are states of the extended system.
         directions[name] = {
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
@@ -464,18 +465,18 @@ def form_derivatives(
 
 
 def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Seed parameters, and the scene's inputs that depend on them."""
+    """Return the tangents of parameters, and of the scene's inputs that depend on them."""
     system = first.system
-    # Inputs that are functions of parameters in the scene have tangents, too.
+    # Inputs that are functions of parameters in the scene change as well.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
-    """Return a direction that starts with one in its own state and zero elsewhere."""
+    """Return a direction whose start is one in its own state and zero in all others."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value affects only the start, at which the derivative of its state is one.
+    # An initial value affects only the start, at which its state's derivative is one.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -488,10 +489,10 @@ def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
 def form_equations(
     first: FirstGraph, sensitivities: Sequence[str], *, with_columns: bool = True
 ) -> Equations:
-    """Add the sensitivity graphs of parameters, or of states' initial values, to the first graph.
+    """Add sensitivity graphs for parameters or initial values to the first graph.
 
-    Without ``with_columns``, the derivatives along the states, there is no Jacobian: that suffices
-    for the cost of the rates. Raises ParameterError as :func:`check_wanted`.
+    Without ``with_columns``, the derivatives along the states, there is no Jacobian; this is
+    sufficient to compute the cost of the rates. Raises ParameterError like :func:`check_wanted`.
     """
     scene, system = first.scene, first.system
     support = Support()
@@ -523,7 +524,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
-        # Modes are between the speeds and the states of the networks.
+        # Modes are placed between the speeds and the states of the networks.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -544,9 +545,9 @@ def form_equations(
 
 
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
-    """Return the tangents along the motion: every state changes at its rate, and time at one.
+    """Return the tangents along the motion: each state changes at its rate, and time at rate one.
 
-    Symbols represent the rates of the states; see :mod:`cotree.dag.nodes`. The scene's own inputs
+    Symbols represent the rates of the states; see :mod:`cotree.dag.nodes`. The scene's inputs
     change with time as well.
     """
     system = first.system
@@ -571,8 +572,8 @@ def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support
 
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
-    """Substitute across variables for their symbols in fields."""
-    # Measured variables of networks may use those of the multibody system.
+    """Replace the symbols in fields by the across variables that they represent."""
+    # Measured network variables may depend on measured variables of the multibody system.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
 
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
@@ -582,7 +583,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations.with_derivatives(known),
-        # Fields in the right-hand side may contain accelerations, whose terms are in the matrix.
+        # The terms of accelerations in fields are in the matrix, so that they are zero here.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),
@@ -591,10 +592,10 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
 
 
 def _gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Collect the constraints in the form that projection, starts and reports need.
+    """Collect the constraints as required by projection, start and reports.
 
-    Raises ParameterError if a redundant initial value belongs to a variable that accelerations
-    determine.
+    Raises ParameterError if a redundant initial value is given for a variable that depends on
+    accelerations.
     """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
@@ -614,8 +615,8 @@ def _gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        # Three blocks, in an order on which the start relies: conditions on chords, the values of
-        # redundant variables that states determine, and the given values.
+        # The start requires this order of the three blocks: conditions on chords, the values of
+        # redundant variables that states determine, and the given initial values.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -636,10 +637,10 @@ def _gather_constraints(first: FirstGraph) -> ConstraintSet:
 def _start_tangents(
     first: FirstGraph, view: View, seed: Seed, of_networks: Mapping[Node, Node]
 ) -> tuple[Node, ...]:
-    """Differentiate :attr:`ConstraintSet.start_values`; ``of_networks`` are known derivatives."""
+    """Differentiate :attr:`ConstraintSet.start_values`, given the networks' derivatives."""
     network = first.network
     redundant = network.redundant if network else ()
-    # The same three blocks as in `start_values`.
+    # The order of the three blocks is that of `start_values`.
     values = [network.solved.values[row.variable] for row in redundant] if network else []
     return (
         *(
@@ -653,17 +654,17 @@ def _start_tangents(
 
 
 def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
-    """Form the values that redundant initial values must agree with, from states and sources."""
+    """Return the values with which redundant initial values must agree, from states and sources."""
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may depend on other measured ones: substitute them into themselves, then into
-    # the values of the networks.
+    # Measured values may depend on other measured values, so they are substituted into themselves,
+    # and then into the values of the networks.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)
     for row, value in zip(redundant, values, strict=True):
-        # A start depends on states and parameters; accelerations are computed later.
+        # The start depends on states and parameters only; accelerations are computed later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
                 f"'{row.name}' follows from accelerations, so that its initial value cannot "

@@ -26,25 +26,25 @@ _Key = TypeVar("_Key")
 
 @dataclass(frozen=True)
 class NetworkTangents:
-    """Derivatives of the networks along several directions, numbered."""
+    """Derivatives of the networks along several numbered directions."""
 
-    rates: tuple[Tangent, ...]  # of the states' rates, and of residuals
-    #: Derivatives of the values that outputs, fields and initial values use.
+    rates: tuple[Tangent, ...]  # tangents of the states' rates and of residuals
+    #: Derivatives of the values in outputs, fields and initial values.
     observed: Mapping[Node, Tangent]
 
     @cached_property
     def rates_along(self) -> Mapping[Hashable, dict[int, Node]]:
-        """The rates that change along each direction, by their places among the rates."""
+        """For each direction, the rates that change along it, by index."""
         return _turned(enumerate(self.rates))
 
     @cached_property
     def seeds(self) -> Mapping[Hashable, dict[Node, Node]]:
-        """The nonzero derivatives of observed values along each direction."""
+        """For each direction, the nonzero derivatives of observed values."""
         return _turned(self.observed.items())
 
 
 def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key, Node]]:
-    """Sort derivatives by direction first."""
+    """Group derivatives by direction."""
     found: defaultdict[Hashable, dict[_Key, Node]] = defaultdict(dict)
     for key, row in rows:
         for direction, node in row.items():
@@ -54,7 +54,7 @@ def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key
 
 @dataclass
 class _Seeds:
-    """Derivatives of symbols and fields along all directions."""
+    """Function that differentiates symbols and fields along all directions."""
 
     directions: Sequence[Mapping[Node, Node]]
     couplings: Mapping[Node, Tangent]
@@ -65,22 +65,21 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
-                    # Sorted by symbol, so that for each field only directions that change it are
-                    # visited.
+                    # Grouped by symbol, so that each field visits only directions that change it.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
         """Differentiate a node along all directions on which it depends."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
-        # Across variables of the mechanism have tangents in its sensitivity graphs.
+        # Tangents of the mechanism's across variables come from its sensitivity graphs.
         if node in self.couplings:
             return self.couplings[node]
         if node.value is not None:
             return {}
-        # Directions in which a symbol of the field changes, with the tangents of its symbols.
+        # For each direction that changes a symbol of the field: the tangents of these symbols.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        # The order of a set varies between runs, but the order of directions affects the text.
+        # Set order varies between runs, but the order of directions affects the generated text.
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
@@ -94,18 +93,18 @@ def network_tangents(
     couplings: Mapping[Node, Tangent],
     support: Support,
 ) -> NetworkTangents:
-    """Evaluate the networks over the sensitivity graphs of several directions.
+    """Differentiate the networks along several directions.
 
-    ``couplings`` are derivatives of the across variables of the multibody system that ports use.
+    ``couplings`` are derivatives of the multibody system's across variables that ports use.
     """
-    # All directions in one pass over the plan: partial derivatives of laws are formed once for all.
+    # All directions are evaluated together: partial derivatives of laws are computed only once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
         tuple(d[variable] for variable in network.rates),
         {
             network.solved.values[variable]: d[variable]
             for variable in network.watched
-            # Constants have no derivative, and one node could represent several variables.
+            # Constants have no derivative, and one constant node could represent several variables.
             if network.solved.values[variable].value is None
         },
     )
@@ -114,19 +113,19 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate the measures of the networks' ports by the sensitivity graphs of mechanics.
+    """Differentiate the measures of the networks' ports in the mechanism's sensitivity graphs.
 
-    These are values, rates and accelerations of the ports' measures.
+    These are the values, rates and accelerations of the measures.
     """
     measured = {
         getattr(coupling, form): (coupling.measure, form)
         for coupling in first.couplings
         for form in ("value", "rate", "acceleration")
     }
-    # The seed itself gives the tangents of values that are symbols or constants.
+    # The seed already contains the tangents of values that are symbols or constants.
     found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
     for i, symbols in enumerate(directions):
-        # A graph for a direction is formed only if a measure of a port depends on the direction.
+        # A sensitivity graph is evaluated only for directions that change a port's measure.
         touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
         if touched:
             with derivatives_labelled(first.system.dag):

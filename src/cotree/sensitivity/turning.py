@@ -1,12 +1,12 @@
-"""Axes that rotate along a seed, for evaluating the formulation over duals.
+"""Axes that rotate along a seed, with which the formulation is evaluated in dual numbers.
 
-The derivative of a vector is that in space, resolved in the basis of the vector. The rotational
-across variable of a sensitivity graph is the parametric rotation vector phi, with dR/dp = [phi]x R,
-so that a vector fixed in a cluster changes by phi x vector. All other rules are those of products
-and sums (:mod:`cotree.dag.dual`).
+The derivative of a vector is its derivative in space, resolved in the vector's basis. The
+rotational across variable of a sensitivity graph is the parametric rotation vector phi, with dR/dp
+= [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are those
+of products and sums (:mod:`cotree.dag.dual`).
 
-Parameters, coordinates, rates, initial values and whole directions are treated alike: a seed is a
-tangent for each symbol that changes.
+Parameters, coordinates, rates, initial values and combined directions are treated alike: a seed
+contains a tangent for each symbol that changes.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Turning(Frames):
-    """Axes of the clusters that rotate along a seed, with duals as values."""
+    """Cluster axes that rotate along a seed, with dual numbers as values."""
 
-    seed: Seed  # seed of the differentiation
-    #: Clusters whose motion depends on the seed; the others move as in the first graph.
+    seed: Seed  # tangents of the symbols that change
+    #: Clusters whose motion depends on the seed; all others move as in the first graph.
     reached: frozenset[int]
-    phi: tuple[Vector, ...]  # derivative of each cluster's rotation, as a vector in its frame
-    phi_inwards: tuple[Vector, ...]  # the same vectors in the basis of the parent
-    #: Parametric rotation vector of each cluster's basis, which may be the basis of a parent.
+    phi: tuple[Vector, ...]  # derivative of each cluster's rotation, as a vector in cluster axes
+    phi_inwards: tuple[Vector, ...]  # the same vectors in the parent's basis
+    #: Parametric rotation vector of each cluster's basis; clusters may share a parent's basis.
     phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Return whether a cluster is independent of the seed."""
+        """Return whether a cluster's motion is independent of the seed."""
         return cluster not in self.reached
 
     @property
@@ -52,11 +52,11 @@ class Turning(Frames):
         return frozenset(i for i, phi in enumerate(self.phi_basis) if not vector.is_zero(phi))
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
-        """Resolve a vector field, which rotates with the cluster and changes by itself."""
+        """Transform a vector field that rotates with the cluster and may itself change."""
         return self._turned(self.rotations[cluster].matrix, local, self.phi[cluster])
 
     def carried(self, branch: Branch, local: Vector) -> Vector:
-        """Resolve a vector field of a branch's carrier in the basis of the branch's parent."""
+        """Transform a vector field from the carrier's axes to the basis of the branch's parent."""
         is_childs = branch.carrier == branch.child
         phi = self.phi_inwards[branch.child] if is_childs else self.phi[branch.carrier]
         return self._turned(self.carrier_axes(branch), local, phi)
@@ -71,32 +71,32 @@ class Turning(Frames):
         return varied(value, d)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
-        """Return a vector with constant components in the cluster's basis; it rotates with that."""
+        """Return a vector with constant components in the cluster's basis; both rotate."""
         phi = self.phi_basis[cluster]
         return a if vector.is_zero(phi) else varied(a, vector.cross(phi, a))
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
-        """Resolve a tensor field relative to the rotating cluster; see :meth:`within`."""
+        """Transform a tensor field, with its change relative to the cluster; see :meth:`within`."""
         axes = self.rotations[cluster].matrix
         value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
-        # A tensor that is constant in the cluster is not a dual; `within` adds its rotation.
+        # A tensor that is constant in the cluster is no dual number; `within` adds its rotation.
         if all(vector.is_zero(row) for row in d_local):
             return value
         return varied(value, vector.congruence(axes, d_local))
 
     def seen(self, node: Node) -> Node:
-        """Return a field, a coordinate or a speed as a dual."""
+        """Return a field, coordinate or speed as a dual number."""
         return varied(node, self.seed.of(node))
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Substitute, and differentiate by the arguments and by the seed itself."""
+        """Substitute arguments, and differentiate with respect to the arguments and the seed."""
         return formula(node, arguments, self.seed.symbols)
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector from vectors and tensors that rotate with a cluster.
+        """Compute a vector from vectors and tensors that rotate with a cluster.
 
-        The derivatives of such tensors relative to the cluster are zero. The derivatives of the
-        others relative to the cluster are used, and the result rotates with the cluster.
+        Tensors that are constant in the cluster need no derivative. For all other arguments,
+        derivatives relative to the cluster are used; then the result is rotated with the cluster.
         """
         phi = self.phi[cluster]
         if vector.is_zero(phi):
@@ -106,8 +106,8 @@ class Turning(Frames):
             value = value_of(a)
             # Derivative relative to the cluster: da - phi x a.
             seen.append(varied(value, vector.sub(tangent_of(a), vector.cross(phi, value))))
-        # In space the result rotates, too: d = phi x r + its relative change. The rotation of the
-        # tensor itself, [phi]x J - J [phi]x, is never formed.
+        # In space the result r also rotates: d = phi x r + its derivative relative to the cluster.
+        # The rotation of the tensor itself, [phi]x J - J [phi]x, is never computed.
         result = form(*seen)
         value = value_of(result)
         return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
@@ -115,7 +115,7 @@ class Turning(Frames):
 
 @contextmanager
 def derivatives_labelled(dag: Dag) -> Iterator[None]:
-    """Label nodes formed in the ``with`` block as derivatives of the current owners."""
+    """Label the nodes created in a ``with`` block as derivatives of the current owners."""
     dag.suffix = ", derivative"
     try:
         yield
@@ -124,19 +124,19 @@ def derivatives_labelled(dag: Dag) -> Iterator[None]:
 
 
 def view_along(first: FirstGraph, seed: Seed) -> View:
-    """Form the across variables of a sensitivity graph at constant accelerations of coordinates."""
+    """Compute across variables of a sensitivity graph, with constant coordinate accelerations."""
     motion, across = first.motion, first.view.across
-    # The traversals of the first graph, with duals. Tangents of accelerations are unknowns on the
-    # left-hand side, so the accelerations themselves are constant here.
+    # These are the first graph's traversals with dual numbers. Tangents of accelerations are
+    # unknowns on the left-hand side, so that the accelerations themselves are constant here.
     moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
 
 
 def turn_axes(first: Motion, seed: Seed) -> Turning:
-    """Find the clusters that depend on a seed, and their rotation along it."""
+    """Determine the clusters that depend on a seed, and their rotation along it."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
-    # Parents are first, so that dependence propagates outwards: all clusters that a dependent
+    # Parents come first, so that dependence propagates outwards: all clusters that a dependent
     # cluster carries or rotates also depend on the seed.
     reached: set[int] = set()
     phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
@@ -146,7 +146,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
             continue
         reached.add(branch.child)
         with first.system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
-            # Prefix sums along the rotation tree, as for angular velocities (Eq. (2)).
+            # These are prefix sums along the rotation tree, as for angular velocities (Eq. (2)).
             turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
             inwards[branch.child] = turn
             phi[branch.child] = frames.down(branch.child, turn)
@@ -157,30 +157,30 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
 
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
-    """Return whether the branch itself depends on the seed."""
+    """Return whether a branch itself depends on the seed."""
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
-    # Arms and axes may depend on parameters even if coordinates do not.
+    # Arms and axes may depend on parameters even if the coordinates do not.
     fields = (branch.anchor, *branch.axes, *(branch.mount or ()))
     return not all(vector.is_zero(seed.vector(local)) for local in fields)
 
 
 def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
-    """Form the contribution of a branch itself to phi, in the basis of its parent."""
+    """Return the branch's own contribution to phi, in the basis of the branch's parent."""
     branch = first.branch
     if not branch.turns:
         return vector.zeros(seed.dag)
     if branch.quaternion is None:
         d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
-        # A rotation about the axis by the tangent of the angle, just as a speed rotates the child
-        # by omega.
+        # Rotation about the axis by the tangent of the angle, just as a speed rotates the child by
+        # omega.
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
     own = vector.zeros(seed.dag)
     if any(not entry.is_zero for entry in d):
-        # An edge that points inwards rotates by the inverse: resolved in its own axes, and with the
+        # An edge that points inwards rotates by the inverse: phi is in its own axes and has the
         # opposite sign.
         own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
         own = vector.signed(branch.sign, own)
@@ -190,31 +190,31 @@ def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
 
 
 def _mounting(mount: Matrix, seed: Seed) -> Vector:
-    """Form the rotation vector of a change of constant axes: [phi]x = dT T^T."""
+    """Return the rotation vector due to a change of constant axes: [phi]x = dT T^T."""
     spin = vector.matmul(seed.matrix(mount), vector.transpose(mount))
     return (spin[2][1], spin[0][2], spin[1][0])
 
 
 def _tilt(first: Geometry, d_axis: Vector) -> Vector:
-    """Form the contribution of a change of the axis to phi.
+    """Return the contribution to phi of a change of the axis.
 
-    From the derivative of the rotation vector theta e by its left Jacobian:
-    sin(theta) e_p + (1 - cos(theta)) e x e_p.
+    It is the derivative of the rotation vector theta e times its left Jacobian: sin(theta) e_p + (1
+    - cos(theta)) e x e_p.
     """
     if vector.is_zero(d_axis):
         return d_axis
     position = first.branch.position
     angle = position if first.branch.sign > 0 else -position
-    # The angle is positive from the parent outwards, hence the sign of the edge.
+    # The angle is positive from the parent outwards, hence the edge's sign.
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
-    # The axis remains a unit vector, so its change is perpendicular to it.
+    # The axis remains a unit vector, so that its change is perpendicular to it.
     across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
 
 
 @dataclass
 class Support:
-    """The symbols on which values depend, found once for each value."""
+    """The symbols on which values depend, determined once for each value."""
 
     _known: dict[Node, frozenset[Node]] = field(default_factory=dict)
 
@@ -227,17 +227,17 @@ class Support:
 
 @dataclass(frozen=True)
 class Seed:
-    """Tangents of symbols, and of the fields that depend on them."""
+    """Tangents of the symbols that change, and of the fields that depend on them."""
 
     dag: Dag  # arena that holds the nodes
-    symbols: Mapping[Node, Node]  # tangent of each symbol that changes, all nonzero
-    support: Support  # values that all directions of one system share
+    symbols: Mapping[Node, Node]  # tangent of each symbol that changes; all are nonzero
+    support: Support  # symbols on which values depend, shared by all directions of a system
 
     def of(self, node: Node) -> Node:
         """Differentiate a coordinate, or an expression of fields."""
         if node.op == "symbol":
             return self.symbols.get(node, self.dag.zero)
-        # Most fields depend on no symbol of the seed: comparing two sets avoids a traversal.
+        # Most fields depend on no symbol of the seed: a set comparison then avoids the traversal.
         if node.value is not None or self.support.of(node).isdisjoint(self.symbols):
             return self.dag.zero
         return tangents([node], self.symbols)[0]
