@@ -204,7 +204,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         return with_inputs(self, inputs, parameters)
 
     def graph(self, tree: TreeChoice = None) -> GraphReport:
-        """Draw the linear graphs, with trees and topology matrices.
+        """Return the linear graphs with their trees and topology matrices.
 
         Raises
         ------

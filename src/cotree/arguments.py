@@ -1,4 +1,4 @@
-"""Checks of users' arguments: whole numbers, names, mappings, lists and tables."""
+"""Argument checks for public functions: whole numbers, names, mappings, lists and tables."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cotree.errors import ParameterError, brief, nearest
 
 # Not all larger integers have an exact double.
 _LARGEST_INTEGER = 2**53
-_UNREAL = {"c", "m", "M"}  # kinds of complex numbers, durations and dates in NumPy
-_DEEPEST = 4  # deeper than any valid field; a list may contain itself
+_UNREAL = {"c", "m", "M"}  # NumPy kinds of complex numbers, durations, dates
+_DEEPEST = 4  # maximum nesting depth, since a list may contain itself
 
 
 def check_whole(value: object, what: str, least: int = 0) -> int:
-    """Return a whole number that is at least ``least``, or raise an error."""
+    """Return ``value`` if it is an integer of at least ``least``, otherwise raise an error."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
         raise ParameterError(
             f"{what} is {brief(repr(value))}: give a whole number of at least {least}"
@@ -27,7 +27,7 @@ def check_whole(value: object, what: str, least: int = 0) -> int:
 
 
 def check_choice(value: object, what: str, known: Sequence[str]) -> str:
-    """Return one of several words, or raise an error."""
+    """Return ``value`` if it is one of the ``known`` words, otherwise raise an error."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known)
         if "did you mean" not in hint:
@@ -37,7 +37,7 @@ def check_choice(value: object, what: str, known: Sequence[str]) -> str:
 
 
 def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
-    """Return the names in a name, several, or None; ``kind`` is their kind in messages."""
+    """Return one name, several names or None as a tuple; messages call the names ``kind``."""
     if value is None:
         return ()
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
@@ -47,16 +47,16 @@ def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...
 
 
 def by_name(value: Any) -> Any:
-    """Return a column of pandas with names as labels as a mapping; other values are unchanged."""
+    """Convert a pandas Series with names as labels to a dict; return other values unchanged."""
     if isinstance(value, Mapping) or not hasattr(value, "to_dict"):
         return value
-    # Its positions mean nothing: labels may be in any order.
+    # Values are identified by label, since labels may be in any order.
     found = value.to_dict()
     return found if all(isinstance(name, str) for name in found) else value
 
 
 def check_mapping(value: object, what: str) -> dict[str, Any]:
-    """Return a mapping of names to values; an empty one for None."""
+    """Return a dict of values by name, empty for None; raise an error for other types."""
     value = by_name(value)
     if value is None:
         return {}
@@ -66,7 +66,7 @@ def check_mapping(value: object, what: str) -> dict[str, Any]:
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """Copy a value with its lists and tables; numbers become Python's.
+    """Copy a value with its nested lists and tables; NumPy numbers become Python numbers.
 
     Values of other types are returned unchanged; later checks reject them.
     """
@@ -90,7 +90,7 @@ def plain(value: Any, depth: int = 0) -> Any:
 
 
 def doubles(value: Any) -> npt.NDArray[np.float64] | None:
-    """Return a contiguous array of doubles; None if the values are not real numbers."""
+    """Convert a value to a contiguous array of doubles; return None if it is not real."""
     if getattr(getattr(value, "dtype", None), "kind", "") in _UNREAL:
         return None
     try:
@@ -100,5 +100,5 @@ def doubles(value: Any) -> npt.NDArray[np.float64] | None:
 
 
 def is_list(value: object) -> TypeGuard[Sequence[Any]]:
-    """Return whether a value is a list of nodes, numbers, ...; a text is not."""
+    """Return whether a value is a sequence other than a string."""
     return isinstance(value, Sequence) and not isinstance(value, str)

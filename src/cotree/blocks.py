@@ -1,8 +1,8 @@
 """Linear systems of signals as scenes, to be added to others as parts.
 
 In: matrices or polynomials. Out: scenes with inputs ``u`` and outputs ``y``, whose entries are
-parameters. States are voltages of capacitors of one farad, charged by current sources, as in an
-analogue computer.
+parameters. States are the voltages of 1 F capacitors, charged by current sources, as in an analogue
+computer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def state_space(
     *,
     name: str = "state-space",
 ) -> Scene:
-    """Make a linear system x' = A x + B u, y = C x + D u, to be a part of a scene.
+    """Make a part for scenes from the linear system x' = A x + B u, y = C x + D u.
 
     Its inputs are ``u``, or ``u1``, ``u2``, ... if there are several; outputs likewise ``y``.
     States are called ``x1.v``, ``x2.v``, ... and start at zero. Nonzero entries are parameters:
@@ -83,7 +83,7 @@ def state_space(
 def transfer_function(
     numerator: npt.ArrayLike, denominator: npt.ArrayLike, *, name: str = "transfer-function"
 ) -> Scene:
-    """Make a transfer function y = N(s)/D(s) u, to be a part of a scene.
+    """Make a part for scenes from the transfer function y = N(s)/D(s) u.
 
     Coefficients are parameters: ``b2``, ``b1``, ``b0`` of the numerator and ``a2``, ``a1``, ``a0``
     of the denominator, numbered by the power of s; zero ones of the numerator are left out. States
@@ -137,7 +137,7 @@ def transfer_function(
 
 
 def _integrate(scene: Scene, i: int, rate: str | float) -> None:
-    """Add a state: the integral of an expression."""
+    """Add a state that is the integral of an expression."""
     scene.edge(f"x{i}", "capacitor", f"n{i}", "ground", capacitance=1.0)
     scene.edge(f"rate{i}", "current_source", "ground", f"n{i}", current=rate)
 

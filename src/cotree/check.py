@@ -54,7 +54,7 @@ class Experiment:
     t_eval : ndarray, shape (n_t,)
         Times to report, [s]; the run goes from the first to the last.
     settings : mapping of str to object
-        Further arguments of :meth:`cotree.Model.simulate`: method, tolerances, parameters, ...
+        Other arguments of :meth:`cotree.Model.simulate`: method, tolerances, parameters, ...
     """
 
     model: Model
@@ -72,7 +72,7 @@ class Experiment:
         Raises
         ------
         ModelError
-            If a value is refused.
+            If the model rejects a value.
         SolveError
             If the integration fails.
         """
@@ -83,7 +83,7 @@ class Experiment:
         return self.model.simulate(
             (float(self.t_eval[0]), float(self.t_eval[-1])),
             self.t_eval,
-            # A run that stops early does not have all points.
+            # A run that stops early lacks some of the points.
             throw=True,
             **{**self.settings, "parameters": parameters, "initial": initial},
         )
@@ -92,13 +92,13 @@ class Experiment:
         """Return the value of a parameter, or the initial value of a state."""
         p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
-            # The value in the scene, before it is changed to satisfy constraints.
+            # The value stated in the scene, not the one that satisfies the constraints.
             own = self.model.kernels.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
 
     def size(self, name: str, result: Result) -> float:
-        """Return the scale of steps of a parameter or initial value.
+        """Return the scale of the finite-difference steps of a parameter or initial value.
 
         It is the magnitude of the parameter. An initial value is often zero or small by chance; its
         scale is the largest magnitude of the state in ``result``. If this is zero, too, the scale
@@ -111,7 +111,7 @@ class Experiment:
         return size or 1.0
 
     def central_difference(self, name: str, step: float) -> Array:
-        """Differentiate states and outputs by a central difference.
+        """Approximate the derivatives of states and outputs by a central difference.
 
         Parameters
         ----------
@@ -127,14 +127,14 @@ class Experiment:
         Raises
         ------
         ModelError
-            If the model refuses one of the two values.
+            If the model rejects one of the two values.
         SolveError
             If one of the two integrations fails.
         """
         value = self.value(name)
         above, below = value + step, value - step
         difference = quantities(self.run({name: above})) - quantities(self.run({name: below}))
-        # The rounded distance instead of 2 * step: at small steps the two differ.
+        # Divide by the rounded distance, which differs from 2 * step if steps are small.
         return difference / (above - below)
 
     def _values(self, key: str) -> dict[str, float]:
@@ -145,25 +145,24 @@ class Experiment:
 
 
 def quantities(result: Result) -> Array:
-    """Stack states and outputs, shape (n_states + n_outputs, n_t)."""
+    """Return states and outputs in one array, shape (n_states + n_outputs, n_t)."""
     return np.vstack([result.y, result.output_values])
 
 
 def sensitivities(result: Result, name: str) -> Array:
-    """Stack the sensitivities of states and outputs, shape (n_states + n_outputs, n_t)."""
+    """Return the sensitivities of states and outputs, shape (n_states + n_outputs, n_t)."""
     j = result.parameters_of_sensitivity.index(name)
     return np.vstack([result.s[:, j], result.output_sensitivities[:, j]])
 
 
-# Relative steps from 1e-1 to 1e-9 in half decades: from a range in which truncation dominates to
-# one in which rounding does.
+# Relative steps from 1e-1, where truncation errors dominate, to 1e-9, where rounding errors
+# dominate, in half decades.
 _RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
 _N_TIMES = 21
 _RTOL = 1e-12
-# The absolute tolerance is the relative one times this factor.
+# Absolute tolerance divided by relative tolerance.
 _ATOL_SHARE = 1e-2
-# The second run has tolerances larger by this factor; the difference of both runs is the
-# integration error of the second.
+# Tolerance factor of a second run, whose difference from the first run is its integration error.
 _LOOSER = 10.0
 # At the best step, the error of a central difference is about eps**(2/3), see
 # `check_sensitivities`.
@@ -172,7 +171,7 @@ _ROUNDING = 10.0 * float(np.finfo(float).eps) ** (2.0 / 3.0)
 
 @dataclass(frozen=True)
 class ParameterCheck(Reported):
-    """One sensitivity against finite differences.
+    """Comparison of one sensitivity with finite differences.
 
     Attributes
     ----------
@@ -209,8 +208,8 @@ class ParameterCheck(Reported):
 
     @property
     def passed(self) -> bool:
-        """Return whether the deviation is within the tolerance; False if it is unknown."""
-        # An unknown deviation is nan, for which comparisons are false.
+        """Return whether the deviation is known and within the tolerance."""
+        # An unknown deviation is nan, which makes comparisons false.
         return self.deviation <= self.tolerance
 
     def report(self) -> Report:
@@ -232,12 +231,12 @@ class ParameterCheck(Reported):
 
 @dataclass(frozen=True, repr=False)
 class CheckReport(Reported):
-    """Sensitivities of a model against finite differences.
+    """Comparison of a model's sensitivities with finite differences.
 
     Attributes
     ----------
     rows : tuple of ParameterCheck
-        One for each parameter.
+        The comparison for each parameter.
     t_end : float
         End of the runs, [s].
     method : str
@@ -261,7 +260,7 @@ class CheckReport(Reported):
 
     @property
     def heading(self) -> str:
-        """Describe the comparison."""
+        """Return a sentence that describes the comparison."""
         return (
             f"sensitivities S against central differences FD(h) at {_N_TIMES} times to "
             f"t = {self.t_end:g} s, {self.method}, rtol {self.rtol:g}"
@@ -269,7 +268,7 @@ class CheckReport(Reported):
 
     @property
     def verdict(self) -> str:
-        """Describe how many parameters passed, and which failed."""
+        """Return a sentence with the number of passed parameters and the names of the others."""
         failed = [row.name for row in self.rows if not row.passed]
         if not failed:
             return f"all sensitivities passed: {len(self.rows)}"
@@ -387,10 +386,10 @@ def _no_report(text: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """The runs at the unchanged values."""
+    """The runs with unchanged parameters and initial values."""
 
-    experiment: Experiment  # the experiment whose derivatives are compared with differences
-    #: Runs with sensitivities, at the tolerances and at larger ones.
+    experiment: Experiment  # the experiment whose runs form the differences
+    #: Runs with sensitivities, at the given tolerances and at larger ones.
     with_s: Result
     with_s_loose: Result
     #: The corresponding runs without sensitivities, if the experiment has none.
@@ -407,9 +406,9 @@ class _Runs:
 def _reference_runs(
     model: Model, plain: Model | None, report: CheckReport, common: Mapping[str, Any]
 ) -> _Runs:
-    """Run with the unchanged values, at the tolerances and at larger ones."""
+    """Simulate with unchanged values, at the given tolerances and at larger ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
-    # For each model two experiments: at the tolerances, and at larger ones.
+    # Each model has two experiments: one at the given tolerances, one at larger ones.
     own, differenced = (
         tuple(
             _experiment(each, times, report.method, common, factor * report.rtol)
@@ -444,7 +443,7 @@ def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...
 
 
 def _check(runs: _Runs, name: str) -> ParameterCheck:
-    """Check one sensitivity; the axes of arrays are step, quantity and time."""
+    """Compare one sensitivity with differences; array axes are step, quantity and time."""
     experiment = runs.experiment
     s, y = sensitivities(runs.with_s, name), quantities(runs.tight)
     size = experiment.size(name, runs.tight)
@@ -489,8 +488,8 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
 def _differences(
     experiment: Experiment, name: str, steps: Array, shape: tuple[int, ...]
 ) -> tuple[Array, str]:
-    """Form the central differences at all steps; nan, with the reason, if a run fails."""
-    # Failed steps remain nan, and the others are compared.
+    """Compute the central differences at all steps; if a run fails, they are nan, with a reason."""
+    # If runs at a step fail, its differences remain nan and the others are compared.
     found = np.full((len(steps), *shape), np.nan)
     refusal = ""
     for k, step in enumerate(steps.tolist()):
@@ -509,17 +508,17 @@ def _largest(values: Array) -> Array:
 
 
 def _least(deviations: Array) -> Array:
-    """Return the smallest known deviation over the steps; nan if all are unknown."""
+    """Return the smallest deviation over the steps, without nan; nan if all are nan."""
     least = np.min(np.where(np.isnan(deviations), np.inf, deviations), axis=0)
     return np.where(np.isfinite(least), least, np.nan)
 
 
 def _best_steps(differences: Array, steps: Array) -> Array:
-    """Return for each quantity the smaller of the two neighbouring steps that agree best."""
-    # Differences of neighbours are dominated by truncation at long steps and by rounding at short
-    # ones.
+    """Return, for each quantity, the smaller of the adjacent steps whose differences agree best."""
+    # Adjacent differences deviate by truncation if steps are long and by rounding if they are
+    # short.
     spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
-    # Steps decrease, so the second of two neighbours is the smaller one.
+    # Steps decrease, so the second of two adjacent steps is the smaller one.
     found: Array = steps[best + 1]
     return found

@@ -1,4 +1,4 @@
-"""Choice of the tree and of the axes of each cluster by the cost of the equations."""
+"""Choice of the tree, and of the axes of each cluster, that make the equations cheapest."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
 
-_LONG = 5  # number of moving branches above which elimination along the tree is tried
-_PER_OPERATION = 0.5  # cycles per operation without dependencies
+_LONG = 5  # minimum number of moving branches for elimination along the tree
+_PER_OPERATION = 0.5  # cycles per operation that waits for no other operation
 _SHARE_OF_JACOBIANS = 0.1  # evaluations of the Jacobian per evaluation of the right-hand side
-_FEW = 3  # number of rotating clusters up to which all choices are tried
+_FEW = 3  # maximum number of rotating clusters for which all sets of axes are tried
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Alternative:
     is_deferred : bool
         Whether elimination along the tree is deferred; see :mod:`cotree.linear.tree`.
     n_states, n_multipliers : int
-        Size of the equations.
+        Numbers of states and constraint multipliers.
     n_operations : int
         Estimated operations of the right-hand side with all sensitivities.
     n_cycles : float
@@ -65,7 +65,7 @@ class Alternative:
     n_cycles: float
 
     def cells(self) -> tuple[object, ...]:
-        """Return the row of a table; see :func:`tried`."""
+        """Return the cells of the row in the table of :func:`tried`."""
         axes = ", ".join(map(str, self.own_axes)) or "none"
         way = "along the tree" if self.is_along_tree else "by the matrix"
         way += ", deferred" if self.is_deferred else ""
@@ -74,7 +74,7 @@ class Alternative:
 
 
 def tried(caption: str, alternatives: Iterable[Alternative]) -> Table:
-    """Return a table of formulations."""
+    """Return a table with one row for each formulation."""
     head = "operations", "cycles", "states", "multipliers", "way", "clusters in own axes", "tree"
     return Table(head, [row.cells() for row in alternatives], caption)
 
@@ -116,21 +116,19 @@ def choose_first_graph(
     baumgarte: float = 0.0,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
-    """Form the first graph in the tree and the axes of least cost.
+    """Form the first graph in the tree and the axes with the cheapest equations.
 
     Also returns all alternatives that were tried, the cheapest first. ``check`` may raise an error
-    for the first graph of the first tree, before others are formed; ``baumgarte`` is the rate,
-    [1/s], at which violations of constraints decay. Raises the errors of the first tree and of the
-    check.
+    for the first graph in the first tree, before other trees are tried; ``baumgarte`` is the decay
+    rate of constraint violations, [1/s]. Errors of the first tree and of the check are raised.
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)
     for other in others:
-        # Errors of other trees are not errors of the scene.
+        # Errors of other trees do not make the scene invalid.
         with contextlib.suppress(ModelError, FormulationError):
             found += _tried(scene, other, sensitivities, baumgarte)
-    # The criterion is the number of cycles, since dependent operations take longer than independent
-    # ones.
+    # Cycles are compared instead of operations, since dependent operations take longer.
     found.sort(key=lambda item: item[0].n_cycles)
     return found[0][1], tuple(item[0] for item in found)
 
@@ -142,7 +140,7 @@ def _tried(
     baumgarte: float,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> list[tuple[Alternative, FirstGraph]]:
-    """Form the first graph of one tree in several axes; check the first of them."""
+    """Form the first graph in one tree for each set of axes; apply ``check`` to the first one."""
     found: list[tuple[Alternative, FirstGraph]] = []
     for own_axes in _choices(scene, trees):
         formed = form_first_graph(scene, trees, own_axes, baumgarte)
@@ -166,12 +164,12 @@ def _tried(
 
 
 def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink, ...]]:
-    """List the ways to eliminate unknowns: by the matrix, and along the tree if it is deep.
+    """List the elimination methods to compare: by the matrix, along the tree, or both.
 
-    Operations of sensitivities are independent, so that they do not benefit from a shorter critical
-    path.
+    Sensitivity operations do not wait for each other, so deferred elimination does not accelerate
+    them.
     """
-    # For few bodies, elimination along the tree only adds operations.
+    # If there are few bodies, elimination along the tree only adds operations.
     if len(first.motion.geometry) < _LONG:
         return [()]
     links = tree_links(first)
@@ -183,7 +181,7 @@ def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink,
 
 
 def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]:
-    """List the sets of clusters to try: all sets if there are few, otherwise none and all."""
+    """List sets of clusters to resolve in their own axes: all subsets of few, else none and all."""
     # Axes can be chosen only if translation and rotation share one tree.
     if not trees.is_one:
         yield ()
@@ -191,7 +189,7 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
     turning, spaces = [], motion_spaces(scene.mechanics).of
     cluster = 0  # clusters are numbered in the order of the traversal
     for step in tree_walk(trees.translation):
-        # If an edge is traversed backwards, its freedoms are in reverse order.
+        # An edge that is traversed backwards has its freedoms in reverse order.
         for kind in spaces[step.edge][:: step.sign]:
             cluster += 1
             if kind.rotates:
@@ -207,16 +205,16 @@ def _choices(scene: SceneDescription, trees: Trees) -> Iterator[tuple[int, ...]]
 def _estimates(
     ways: Sequence[FirstGraph], sensitivities: Sequence[str]
 ) -> Iterator[tuple[int, float]]:
-    """Count operations and cycles of the right-hand side for each way to eliminate unknowns.
+    """Count operations and cycles of the right-hand side for each elimination method.
 
-    One sensitivity represents all. The cycles include those of the Jacobian for implicit methods,
-    of which one column represents all.
+    One sensitivity is counted and multiplied by their number. Cycles include those of the Jacobian
+    for implicit methods, of which one column is counted.
     """
     states, n = [state.name for state in ways[0].states], len(sensitivities)
     middle = [names[len(names) // 2] for names in (sensitivities, states) if names][:1]
     direction: Derivative | None = None
     for first in ways:
-        # Gradients of constraints border the mass matrix; multipliers follow the accelerations.
+        # Constraint gradients border the mass matrix; multipliers follow the accelerations.
         dag = first.system.dag
         factors = factorise_bordered(
             dag,
@@ -232,16 +230,17 @@ def _estimates(
         if not middle or not unknowns:
             yield n_alone, time_alone
             continue
-        # The unknowns depend on the elimination method; the differentiated expressions do not.
+        # Only the unknowns depend on the elimination method; the differentiated expressions are
+        # shared.
         direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
         known = dict(zip(first.unknowns, unknowns, strict=True))
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))
         (derivative,) = solved.along([direction])
         shared = set(alone)
-        # Nodes of the right-hand side are already computed.
+        # Nodes shared with the right-hand side are not counted twice.
         apart = [node for node in reachable(derivative.unknowns) if node not in shared]
         along = count_operations(apart).total
-        # Derivatives along several directions are independent of each other. A Jacobian has a
-        # column for each state, and is evaluated less often than the rates.
+        # Derivatives along different directions do not wait for each other. The Jacobian has a
+        # column for each state and is evaluated less often than the rates.
         times = n + _SHARE_OF_JACOBIANS * len(states)
         yield n_alone + n * along, time_alone + _PER_OPERATION * times * along

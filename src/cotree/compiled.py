@@ -44,11 +44,12 @@ if TYPE_CHECKING:
 #: Public methods, in the order of a typical session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Number of variants that a model caches. Without a limit, texts with changing numbers, such as
-# those of an optimiser, would accumulate. Removed variants are still in the cache on disk.
+# Largest number of variants, with other input expressions, that a model caches. Without a limit,
+# expressions with changing numbers, as from an optimiser, would accumulate. Removed variants remain
+# in the cache on disk.
 _MOST_VARIANTS = 32
 
-# Number of settings for which a model caches preparations of runs.
+# Largest number of run preparations, one for each set of settings, that a model caches.
 _MOST_KEPT = 8
 
 
@@ -67,7 +68,7 @@ class Model(Reported):
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are taken.
     kernels : CompiledModel
-        The kernels in C, with names, units and patterns of their arguments and results.
+        The kernels in C, with names, units and sparsity patterns of arguments and results.
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
@@ -97,7 +98,8 @@ class Model(Reported):
         ModelError
             If the model was unpickled and its scene cannot be read in this process.
         """
-        # Components registered in another process must be known before the model is opened.
+        # Components registered in another process must be registered here before the model is
+        # opened.
         if isinstance(self._spec, bytes):
             self._spec = open_spec(self._spec)
         return self._spec
@@ -114,13 +116,13 @@ class Model(Reported):
 
     @property
     def operations(self) -> Operations:
-        """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
+        """Operation counts by kernel; ``alternatives`` are the formulations that were compared."""
         from cotree.choice import Operations
 
         return Operations(self.kernels.program.operations, self.spec.formed.alternatives)
 
     def summary(self) -> str:
-        """Describe the kernels, the formulations tried and the effect of each pass."""
+        """Return a description of the kernels, the compared formulations and the passes."""
         passes = (report.summary() for report in self.spec.formed.reports)
         return Report(self.kernels.program.summary(), self.operations.tried(), *passes).text()
 
@@ -265,10 +267,10 @@ class Model(Reported):
     ) -> Result:
         """Integrate states and sensitivities together.
 
-        Data that depend on the settings only are prepared once for several runs with equal
-        settings. Arrays, lists and numbers are compared by value, Python functions by identity;
-        settings with more than 10,000 times are prepared at each run. Several threads may call this
-        method at the same time; a result depends only on the arguments of its own call.
+        Data that depend only on the settings are prepared once for all runs with equal settings.
+        Arrays, lists and numbers are compared by value, Python functions by identity; settings with
+        more than 10,000 times are prepared at each run. Several threads may call this method at the
+        same time; a result depends only on the arguments of its own call.
 
         Parameters
         ----------
@@ -308,7 +310,7 @@ class Model(Reported):
             "throw": throw,
             **settings,
         }
-        # Unknown names in expressions of inputs are parameters if the call gives their values.
+        # Unknown names in input expressions are parameters if the call sets their values.
         names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
         model, preparation = cached_for(
             self._kept,
@@ -316,7 +318,7 @@ class Model(Reported):
             lambda: self._prepared({**given, "parameters": parameters, "initial": initial}),
         )
         values = run_values(preparation, parameters, initial or {})
-        # The library was compiled before; the first run of a method compiles its engine.
+        # The library is already compiled, but the first run of a method compiles its engine.
         own = values["times"]
         own["compile"] += model.times.get("compile", 0.0)
         values["times"] = {**model.times, **own}
@@ -327,7 +329,7 @@ class Model(Reported):
         return filled(Result, values)
 
     def _prepared(self, given: Mapping[str, Any]) -> tuple[Model, Preparation]:
-        """Prepare runs with some settings; the others are the scene's."""
+        """Prepare runs with the given settings; the scene supplies the others."""
         model, settings = self._variant(settings_from(self._defaults, given))
         return model, Preparation(model.kernels, settings)
 
@@ -506,13 +508,13 @@ class Model(Reported):
 
         names = tuple(sensitivities) or self.sensitivities or self.parameters
         model = self if set(names) <= set(self.sensitivities) else self._with(names)
-        # Differences are formed by runs without sensitivities, which take a fraction of the time.
+        # Runs without sensitivities form the differences, since they take a fraction of the time.
         plain = self._with(()) if self.sensitivities else self
         own: dict[str, Any] = {"parameters": parameters, "method": method, "report": report}
         return check_sensitivities(model, names, t_end, plain, **own, **settings)
 
     def _with(self, sensitivities: tuple[str, ...]) -> Model:
-        """Return the model of the same scene with other sensitivities."""
+        """Compile the same scene with the given sensitivities."""
         spec = replace(self.spec, sensitivities=sensitivities)
         return self._variants.of(sensitivities, lambda: compile_spec(spec))
 
@@ -550,7 +552,7 @@ class Model(Reported):
         return jax_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_jax"))
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
-        """Return the model with expressions of inputs compiled in, and the remaining inputs."""
+        """Compile input expressions into the model; return it with the other settings."""
         given = settings.inputs
         if not given or not isinstance(given, Mapping):
             return self, settings

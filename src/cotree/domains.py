@@ -1,7 +1,7 @@
-"""The table of physical domains: names, symbols and units of their across and through variables.
+"""Table of the physical domains: names, symbols and units of across and through variables.
 
-A domain defines the variables of one linear graph ([1] section 1.1). Adding a domain is adding a
-row to `_ROWS`.
+A domain defines the variables of one linear graph ([1] section 1.1). A new domain is a new row of
+`_ROWS`.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ class Domain:
     stretch, stretch_unit : str
         Symbol and SI unit of the integral of the across variable over time, where it has a name.
     content, impulse : pair of str
-        Symbol and SI unit of what its storages hold: of the integral of the through variable, as
-        charge, and of the across variable, as flux linkage. Empty where there is none, or where
-        ``stretch`` is that.
+        Symbol and SI unit of the quantities that storages hold: the integral of the through
+        variable, such as charge, and that of the across variable, such as flux linkage. Empty if no
+        storage holds it, or if ``stretch`` names it.
     is_scalar : bool
-        Whether the variables are scalars, of networks, and not vectors of multibody systems.
+        Whether variables are scalars, as in networks, instead of vectors, as in multibody systems.
     head_first : bool
         Whether edges are written with the head of the across variable before its tail.
     remedy : str
-        What to add at a node whose across variable nothing determines.
+        Message part: what to add at a node if no equation determines its across variable.
     absolute : str
-        What is wrong, and what to do, where a storage whose across variable counts from the ground
-        has another node, ``{tail}``, in its place.
+        Message part: the fault and its remedy if a storage whose across variable is measured from
+        the ground starts at another node, ``{tail}``.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Domain:
     absolute: str = ""
 
     def summary(self) -> str:
-        """Describe the domain in one line.
+        """Return a description of the domain on one line.
 
         Examples
         --------
@@ -92,10 +92,11 @@ def _network(
     impulse: tuple[str, str] = ("", ""),
     **words: str,
 ) -> Domain:
-    """Make the row of a scalar domain from name, symbol and unit of its variables."""
+    """Make a domain of scalars from the name, symbol and unit of each variable."""
     return Domain(
         name,
-        # A scalar network has one across variable; multibody domains have its rates, too.
+        # A scalar network has one across variable; multibody domains also have its time
+        # derivatives.
         (across[0],),
         across[1],
         through[0],
@@ -141,7 +142,7 @@ _ROWS = (
         ("V", "m^3"),
         ("Gamma", "Pa s"),
     ),
-    # Heat has a capacity but no inertance: no component stores the integral of a temperature.
+    # Heat has capacitance but no inertance: no component stores the integral of temperature.
     _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W"), ("H", "J")),
     _network(
         "chemical",
@@ -149,8 +150,7 @@ _ROWS = (
         ("molar flow", "n", "mol/s"),
         ("N", "mol"),
         remedy="a species or a reaction",
-        # A concentration has an absolute zero, so that its storage edge must start at the
-        # reference.
+        # Concentrations have an absolute zero, so storage edges must start at the reference.
         absolute=(
             "is connected to '{tail}', but its amount follows from its concentration "
             "relative to zero: name its node first, then 'ground'"
@@ -196,7 +196,7 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType({row.name: row for row in _ROWS
 
 
 def domain(name: str) -> Domain:
-    """Return the domain of a name.
+    """Return the domain with the given name.
 
     >>> domain("rotation").through_unit
     'N m'

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 class CornerRow:
     """A kink of the rates, at the zero of a value."""
 
-    value: Node  # value whose zero is the end of the frozen branch
-    piece: int  # index of the frozen branch that ends there
-    #: Zero if the branch is the sign of the value; otherwise the increment of the branch number if
-    #: the value crosses zero upwards.
+    value: Node  # value that is zero at the end of the branch
+    piece: int  # index of the frozen branch
+    #: Increment of the branch number if the value crosses zero upwards; zero if the branch is not
+    #: numbered but is the sign of the value.
     direction: int
     #: Whether the branch is the half-width of a band around zero within which roots are
     #: regularised.
@@ -39,7 +39,7 @@ class CornerRow:
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write out a sparse row, with ``zero`` at its absent places."""
+    """Convert a sparse row to a list of ``n`` nodes; absent entries become ``zero``."""
     return [row.get(i, zero) for i in range(n)]
 
 
@@ -47,8 +47,8 @@ def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
 class Derivative:
     """Derivatives of the equations along one direction.
 
-    There may be thousands of states and outputs, of which a direction changes a few: derivatives
-    are stored by place, without zeros.
+    A direction may change only a few of thousands of states and outputs, so only nonzero
+    derivatives are stored, by index.
     """
 
     name: str  # parameter or state by which the equations are differentiated
@@ -65,7 +65,7 @@ class Derivative:
 
     @property
     def nodes(self) -> list[Node]:
-        """All nodes of the derivative, except those of the seed and of the initial values."""
+        """All nodes of the derivative except the seed and the derivatives of the initial values."""
         rates, outputs = self.rates.values(), self.outputs.values()
         return [*self.forcing, *rates, *outputs, *self.held, *self.held_rates, *self.start]
 
@@ -73,12 +73,12 @@ class Derivative:
 def substituted(
     rows: Sequence[Derivative], replacement: Mapping[Node, Node]
 ) -> tuple[Derivative, ...]:
-    """Replace some nodes in derivatives, but not in their seeds and initial values."""
-    # One call for all rows, so that shared values are replaced once. The order is that of `nodes`.
+    """Replace nodes in derivatives, but not in their seeds and initial values."""
+    # One call replaces shared values once for all rows; nodes are in the order of `nodes`.
     new = iter(substitute([node for row in rows for node in row.nodes], replacement))
 
     def again(row: Mapping[int, Node]) -> dict[int, Node]:
-        # Taken from the iterator even if it is zero, so that the order is kept.
+        # Zeros are removed only after the iterator has advanced past them.
         made = {i: next(new) for i in row}
         return {i: node for i, node in made.items() if not node.is_zero}
 
@@ -96,7 +96,7 @@ def substituted(
     )
 
 
-#: The largest number of parameters that a message names.
+#: Largest number of parameters named in a message.
 _MOST_SHOWN = 5
 
 
@@ -108,13 +108,13 @@ class State:
     name: str
     unit: str
     symbol: Node  # symbol of the state in the program
-    initial: Node  # its initial value, a function of parameters
+    initial: Node  # initial value as a function of parameters
     is_given: bool = (
         True  # whether the scene prescribes it; otherwise it may change to satisfy constraints
     )
     #: Whether the state is determined by an algebraic equation 0 = g; its initial value is a guess.
     is_algebraic: bool = False
-    #: For the content of a storage: name of the algebraic unknown that is computed from it.
+    #: If the state is a storage's content: name of the algebraic unknown computed from it.
     follower: str = ""
 
 
@@ -124,43 +124,42 @@ class ConstraintSet:
 
     rows: tuple[Quantity, ...]  # name and unit of each constraint equation
     edges: tuple[str, ...]  # name of the edge that causes each constraint equation
-    # Constraints at the levels of position and velocity, which a projection enforces; the level of
-    # acceleration is part of A w = b. Residual of each constraint; None for constraints on rates
-    # only.
+    # Residual of each constraint; None for constraints on rates only. Projection enforces
+    # constraints and their rates; their second derivatives are part of A w = b.
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]  # time derivative of each constraint
-    gradient: tuple[tuple[Node, ...], ...]  # derivatives of the rates by the speeds
-    #: Sums of squares of the gradient's terms, without cancellation.
+    gradient: tuple[tuple[Node, ...], ...]  # derivatives of ``rates`` by the speeds
+    #: For each entry of the gradient, the sum of the squares of its terms, which cannot cancel.
     sizes: tuple[tuple[Node, ...], ...]
-    #: Edges with a free rotation, and the four states of the quaternion, whose norm is one.
+    #: Edges with a free rotation, each with the four states of its unit quaternion.
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
     # Conditions of a consistent start in addition to the constraints: initial values of coordinates
     # and rates that are not states.
     start_rows: tuple[Quantity, ...]
     start_is_rate: tuple[bool, ...]  # whether each condition is a rate
-    #: Residuals of the conditions; then the values of ``redundant`` that the states determine, then
-    #: the given ones.
+    #: Residuals of the conditions; then the values of the ``redundant`` variables as determined by
+    #: the states, then as prescribed.
     start_values: tuple[Node, ...]
     #: Derivatives of the conditions by the speeds; conditions on coordinates are differentiated by
     #: time first.
     start_gradient: tuple[tuple[Node, ...], ...]
-    #: Initial values of networks that must agree with those that the states determine.
+    #: Prescribed initial values of network variables that the states determine, too.
     redundant: tuple[RedundantRow, ...] = ()
 
 
 @dataclass(frozen=True)
 class Guard:
-    """Condition on a function of parameters that the equations require."""
+    """A sign condition on a function of parameters, without which the equations are invalid."""
 
     value: Node
     what: str  # name of the value, used as the subject of a message
     is_strict: bool  # whether the value must be positive, not only nonnegative
-    #: Predicate of the message if the condition fails; empty for the standard predicate.
+    #: End of the message if the condition fails; empty for "must be positive" and the like.
     breach: str = ""
     parameters: tuple[str, ...] = ()  # names of the parameters on which the value depends
 
     def named(self, names: Sequence[str]) -> Guard:
-        """Return the guard with the names of its parameters, from the names of all of them."""
+        """Return the guard with its parameters' names; ``names`` are those of all parameters."""
         symbols = symbols_in([self.value])
         # Symbols of parameters are numbered in the order of the tunable parameters.
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
@@ -168,7 +167,7 @@ class Guard:
 
     @property
     def source(self) -> str:
-        """The parameters as an appendix to a sentence."""
+        """The names of the parameters in parentheses, for the end of a sentence."""
         if not self.parameters:
             return ""
         kind = "parameter" if len(self.parameters) == 1 else "parameters"
@@ -179,7 +178,7 @@ class Guard:
 
     @property
     def demand(self) -> str:
-        """The condition as a sentence, without the actual value."""
+        """The condition as a sentence that does not state the actual value."""
         if self.breach:
             return f"{self.what} {self.breach}{self.source}"
         wanted = "be positive" if self.is_strict else "not be negative"
@@ -187,7 +186,7 @@ class Guard:
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
-        # Written so that nan violates every guard.
+        # The comparison is false for nan, which therefore violates every guard.
         if number > 0.0 or (number == 0.0 and not self.is_strict):
             return
         if self.breach:
@@ -203,36 +202,36 @@ class EventRow:
     name: str
     direction: int  # crossing direction: -1 downwards, 1 upwards, 0 both
     is_terminal: bool  # whether the event ends the run
-    # States that the event sets: first those set by expressions, then all speeds that its impact
-    # changes. Then the indices of its function and of the new values.
+    # Indices of the states that the event sets: first by expressions, then by its impact, which
+    # changes speeds.
     targets: tuple[int, ...]
-    watched: int  # index of the event function among :attr:`Equations.output_values`
-    new_values: range  # indices of the expressions there, in the order of their targets
+    watched: int  # index of the event function in :attr:`Equations.output_values`
+    new_values: range  # indices of the expressions there, one for each target
     #: Index of the coefficient of restitution in the new values; None without an impact.
     restitution: int | None
-    results: range  # indices of the new values of all targets among those of all events
-    #: Whether it sets the mode of a jump inside an expression; its new value is relative to that
-    #: mode.
+    results: range  # indices of all its new values among those of all events
+    #: Whether it sets the mode of a jump inside an expression; its new value is then the increment
+    #: of the mode.
     is_jump: bool = False
     is_count: bool = False
     #: Role of the event for an edge whose mode is selected together with others, see
     #: :class:`cotree.scene.events.ModePart`; zero if none.
     part: int = 0
-    #: Whether it is the event of an impact that ends at rest; whether its function is the force of
-    #: a stop; and whether it is the slip of friction at a stop.
+    #: Whether the event is an impact that a rigid stop ends at rest; whether its function is the
+    #: force of a stop; whether its function is the slip of friction at a stop.
     is_rest: bool = False
     is_lift: bool = False
     is_pressed: bool = False
 
     @property
     def kept(self) -> tuple[int, ...]:
-        """The states that expressions set, which a projection keeps."""
+        """Indices of the states that expressions set, which projection must not change."""
         # Targets of expressions come first, those of the impact after them.
         return self.targets[: len(self.new_values)]
 
     @property
     def causes(self) -> dict[int, int]:
-        """Index of the source of each target: an expression, or the coefficient of restitution."""
+        """Index of the expression or of the coefficient of restitution that sets each target."""
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own
@@ -242,11 +241,11 @@ class EventRow:
 
 @dataclass(frozen=True)
 class HeldUnknown:
-    """A multiplier of friction or of a stop."""
+    """A multiplier: the force or torque of static friction or of a closed stop."""
 
     name: str
     column: tuple[Node, ...]  # generalised forces per unit of the unknown
-    sizes: tuple[Node, ...]  # sums of squares of the terms of its row, without cancellation
+    sizes: tuple[Node, ...]  # sums of the squares of the terms of each entry
 
 
 @dataclass(frozen=True)
@@ -255,30 +254,29 @@ class Equations:
 
     name: str  # name of the scene
     dag: Dag  # arena of all nodes
-    states: tuple[State, ...]  # x: coordinates, speeds, states of networks, algebraic unknowns
+    states: tuple[State, ...]  # states x, see ``n_network_states`` for their order
     #: Parameters p, inputs u and outputs y, in the order of their symbols.
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    # The values of the scene, which a run may replace.
+    # Values stated in the scene, which a run may replace.
     parameter_values: tuple[float, ...]  # parameter values stated in the scene
     #: Symbols of u, and their values in the scene as functions of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
-    # A(x) w = b(x): accelerations and multipliers, which are eliminated when the equations are
-    # lowered. Symbols of w and of its derivatives.
+    # Symbols of w in A(x) w = b(x), accelerations and multipliers, and of its derivatives. Lowering
+    # eliminates them.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
     forcing: tuple[Node, ...]  # right-hand side b of ``A w = b``
-    is_safe: tuple[bool, ...]  # whether the pivot of each unknown is positive at every state
-    holding: tuple[HeldUnknown, ...]  # last unknowns: multipliers of friction and stops
+    is_safe: tuple[bool, ...]  # whether each unknown has a positive pivot at every state
+    holding: tuple[HeldUnknown, ...]  # multipliers of friction and stops, the last unknowns
     #: Links of the tree, if elimination along it costs less than elimination of the matrix.
     links: tuple[TreeLink, ...]
-    # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' as functions of x and w
     balances: tuple[Node, ...]  # ``A w - b`` as formulated, for printing
-    constraints: ConstraintSet  # their multipliers follow the accelerations in w
+    constraints: ConstraintSet  # constraints; their multipliers follow the accelerations in w
     #: Values of outputs y, of event functions, then new values and restitution, event by event.
     output_values: tuple[Node, ...]
     # Derivatives along directions, with the same A and M but different right-hand sides: along each
@@ -286,10 +284,10 @@ class Equations:
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
-    # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns. Number of
-    # modes and states of networks, without algebraic unknowns.
+    # Number of modes and network states, without algebraic unknowns. The order of x is:
+    # coordinates, speeds, modes, network states, algebraic unknowns.
     n_network_states: int = 0
-    n_modes: int = 0  # number of modes, the first of these
+    n_modes: int = 0  # number of modes
     events: tuple[EventRow, ...] = ()
     #: Derivative along the motion, in terms of symbols for the rates of the states, if there are
     #: events or algebraic unknowns.
@@ -297,12 +295,13 @@ class Equations:
     #: Derivative along a common change of all states and of the parameters of several
     #: sensitivities, in terms of symbols for these changes; see :mod:`cotree.dag.nodes`.
     direction: Derivative | None = None
-    #: Ends of the branches that are frozen during steps; see :mod:`cotree.program.surfaces`.
+    #: Kinks at the ends of branches that are frozen during steps; see
+    #: :mod:`cotree.program.surfaces`.
     corners: tuple[CornerRow, ...] = ()
-    #: Present numbers of these branches; zero for signs.
+    #: Numbers of the current branches; zero for signs.
     pieces: tuple[Node, ...] = ()
-    positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: Names of the initial values of coordinates and rates that the scene prescribes, in its order.
+    positions: tuple[PositionRow, ...] = ()  # network positions that are sums of states
+    #: Names of coordinates and rates whose initial values the scene prescribes, in its order.
     given: tuple[str, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()  # parameters derived from p
 
@@ -313,7 +312,7 @@ class Equations:
 
     @property
     def n_speeds(self) -> int:
-        """Number of speeds, whose rates are the first of the unknowns."""
+        """Number of speeds; their rates are the first unknowns."""
         # Each constraint, and each edge held by friction, has a multiplier among the unknowns.
         return len(self.unknowns) - len(self.constraints.rows) - len(self.holding)
 
@@ -325,7 +324,7 @@ class Equations:
         return len(self.states) - others
 
     def with_derivatives(self, replacement: Mapping[Node, Node]) -> Equations:
-        """Replace some nodes in all derivatives; see :func:`substituted`."""
+        """Return the equations with nodes replaced in all derivatives; see :func:`substituted`."""
         return replace(
             self,
             sensitivities=substituted(self.sensitivities, replacement),
@@ -335,7 +334,7 @@ class Equations:
         )
 
     def summary(self) -> str:
-        """Describe the equations in a few lines."""
+        """Return a summary: the names of the states, and the numbers of unknowns and parameters."""
         names = ", ".join(state.name for state in self.states)
         by = ", ".join(row.name for row in self.sensitivities) or "none"
         return (
@@ -354,19 +353,19 @@ class DerivedParameter:
     doc: str
     text: str  # expression of the value, as stated in the scene
     node: Node = field(repr=False)  # value as a function of parameters
-    #: Names of all parameters that are arguments, in the order of their symbols.
+    #: Names of the model's parameters, in the order of their symbols.
     arguments: tuple[str, ...] = field(repr=False)
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The parameters from which it follows and that a run may change."""
+        """Names of the tunable parameters in its expression."""
         symbols = symbols_in([self.node])
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return tuple(self.arguments[place] for place in places)
 
     @property
     def dependence(self) -> str:
-        """Sentence on why its value cannot be chosen."""
+        """A clause that explains why its value cannot be set."""
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""
         return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"

@@ -1,4 +1,4 @@
-"""Exceptions: every error that a user can cause, derived from the expected builtin.
+"""Exceptions for errors that a user can cause, each derived from a builtin type.
 
 ::
 
@@ -35,9 +35,9 @@ class Error(Exception):
     """Base class of the errors that cotree raises."""
 
     def _render_traceback_(self) -> list[str]:
-        """Show in notebooks the user's statements and the message, without frames of cotree.
+        """Return a traceback for notebooks: the user's statements and the message.
 
-        ``%debug`` still has all frames.
+        Frames inside cotree are omitted; ``%debug`` still has them.
         """
         return [*_own_frames(self.__traceback__), f"{type(self).__name__}: {self}"]
 
@@ -110,30 +110,30 @@ class UnsolvedError(Exception):
     """The algebraic unknowns cannot be continued to a point; a shorter step may help."""
 
 
-#: Largest number of names in a message, and among which a similar one is searched for.
+#: Largest number of names in a message, and largest number that are compared with a misspelt one.
 _MOST_LISTED, _MOST_COMPARED = 200, 1000
 _MOST_IN_SENTENCE = 8
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """Return a suggestion of the known name that was probably meant, for the end of a message."""
+    """Return the end of a message: the known name that was probably meant, or all known names."""
     choices = sorted(known)
-    # Names from files may be many and long, and the comparison of each pair takes time.
+    # Files may contain many long names, and each comparison takes time.
     close = _closest(str(name)[:80], choices[:_MOST_COMPARED])
     if close:
         return f"; did you mean '{brief(close)}'?"
-    # A file of another tool may have thousands of names.
+    # Files of other tools may contain thousands of names.
     if len(choices) > _MOST_LISTED:
         return ""
     return f"; known: {', '.join(map(brief, choices)) if choices else 'none'}"
 
 
 def _closest(name: str, choices: Sequence[str]) -> str:
-    """Return the most similar choice: first up to upper and lower case, then with it."""
+    """Return the most similar choice; choices that differ in case only come first."""
     folded: dict[str, str] = {}
     for choice in choices:
         folded.setdefault(choice.lower(), choice)
-    # A difference in case only is the most likely mistake, and the only one for single letters.
+    # A wrong case is the most likely mistake, and the only one in names of one letter.
     if name.lower() in folded:
         return folded[name.lower()]
     close = difflib.get_close_matches(name, choices, n=1)
@@ -151,8 +151,7 @@ def check_known(
 ) -> None:
     """Raise an error for the first unknown name, with a suggestion.
 
-    The message has ``what`` before the name, as in ``"edge 'k' has no field"``, and ``after`` after
-    it.
+    The message contains ``what``, as in ``"edge 'k' has no field"``, the name, and ``after``.
     """
     names = frozenset(known)
     for name in given:
@@ -161,25 +160,25 @@ def check_known(
 
 
 def brief(text: object, longest: int = 60) -> str:
-    """Return a text as one line of printable characters, shortened, for a message."""
+    """Shorten a text to one line of printable characters for a message."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(str(text).split()))
     return line if len(line) <= longest else f"{line[: longest - 3]}..."
 
 
 def listed(names: Iterable[str]) -> str:
-    """List names in a sentence; only the first ones of a long list."""
+    """Join names by commas for a message; a long list is cut after the first names."""
     names = list(names)
     hidden = len(names) - _MOST_IN_SENTENCE
     return ", ".join(names[:_MOST_IN_SENTENCE]) + (f" and {hidden} more" if hidden > 0 else "")
 
 
 def _own_frames(trace: TracebackType | None) -> list[str]:
-    """List the frames of a traceback outside this package and the notebook's machinery.
+    """Return the frames of a traceback that belong to neither cotree nor the notebook software.
 
-    A line for each frame, with the statement under it.
+    Each frame is one line, followed by its statement.
     """
     package = str(Path(__file__).parent)
-    # Imported only when a notebook shows an error, for a faster start of commands.
+    # Imported here, since commands start faster without it.
     import traceback
 
     lines = []

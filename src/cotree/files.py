@@ -1,4 +1,4 @@
-"""Files: texts of limited size, and files that are written completely or not at all."""
+"""Reading of text files of limited size, and writing of files completely or not at all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def template_folder() -> Path:
-    """Return the folder of the templates: in the installed package, or in the source tree."""
+    """Return the template folder, of the installed package or of the source tree."""
     # An installed package contains a copy of the templates; in the source tree they are next to
     # ``src``.
     package = Path(__file__).resolve().parent
@@ -30,12 +30,12 @@ def template_folder() -> Path:
 
 
 def read_text(source: str | Path, largest: int) -> str:
-    """Read a UTF-8 text file of at most ``largest`` bytes; raise SceneError otherwise."""
-    if not os.path.isfile(source):  # Path.is_file would raise an error for names that are too long
+    """Read a UTF-8 text file; raise SceneError if that fails or it has over ``largest`` bytes."""
+    if not os.path.isfile(source):  # Path.is_file raises an error for too long names
         raise SceneError(f"'{brief(source, 200)}' is not a file: check its path")
     try:
         with Path(source).open("rb") as file:
-            data = file.read(largest + 1)  # the reported size may be wrong
+            data = file.read(largest + 1)  # the size that the system reports may be wrong
     except OSError as error:
         raise SceneError(f"{source} cannot be read: {error.strerror}") from None
     if len(data) > largest:
@@ -49,7 +49,7 @@ def read_text(source: str | Path, largest: int) -> str:
 
 
 def number_or_text(text: float | str) -> float | str:
-    """Return the number that a text consists of, or the text."""
+    """Convert a text to a number if it is one, otherwise return it unchanged."""
     try:
         return float(text)
     except ValueError:
@@ -57,7 +57,7 @@ def number_or_text(text: float | str) -> float | str:
 
 
 def is_number(text: str) -> bool:
-    """Return whether a cell of a table is a number."""
+    """Return whether the text of a table cell is a number."""
     try:
         float(text)
     except ValueError:
@@ -66,11 +66,11 @@ def is_number(text: str) -> bool:
 
 
 def read_rows(text: str, where: str) -> list[tuple[int, list[str]]]:
-    """Read the rows of a table, with the line number at which each row ends.
+    """Read a table; return its rows, each after the number of its last line.
 
     Cells are separated by commas, semicolons or tabs, whichever is most frequent in the first row.
-    Blank lines and comments that begin with ``#`` are skipped. If commas do not separate cells,
-    they are decimal points.
+    Blank lines and comments that begin with ``#`` are skipped. If another character separates
+    cells, commas are decimal points.
     """
     lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
     separator = max(",;\t", key=next(lines, "").count)
@@ -113,7 +113,7 @@ def _cell(value: object) -> object:
 
 
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
-    """Return the suffix of a file to write, in lower case; ``act`` begins the message."""
+    """Return a file's lower-case suffix; raise SceneError if it is not ``known``."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise SceneError(
@@ -124,7 +124,7 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
 
 
 def check_parent(path: Path) -> None:
-    """Raise an error if the folder of a file to write does not exist."""
+    """Raise an error if the folder of an output file does not exist."""
     if not path.parent.is_dir():
         raise SceneError(
             f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
@@ -132,13 +132,13 @@ def check_parent(path: Path) -> None:
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
-    """Return the path of a file to write; raise SceneError if the name is impossible.
+    """Return the path of an output file; raise SceneError if the system cannot represent its name.
 
-    Such a name contains a NUL, or characters that the system cannot encode.
+    Such names contain a NUL, or characters that the file system cannot encode.
     """
     target = Path(path)
     try:
-        # The system would raise other errors for these, some only when the file is written.
+        # Otherwise the system would raise other errors for these names, some only on writing.
         is_possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:
         is_possible = False
@@ -152,7 +152,7 @@ def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterat
     """Return a temporary file that replaces a file once it is complete.
 
     A reader never sees an incomplete file, and after an error the old file is unchanged. Devices,
-    pipes and links are not replaced: what they stand for is written.
+    pipes and links are not replaced but written to.
     """
     target = target_path(path, what)
     is_other = target.is_symlink() or (target.exists() and not target.is_file())

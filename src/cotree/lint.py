@@ -1,4 +1,4 @@
-"""The linter: its rules, about names, the graph and values, and their application to a scene."""
+"""The linter: rules about names, the graph and values, and their application to a scene."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ class Finding:
     Attributes
     ----------
     rule : str
-        The rule that it breaks, a name in ``cotree.scene.description.RULES``.
+        The broken rule, a name in ``cotree.scene.description.RULES``.
     kind, name : str
-        Its culprit: ``edge``, ``node``, ``parameter``, ``input``, ``output``, ``mode``, ``event``
-        or ``scene``, and the name of that.
+        Kind and name of the element at fault; the kind is ``edge``, ``node``, ``parameter``,
+        ``input``, ``output``, ``mode``, ``event`` or ``scene``.
     message : str
-        A sentence that says what is suspicious and what to do.
+        A sentence with the fault and its remedy.
     severity : str
-        ``error`` where the scene is refused, else ``warning``.
+        ``error`` if the scene is invalid, otherwise ``warning``.
     line : int or None
-        The line of the scene file where the culprit is stated; None where there is no file.
+        Line of the element in the scene file; None if there is no file.
     """
 
     rule: str
@@ -83,20 +83,20 @@ class Finding:
 
 _DIGITS = re.compile(r"\d+")
 _MOST_COMPARED = 1000
-_LIKE = 0.8  # similarity of two names, from 0 to 1
+_LIKE = 0.8  # minimum similarity of two names, from 0 to 1
 
 
 def similar_name(name: str, others: Iterable[str]) -> str:
-    """Return the name of which another may be a misspelling; "" if none is close.
+    """Return the one of ``others`` that ``name`` probably misspells, or "" if none is similar.
 
-    Names that differ in numbers only, such as ``m1`` and ``m2``, differ on purpose; names of a part
-    are compared with those of the same part.
+    Names that differ in digits only, such as ``m1`` and ``m2``, are not similar. Names in a part
+    are compared with names in the same part.
     """
     form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
     alike = (other for other in others if other.rpartition(".")[0] == owner)
     choices = [o for o in sorted(alike)[:_MOST_COMPARED] if o != name]
     for other in choices:
-        # A letter that was typed twice, or in the wrong case.
+        # The names differ in case or in a doubled letter only.
         if other.casefold() == name.casefold() or _without_doubles(other) == _without_doubles(name):
             return other
     choices = [other for other in choices if _DIGITS.sub("#", other) != form]
@@ -116,7 +116,7 @@ _SHORTEST = 3
 def name_findings(scene: SceneDescription) -> Iterator[Finding]:
     """Find unused parameters and inputs, and names that differ in case only."""
     used = used_names(scene)
-    # Readers of other tools' files declare all symbols of a model, used or not.
+    # A scene that was read from another tool's file declares all symbols, used or not.
     own = scene.origin is None
     for kind, table in (("parameter", scene.parameters), ("input", scene.inputs)):
         for name in table:
@@ -141,14 +141,14 @@ def used_names(scene: SceneDescription) -> set[str]:
     for edge in scene.edges.values():
         values = chain(edge.fields.values(), edge.initial.values())
         found |= {name for value in values for entry in entries(value) for name in entry.names}
-        # Some components process their fields before they become expressions.
+        # Names in fields that components process before they become expressions.
         fields = {k: v for k, v in edge.statement.items() if k not in ("type", "nodes")}
         found |= set(_words(fields))
     return found
 
 
 def _gravities(scene: SceneDescription, prefix: str) -> Iterator[str]:
-    """List the names in the gravity of parts, which is that of the outer scene."""
+    """Yield the names in the gravity of parts, which the gravity of the outer scene replaces."""
     for member, part in scene.members.items():
         own = f"{prefix}{member}."
         for row in part.scene.gravity:
@@ -181,7 +181,7 @@ def _similar(scene: SceneDescription) -> Iterator[Finding]:
             other = seen.setdefault(name.casefold(), name)
             if other != name and len(name) >= shortest:
                 own = _kind(scene, name) if kind == "parameter" else kind
-                # Textbooks label a hydraulic node c next to a mechanical node C in this way.
+                # In textbooks a hydraulic node c may be next to a mechanical node C.
                 if kind == "node" and not domains.get(name, set()) & domains.get(other, set()):
                     continue
                 message = f"{own} '{name}' and '{other}' differ only in upper and lower case"
@@ -208,7 +208,7 @@ def _domains(scene: SceneDescription) -> dict[str, set[str]]:
     return found
 
 
-# Names of the ground in other tools.
+# Lower-case names of the ground in other tools.
 _GROUNDS = frozenset({"gnd", "0", "gnd!", "earth", "ground"})
 
 
@@ -228,9 +228,9 @@ def topology_findings(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterator[Finding]:
-    """Find nodes with one edge that no expression uses.
+    """Find nodes that have only one edge and are used in no expression.
 
-    Bodies may be unconnected, and terminals open, unless the scene is refused.
+    Unconnected bodies and open terminals are findings only if the scene is invalid.
     """
     touching: dict[str, list[Edge]] = defaultdict(list)
     for edge in scene.edges.values():
@@ -238,7 +238,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         for node in {*edge.nodes, *acts}:
             touching[node].append(edge)
     observed = {owner for name in used_names(scene) for owner in _owners(name)}
-    # Outer scenes connect ports.
+    # An outer scene connects the ports.
     observed |= set(scene.ports)
     observed |= {node for node, _ in scene.defaults.held}
     if scene.origin is not None:
@@ -267,7 +267,7 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
 
 
 def _owners(name: str) -> Iterator[str]:
-    """List the kinds of elements whose variables a name may be."""
+    """Yield the names of elements that a variable's name may begin with, the longest first."""
     while name := name.rpartition(".")[0]:
         yield name
 
@@ -275,23 +275,23 @@ def _owners(name: str) -> Iterator[str]:
 def _is_shorted(edge: Edge) -> bool:
     if edge.component.role is not Role.NETWORK:
         return len(edge.nodes) == 2 and edge.nodes[0] == edge.nodes[1]
-    # Transistors used as diodes have one of several ports shorted.
+    # A transistor used as a diode is valid: only one of its ports is shorted.
     return bool(edge.ports) and all(e.tail and e.tail == e.head for e in edge.ports)
 
 
-_LONGEST_ARM = 1000.0  # maximum length of an arm, [m]
-_LARGEST_ANGLE = 4.0 * math.pi  # largest plausible angle, [rad]; beyond it: degrees
-_LARGEST_GRAVITY = 300.0  # maximum gravitational acceleration, [m/s^2], about that of the sun
-#: Batteries have capacitances that no single capacitor has.
+_LONGEST_ARM = 1000.0  # largest plausible arm length, [m]
+_LARGEST_ANGLE = 4.0 * math.pi  # largest plausible angle, [rad]; larger ones are probably degrees
+_LARGEST_GRAVITY = 300.0  # largest plausible gravity, [m/s^2], about that of the sun
+#: Largest plausible values in SI units. The limit of capacitors allows for batteries.
 _LARGEST = {"capacitor": 1e4, "inductor": 1e4}
 
 
 def value_findings(scene: SceneDescription) -> Iterator[Finding]:
-    """Find contradicting dimensions, unusual magnitudes, constants, and values without effect."""
+    """Find inconsistent dimensions, unusual magnitudes, constants and values without effect."""
     try:
         known = parameter_values(scene.parameters)
     except Error:
-        known = {}  # another rule reports what is wrong with the names
+        known = {}  # another rule reports invalid names
     yield from _dimensions(scene)
     yield from _shared(scene)
     yield from _magnitudes(scene, known)
@@ -301,7 +301,7 @@ def value_findings(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def _expressions(scene: SceneDescription) -> Iterator[tuple[str, str, str, str, Expression]]:
-    """List the expressions: kind and name of the owner, description, unit, and expression."""
+    """Yield each expression, after its owner's kind and name, a description and its unit."""
     for edge in scene.edges.values():
         for what, unit, value in stated_values(edge):
             yield "edge", edge.name, what, unit, value
@@ -318,11 +318,10 @@ def _expressions(scene: SceneDescription) -> Iterator[tuple[str, str, str, str, 
 
 
 class _Known:
-    """Dimensions of the names of a scene."""
+    """A function that returns the dimension of a name in a scene, or None if it is unknown."""
 
     def __init__(self, scene: SceneDescription) -> None:
-        # Time has no dimension in this check: many write exp(-t) or 1 + t with an implied factor of
-        # one.
+        # Time counts as dimensionless, since users write exp(-t) or 1 + t without a unit factor.
         self._scene, self._units = scene, {"t": "", **stated_units(scene)}
         self._pending: set[str] = set()
         self._variable_unit = VariableUnits(scene)
@@ -334,7 +333,7 @@ class _Known:
                     self._derived[name] = Dimensions(self).of(value.tree)
 
     def states_any(self, value: Expression) -> bool:
-        """Return whether the scene states the unit of a name in an expression."""
+        """Return whether the scene states the unit of any name in an expression."""
         if any(self.states(name) for name in value.names):
             return True
         rows = (self._scene.parameters.get(name) for name in value.names)
@@ -364,8 +363,8 @@ class _Known:
 def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
     known = _Known(scene)
     for kind, name, what, unit, value in _expressions(scene):
-        # A single name of another dimension is refused when the equations are formed. Expressions
-        # without any unit of the user may follow another system.
+        # Forming the equations already rejects a single name of another dimension. If no name has a
+        # stated unit, the user may have chosen another unit system.
         if known.states(single_name(value)) or not known.states_any(value):
             continue
         dimensions = Dimensions(known)
@@ -383,7 +382,7 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def _shared(scene: SceneDescription) -> Iterator[Finding]:
-    """Find parameters without a unit in fields of different dimensions."""
+    """Find parameters without a unit that are used in fields of different dimensions."""
     uses: dict[str, dict[str, str]] = defaultdict(dict)
     for edge in scene.edges.values():
         for what, unit, value in stated_values(edge):
@@ -402,7 +401,7 @@ def _shared(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def _number(value: Expression, known: dict[str, float]) -> float:
-    """Return the value of an expression of parameters; nan for others."""
+    """Evaluate an expression that depends on parameters only; return nan for others."""
     if value.number is not None:
         return value.number
     if not all(name in known or name == "pi" for name in value.names):
@@ -502,21 +501,20 @@ def _without_effect(scene: SceneDescription, known: dict[str, float]) -> Iterato
             yield Finding("no-effect", "mode", name, message)
 
 
-# Larger scenes take long to compile: only their equations are formed.
-_LARGEST_STARTED = 60  # maximum number of edges for which the rule computes the start
+_LARGEST_STARTED = 60  # maximum number of edges of scenes that are compiled
 
 
 def lint(
     scene: SceneDescription, allow: Sequence[str] = (), *, is_formed: bool = True
 ) -> tuple[Finding, ...]:
-    """Return the findings of a scene, without those in ``allow`` and in the scene's own list.
+    """Return the findings of a scene, except those that ``allow`` or the scene permits.
 
     Entries of ``allow`` are ``rule`` or ``rule:name``; SceneError is raised for an unknown rule. If
     ``is_formed``, the equations are formed, too, and errors are findings.
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []
-    # A scene with open ports may float: it is formed as a part.
+    # A scene with open ports cannot be formed alone, since its nodes may float.
     if is_formed and not scene.ports:
         found += _refused(scene)
     for findings in (name_findings, topology_findings, value_findings):
@@ -531,7 +529,7 @@ def lint(
 
 
 def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Keep one of equal findings in parts of a scene; drop those that the scene allows."""
+    """Keep one of several equal findings in copies of a part; drop those that the part allows."""
     seen = set()
     for row in found:
         place = origin_of(row.name, scene.members)
@@ -547,15 +545,15 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
 
 
 def dangling_hint(scene: SceneDescription) -> str:
-    """Suggest a misspelt node for the end of a message; empty if there is none."""
+    """Return the end of a message that suggests a misspelt node, or "" if there is none."""
     found = list(dangling_nodes(scene, is_refused=True))
-    # A node with a similar name is reported before all others.
+    # Nodes with a similar name come first.
     found.sort(key=lambda row: "did you mean" not in row.message)
     return f"; {found[0].message}" if found else ""
 
 
 def _refused(scene: SceneDescription) -> Iterable[Finding]:
-    """Form the equations, and find the start of scenes that compile quickly."""
+    """Yield the error that prevents the equations or, in small scenes, the start."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -578,7 +576,7 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
 
 
 def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
-    """Return the element of a scene that a message names first."""
+    """Return kind and name of the element that a message mentions first."""
     kinds: dict[str, Mapping[str, object]] = {
         "edge": scene.edges,
         "parameter": scene.parameters,
@@ -593,7 +591,7 @@ def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
 
 
 def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Add lines of the scene's file."""
+    """Add line numbers in the scene file to findings."""
     lines: dict[tuple[str, str], int] = {}
     if scene.file.endswith(".toml") and os.path.isfile(scene.file):
         lines = statement_lines(read_text(scene.file, LARGEST_FILE))
@@ -602,6 +600,6 @@ def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[F
         for node in edge.nodes:
             first.setdefault(node, edge.name)
     for row in found:
-        # The line of a node is that of its first edge.
+        # A node has the line of its first edge.
         key = ("edge", first.get(row.name, "")) if row.kind == "node" else (row.kind, row.name)
         yield replace(row, line=lines.get(key))

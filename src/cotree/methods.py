@@ -1,4 +1,4 @@
-"""The table of integration methods.
+"""Table of the integration methods.
 
 A new method of a known family is a row of ``METHODS``. Its name then appears in the documentation
 of settings and in the help of commands.
@@ -20,26 +20,26 @@ class Method:
     """A row of the table of methods."""
 
     name: str  # name of the method in settings
-    #: "cotree", "scipy", "sundials" or, for the integrators of SUNDIALS with separate vectors of
-    #: sensitivities, "correctors".
+    #: "cotree", "scipy", "sundials", or "correctors" for the SUNDIALS integrators that keep
+    #: sensitivities in separate vectors.
     family: str
     implicit: bool  # whether the method uses a Jacobian
     multistep: bool  # whether a step depends on several earlier ones
-    #: Method used if C cannot run this one; for methods of SciPy and correctors, the method that
-    #: the error suggests.
+    #: Method used if C cannot run this one. For SciPy methods and correctors, the error message
+    #: suggests it instead.
     instead: str = ""
-    #: Stepper in C, a name in ``codegen.c_files.STEPPERS``; empty for SciPy.
+    #: Name of the C stepper in ``codegen.c_files.STEPPERS``; empty for SciPy methods.
     stepper: str = ""
     #: Whether C always integrates algebraic unknowns instead of solving for them at each
     #: evaluation.
     keeps_algebraic: bool = False
-    #: Number of the corrector in SUNDIALS, for sensitivities in separate vectors.
+    #: SUNDIALS number of the corrector for sensitivities in separate vectors; zero without one.
     corrector: int = 0
 
 
 _ROWS = (
-    # SciPy's RK45 is the pair of Dormand and Prince, too. SciPy does not have the pair of Fehlberg,
-    # which the paper uses for its example.
+    # SciPy's RK45 is the Dormand-Prince pair, too. SciPy lacks the Fehlberg pair, which the paper
+    # uses in its example.
     Method("dopri5", "cotree", False, False, "RK45", "dopri5"),
     Method("rkf45", "cotree", False, False, "RK45", "rkf45"),
     Method("dop853", "cotree", False, False, "DOP853", "dop853"),
@@ -52,7 +52,7 @@ _ROWS = (
     Method("BDF", "scipy", True, True, "cvode"),
     Method("LSODA", "scipy", True, True, "cvode"),
     Method("cvode", "sundials", True, True, "BDF", "cvode"),
-    # The equations for IDA contain the rates implicitly.
+    # IDA solves implicit equations in states and rates.
     Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
     # Correctors of SUNDIALS: 1 is simultaneous, 2 is staggered.
     Method("cvodes", "correctors", True, True, "cvode", "cvodes", corrector=2),
@@ -62,18 +62,19 @@ _ROWS = (
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
 
-#: Major and minor version of the structures in ``cotree_sundials.c``.
+#: Major and minor SUNDIALS version whose structures ``cotree_sundials.c`` copies.
 SUNDIALS_VERSION = (7, 9)
 
-#: Libraries of SUNDIALS with sensitivities, and those without, whose functions have the same names.
+#: SUNDIALS libraries with sensitivities, and their counterparts without, which have functions of
+#: the same names.
 WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
 
-#: Libraries of SUNDIALS by name.
+#: Names of the SUNDIALS libraries.
 SUNDIALS = ("cvode", "ida", "cvodes", "idas")
 
 
 def method_row(method: str) -> Method:
-    """Return the row of a method.
+    """Return the table row of a method.
 
     Raises
     ------
@@ -86,6 +87,6 @@ def method_row(method: str) -> Method:
 
 
 def names_of(family: str, implicit: bool | None = None) -> str:
-    """List the names of a family of methods, or of its explicit or implicit ones, with commas."""
+    """Join the names of all, explicit or implicit methods of a family by commas."""
     rows = [row for row in METHODS.values() if row.family == family]
     return ", ".join(row.name for row in rows if implicit in (None, row.implicit))

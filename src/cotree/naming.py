@@ -1,4 +1,4 @@
-"""Names in scenes, and their identifiers in C.
+"""Checks of names in scenes, and their conversion to C identifiers.
 
 Names and texts of a scene are untrusted. A name is checked here before any other use. Only checked
 names reach C; free texts (units, documentation) are escaped.
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 _SCENE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}\Z")
 
-_LONGEST_PATH = 1000  # maximum number of characters of a name within nested parts
+_LONGEST_PATH = 1000  # maximum length of a name with the names of its nested parts
 
-#: Reserved names of expressions.
+#: Names with a fixed meaning in expressions.
 RESERVED = frozenset({"t", "pi"})
 
-#: Keys of an edge in a scene that are not fields of its component.
+#: Keys of an edge in a scene file that are not component fields.
 _OF_EDGES = frozenset({"name", "type", "nodes", "initial"})
 
-#: Kinds whose names precede a dot in expressions, as in ``in.v``: reserved words are allowed.
+#: Kinds that may have reserved words as names, since a dot follows in expressions: ``in.v``.
 _DOTTED = frozenset({"node", "edge", "joint", "part"})
 
 _C_KEYWORDS = frozenset(
@@ -39,8 +39,8 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Names, and prefixes of names, in upper or lower case, of other files, functions and targets of a
-#: C project.
+#: Lower-case names of other functions, files and targets in a C project, and prefix of its own
+#: names.
 _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 
@@ -75,18 +75,18 @@ def check_path(kind: str, name: object) -> str:
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split the name of a variable into owner and own name: ``leg1.knee`` and ``theta``.
+    """Split a variable's name at the last dot: into ``leg1.knee`` and ``theta``, for example.
 
-    The owner is empty if there is no dot.
+    Without a dot, the first part is empty.
     """
     owner, _, variable = name.rpartition(".")
     return owner, variable
 
 
 def owner_among(name: str, owners: Container[str]) -> str:
-    """Return the node or edge that a name begins with; empty if there is none.
+    """Return the one of ``owners`` that a variable's name begins with, or "" if there is none.
 
-    Variables of components with several ports have a dot in their own names: ``M.shaft.tau``.
+    The rest may contain a dot: in ``M.shaft.tau``, ``shaft`` is a port of ``M``.
     """
     owner = name
     while owner and owner not in owners:
@@ -95,7 +95,7 @@ def owner_among(name: str, owners: Container[str]) -> str:
 
 
 def check_scene_name(name: object) -> str:
-    """Check the name of a scene; other than other names, it may have dashes."""
+    """Check the name of a scene, which may also contain dashes."""
     if not isinstance(name, str) or not _SCENE_NAME.match(name):
         raise SceneError(
             f"scene name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
@@ -105,7 +105,7 @@ def check_scene_name(name: object) -> str:
 
 
 def check_text(value: object, what: str) -> str:
-    """Check a unit, a description or another text for people."""
+    """Check a text that is not evaluated, such as a unit or a description."""
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
     if any("\ud800" <= char <= "\udfff" for char in value):
@@ -125,7 +125,7 @@ def c_string(text: str) -> str:
     """Write a text as a C string literal in ASCII; other characters become '?'."""
     ascii_text = text.encode("ascii", "replace").decode()
     safe = "".join(char if char.isprintable() else " " for char in ascii_text)
-    # '?' is escaped, since two question marks start a trigraph in C99.
+    # '?' is escaped, since "??" begins a trigraph in C99.
     return '"' + safe.replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?") + '"'
 
 

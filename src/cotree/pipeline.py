@@ -1,4 +1,4 @@
-"""All stages from a scene to its C text, by name, with timings.
+"""The named and timed stages from a scene to its C text.
 
 ::
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Formed:
-    """All stages of a scene up to its C text."""
+    """The results of all stages from a scene to its C text."""
 
     first: FirstGraph  # first graph, from which the equations were formed
     alternatives: tuple[Alternative, ...]  # formulations that were tried, the cheapest first
@@ -77,12 +77,12 @@ def draw_graphs(
     mechanics = scene.mechanics
     graphs = linear_graphs(mechanics)
     trees = choose_trees(mechanics, graphs, tree)
-    # A scene with networks only has no graphs of mechanics.
+    # A scene with networks only has no multibody graphs.
     if not mechanics.edges:
         graphs, trees = {}, {}
     # Networks have a graph and a normal tree for each domain.
     _, networks, normal = draw_networks(scene)
-    # For networks, as for mechanisms, the tree of across variables is shown.
+    # As for mechanisms, the tree of the across variables is shown.
     across = {domain: tree.across for domain, tree in normal.items()}
     return {**graphs, **networks}, {**trees, **across}
 
@@ -108,13 +108,13 @@ def formulate(
     scene : SceneDescription
         The scene.
     sensitivities : sequence of str
-        Parameters and states to take sensitivities to.
+        Parameters, and states whose initial values, sensitivities are taken to.
     tree : None, sequence of str, or mapping of domain to sequence of str
         The branches; None chooses them by the cost of the equations.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
     check : callable, optional
-        May refuse the first graph of the first tree, before others are formed.
+        May raise an error for the first graph in the first tree, before other trees are tried.
 
     Returns
     -------
@@ -124,14 +124,13 @@ def formulate(
     Raises
     ------
     ModelError, FormulationError
-        If the scene is wrong, or its equations cannot be formed.
+        If the scene is invalid, or its equations cannot be formed.
     """
     with within_range(scene):
         check_scene_units(scene)
         trees = trees_to_try(scene, tree)
-        # Circuits, cutsets, elimination and derivatives by one parameter are formed for every
-        # alternative, the full set of sensitivity graphs (Eq. (4) of the paper) only for the chosen
-        # one.
+        # Every alternative has circuits, cutsets, elimination and the derivatives by one parameter.
+        # Only the chosen one has all sensitivity graphs (Eq. (4) of the paper).
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
         _check_corners(first, sensitivities)
         if sensitivities:
@@ -140,10 +139,10 @@ def formulate(
 
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
-    """Raise an error if sensitivities would jump at a kink whose time is unknown before the run."""
+    """Raise an error if sensitivities jump at a kink whose time is unknown before the run."""
     parameters = first.system.tunable
     for what, symbols in (first.network.corners if first.network else {}).items():
-        # The time of a kink that depends on states or inputs depends on all parameters.
+        # If a kink depends on states or inputs, its time depends on all parameters.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
             if of_time and parameters.get(name) not in symbols:
@@ -156,9 +155,9 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
 
 
 def _check_impacts(first: FirstGraph) -> None:
-    """Raise an error for sensitivities across impacts whose inertia or friction depends on time.
+    """Raise an error if the inertia or friction of an impact depends on time or inputs.
 
-    The time of an impact depends on parameters, and so would these values at the impact.
+    Sensitivities would need the derivatives of inertia and friction by the time of the impact.
     """
     ports = first.network.ports if first.network else {}
     stops = [port.edge.name for port in ports.values() if port.kind is Kind.STOP]
@@ -179,11 +178,11 @@ def _check_impacts(first: FirstGraph) -> None:
 
 
 def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
-    """List the trees that the user named, or those whose operations are counted."""
+    """Return the trees that the user named, or else all trees to compare."""
     check_edges(scene)
     mechanics = scene.mechanics
-    # The tree determines which across variables become coordinates (Section 3 of the paper), and
-    # thus the number and the length of the equations.
+    # The tree determines which across variables are coordinates (Section 3 of the paper), and thus
+    # the number and length of the equations.
     if tree is None:
         return candidate_trees(mechanics)
     return [joint_tree(mechanics, choose_trees(mechanics, linear_graphs(mechanics), tree))]
@@ -191,41 +190,42 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
 
 @without_collection()
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
-    """Count the cost of the equations of each tree, the cheapest first, in one line per tree.
+    """Estimate the cost of the equations in each tree; return one row per tree, the cheapest first.
 
-    Pairs of different trees for translation and rotation are last: they are only used if they are
-    named. A scene without equations has no trees. Raises TopologyError as :func:`draw_graphs`.
+    Pairs of different trees for translation and rotation come last, since they are only used if the
+    user names them. If no equations can be formed, the result is empty. Raises TopologyError as
+    :func:`draw_graphs`.
     """
     trees = trees_to_try(scene, None)
     try:
         alternatives = choose_first_graph(scene, trees, ())[1]
-    except (Error, ArithmeticError):  # also a constant beyond the range of doubles
+    except (Error, ArithmeticError):  # such as a constant beyond the range of doubles
         return ()
     for pair in separate_trees(scene.mechanics):
         with suppress(Error, ArithmeticError):
             alternatives += choose_first_graph(scene, [pair], ())[1]
     cheapest: dict[str, Alternative] = {}
     for row in alternatives:
-        # Rows are sorted by cost, so that the first one of a tree is its cheapest.
+        # Rows are sorted by cost, so the first row of each tree is its cheapest.
         cheapest.setdefault(row.trees.listed(), row)
     return tuple(cheapest.values())
 
 
 def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivative, ...]]:
-    """Form the equations without sensitivities, and their derivatives along each input."""
+    """Form equations without sensitivities, and their derivatives by each input."""
     return form_equations(first, ()), input_columns(first)
 
 
 @without_collection()
 def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
-    """Lower equations to a program and run the passes."""
+    """Lower equations to a program and run the optimisation passes."""
     # Lowering eliminates the accelerations; passes then change operations, never values.
     return run_passes(lower(equations))
 
 
 def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
-    """Form the network at rest of a model that starts at its operating point."""
-    # Sensitivities to initial values belong to the model: a scene at rest has none.
+    """Form the C text of the steady-state equations that determine a model's operating point."""
+    # The steady state does not depend on initial values, so these sensitivities are left out.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]
     for total, _ in layout.followers:  # the start uses the variable that the total determines
@@ -251,7 +251,7 @@ def form_text(
     baumgarte: float,
     locates_corners: bool = True,
 ) -> Formed:
-    """Form the C text of a scene; parameters as of :class:`cotree.spec.BuildSpec`."""
+    """Form the C text of a scene; :class:`cotree.spec.BuildSpec` describes the arguments."""
     with within_range(scene):
         return _form_text(scene, sensitivities, tree, baumgarte, locates_corners)
 
@@ -264,15 +264,15 @@ def _form_text(
     locates_corners: bool,
 ) -> Formed:
     marks = [time.perf_counter()]
-    # Jumps inside expressions become events, which the engine locates. Equations for display and
-    # for operating points keep the jumps.
+    # Jumps inside expressions become events, which the engine locates, except in equations for
+    # display and for operating points.
     acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )
     marks.append(time.perf_counter())
-    # Branches of piecewise expressions are frozen during steps of a run, but not in equations for
-    # display.
+    # During steps of a run, the branches of piecewise expressions are frozen, except in equations
+    # for display.
     program, reports = generate(freeze_branches(equations) if locates_corners else equations)
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]

@@ -1,4 +1,4 @@
-"""Quantities of models by name, without nodes; shared by equations, programs and results."""
+"""Named quantities of models, shared by equations, programs and results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class RedundantRow:
-    """An initial value of a variable that follows from states."""
+    """A prescribed initial value of a variable that the states determine."""
 
     name: str  # name of the variable
     states: tuple[str, ...]  # states that determine the variable
@@ -26,13 +26,13 @@ class RedundantRow:
 
 @dataclass(frozen=True)
 class PositionRow:
-    """A position that is not a state: the sum of the states along its f-circuit."""
+    """A position that is not a state but the sum of the states along its f-circuit."""
 
     #: Name and unit of the position variable.
     name: str
     unit: str
-    terms: tuple[tuple[int, int], ...]  # signs and indices of the states that are added
+    terms: tuple[tuple[int, int], ...]  # sign and index of each state in the sum
 
     def sum_of(self, values: Any) -> Any:
-        """Sum an array of states, or of their sensitivities, along its last axis."""
+        """Compute the position, or its sensitivity; states are the last axis of ``values``."""
         return sum(sign * values[..., i] for sign, i in self.terms)

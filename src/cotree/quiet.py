@@ -1,4 +1,4 @@
-"""Suppression of warnings of other libraries in several threads at once.
+"""Thread-safe suppression of warnings from other libraries, and pauses of the cycle collector.
 
 The cycle collector is paused here, too.
 
@@ -33,9 +33,9 @@ _ignored: dict[tuple[Any, ...], tuple[int, list[Any]]] = {}
 def without_warnings(
     message: str = "", category: type[Warning] = Warning, module: str = ""
 ) -> Iterator[None]:
-    """Ignore some warnings, as ``warnings.filterwarnings``, in all threads."""
+    """Ignore warnings in all threads; for arguments see ``warnings.filterwarnings``."""
     pattern = re.compile(message, re.IGNORECASE) if message else None
-    # As `warnings` stores filters: action, message, category, module, line; 0 is any line.
+    # In the form of `warnings.filters`: action, message, category, module, line (0 for any line).
     entry = ("ignore", pattern, category, re.compile(module) if module else None, 0)
     with _lock:
         # Only the first user adds the filter, unless the program has it already.
@@ -52,7 +52,7 @@ def without_warnings(
             if count > 1:
                 _ignored[entry] = count - 1, filters
             elif filters:
-                # A catch_warnings elsewhere may have copied the list or restored an older one.
+                # A `catch_warnings` elsewhere may have replaced the list.
                 for listed in (filters, _filters()):
                     while entry in listed:
                         listed.remove(entry)
@@ -64,9 +64,9 @@ def _filters() -> list[Any]:
 
 
 def level_of_user() -> int:
-    """Return the stack level with which ``warnings.warn`` names the user's line.
+    """Return the stack level at which ``warnings.warn`` shows the user's line.
 
-    It is that of the first caller outside this package and outside the cached properties in it.
+    It is the level of the first caller outside this package and ``functools``.
     """
     inner, level = (str(Path(__file__).parent), functools.__file__), 1
     frame = sys._getframe(1)
@@ -77,7 +77,7 @@ def level_of_user() -> int:
 
 @contextlib.contextmanager
 def without_collection() -> Iterator[None]:
-    """Pause the cycle collector, since an arena is one large structure without garbage."""
+    """Pause the cycle collector, which would search a large arena in vain."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -44,7 +44,8 @@ def read_urdf(
     Raises
     ------
     SceneError
-        If the file cannot be read or is not a robot; the message begins with file and line.
+        If the file cannot be read or does not describe a robot; the message begins with file and
+        line.
     """
     return read_urdf_scene(path, Scene, UrdfOptions(base, mimic, snap))
 
@@ -70,14 +71,14 @@ def read_spice(path: str | Path) -> Scene:
     Raises
     ------
     SceneError
-        If the file cannot be read, or holds what is not known; the message begins with file and
+        If the file cannot be read or has unsupported contents; the message begins with file and
         line.
     """
     return read_spice_scene(path, Scene)
 
 
 def read_sbml(path: str | Path) -> Scene:
-    """Read a model of reactions from an SBML file, Level 2 or 3.
+    """Read a reaction model from an SBML file, Level 2 or 3.
 
     Species become edges of the chemical domain, whose states are concentrations or amounts.
     Parameters, sizes of compartments and initial values (``A_0`` of a species ``A``) are
@@ -101,7 +102,7 @@ def read_sbml(path: str | Path) -> Scene:
     Error
         If python-libsbml is not installed.
     SceneError
-        If the file cannot be read, or holds what is not known; the message begins with file and
+        If the file cannot be read or has unsupported contents; the message begins with file and
         line.
     """
     return read_sbml_scene(path, Scene)

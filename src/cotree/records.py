@@ -24,7 +24,7 @@ def changed(record: T, **values: Any) -> T:
 
 
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return a record of a frozen dataclass with a dict of its fields, without a copy."""
+    """Make a record of a frozen dataclass whose ``__dict__`` is ``values`` itself, not a copy."""
     record = object.__new__(kind)
     # Setting the whole dict takes the same time for any number of fields; frozen dataclasses allow
     # no other assignment.

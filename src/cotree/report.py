@@ -18,8 +18,8 @@ from cotree.errors import Error
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-#: Limits: rows and columns of an HTML table, characters of a cell, width of a line of text, and
-#: lines of a long text.
+#: Largest numbers of rows and columns of an HTML table, of characters in a cell and in a line of
+#: text, and of lines of a long text.
 MOST_ROWS, MOST_COLUMNS, _MOST_TEXT, _LINE, _MOST_WRAPPED = 24, 12, 160, 96, 4
 
 _SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
@@ -62,11 +62,11 @@ class Table:
 
     @property
     def is_apart(self) -> bool:
-        """Return whether the text has empty lines around the table."""
+        """Return whether empty lines surround the table in text."""
         return bool(self.caption) or self.is_headed
 
     def text(self, most: int | None = None) -> str:
-        """Return some or all rows in aligned columns; empty without rows."""
+        """Return the rows in aligned columns, or an empty string if there are none."""
         if not self.rows or self.in_text == 0:
             return ""
         lines = self._lines([self._written(row[: self.in_text]) for row in self.rows[:most]])
@@ -79,7 +79,7 @@ class Table:
         return "\n".join([self.caption, *lines] if self.caption else lines)
 
     def html(self) -> str:
-        """Return an HTML table; empty without rows."""
+        """Return the table as HTML, or an empty string if it has no rows."""
         if not self.rows or not self.most:
             return ""
         shown = [_row("td", self._written(row), self._sides) for row in self.rows[: self.most]]
@@ -88,7 +88,7 @@ class Table:
         note = ", ".join(f"{n} more {what}" for what, n in hidden.items() if n > 0)
         title = f'<caption style="text-align:left">{escaped(self.caption)}</caption>'
         body = f"<thead>{head}</thead><tbody>{''.join(shown)}</tbody>"
-        # The style overrides that of pages that centre all tables.
+        # The style overrides page styles that centre all tables.
         found = f'<table style="margin-left:0">{title if self.caption else ""}{body}</table>'
         return found + (f'<p style="opacity:.7">… {note}</p>' if note else "")
 
@@ -120,13 +120,13 @@ def _row(tag: str, cells: Sequence[str], sides: str) -> str:
 
 
 class Values(Table):
-    """A table of values: name, value, unit, and columns for HTML only."""
+    """A table of named values with units, and with further columns in HTML."""
 
     is_headed = False
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
         width = max(len(row[0]) for row in rows)
-        # A space takes the place of the minus sign.
+        # Positive numbers begin with a space in place of the minus sign.
         gaps = [" " if isinstance(row[1], float) and not row[1] < 0.0 else "" for row in self.rows]
         return [
             f"{name:<{width}} = {gap}{' '.join(rest)}"
@@ -138,7 +138,7 @@ class Facts(Table):
     """A table of labels and texts; long texts are wrapped."""
 
     def __init__(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Drop rows without a text."""
+        """Keep the rows that have a text."""
         super().__init__((), [(label, text) for label, text in rows if text])
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
@@ -151,7 +151,7 @@ class Facts(Table):
 
 
 def _wrapped(text: str, width: int) -> list[tuple[bool, str]]:
-    """Return the first lines of a wrapped text, and whether each is the very first."""
+    """Wrap a text; return its lines up to a limit, each with whether it is the first."""
     lines = textwrap.wrap(text, width, break_on_hyphens=False)[:_MOST_WRAPPED]
     return [(i == 0, line) for i, line in enumerate(lines)]
 
@@ -176,7 +176,7 @@ class Report:
         object.__setattr__(self, "parts", parts)
 
     def text(self, most: int | None = None) -> str:
-        """Return the report as text, with a limited number of rows of each table."""
+        """Return the report as text; ``most`` limits the rows of each table."""
         lines, was_apart = [self.title] if self.title else [], False
         for part in self.parts:
             text = part if isinstance(part, str) else part.text(most)
@@ -194,8 +194,8 @@ class Report:
         return "\n".join([f"<{self.title}>", *shown])
 
     def html(self) -> str:
-        """Return HTML."""
-        # MathJax would format text between two dollar signs, in a unit or a message.
+        """Return the report as HTML."""
+        # Dollar signs are escaped, since MathJax would format the text between two of them.
         head = '<div class="tex2jax_ignore mathjax_ignore">'
         title = f"<p><b>{escaped(self.title, 1000)}</b></p>" if self.title else ""
         parts = [
@@ -207,7 +207,7 @@ class Report:
 
 
 class Reported:
-    """Base of objects that show a report when printed and in notebooks."""
+    """Base class of objects that are displayed as a report in terminals and notebooks."""
 
     def report(self) -> Report:
         """Build the report."""
@@ -222,7 +222,7 @@ class Reported:
         return self.report().text()
 
     def __repr__(self) -> str:
-        """Return the title and the facts."""
+        """Return the title and the facts of the report."""
         return self.report().brief()
 
     def _repr_html_(self) -> str:
@@ -231,9 +231,9 @@ class Reported:
 
 
 class Listing(Reported, dict[str, Any]):
-    """A table by name, shown with one line per row.
+    """A table of objects by name, displayed with one line for each.
 
-    Its rows have ``cells()``: texts and numbers, the name first.
+    The objects have a method ``cells()``, which returns texts and numbers, the name first.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class Listing(Reported, dict[str, Any]):
 
 
 def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | None = None) -> Any:
-    """Return a pandas DataFrame of rows or of columns.
+    """Convert rows or columns to a pandas DataFrame.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def json_values(value: Any) -> Any:
 
 
 def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: Any) -> Table:
-    """Return a matrix with names of rows and columns as a table for HTML only.
+    """Return a table, for HTML only, of a matrix with named rows and columns.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: An
 
 
 def escaped(text: object, most: int = _MOST_TEXT) -> str:
-    """Return a text as one line of HTML, shortened and escaped."""
+    """Shorten a text to one line and escape it for HTML."""
     line = " ".join(str(text).split())
     return html.escape(line if len(line) <= most else f"{line[: most - 1]}…")
 
@@ -314,7 +314,7 @@ def cut(line: str, most: int = _LINE) -> str:
 
 
 def names(items: Sequence[str], most: int = 8) -> str:
-    """List names; of many, the first ones and their number."""
+    """Join names by commas; a long list is cut and followed by the number of names."""
     if len(items) <= most:
         return ", ".join(items) or "none"
     return f"{', '.join(items[:most])}, … ({len(items)})"

@@ -1,4 +1,4 @@
-"""Results of runs with their plots.
+"""Simulation results with their plots and animations.
 
 In: the record of a run and its model. Out: a ``Result``, which can be plotted over time and, if
 bodies move in space, animated.
@@ -38,12 +38,12 @@ class Result(RunRecord):
     settings: Settings | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the model, which is a library in memory, and its settings."""
+        """Return the state for pickling, without the model (a loaded library) and the settings."""
         # Pointers, and functions as inputs, are not valid in another process.
         return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:
-        """Return the same run at as many times as smooth curves need.
+        """Return the same run at enough times for smooth curves.
 
         Values between the points of this result are computed by the method's own interpolation,
         with both sides of each jump. The result itself is returned if it has 400 points or its run
@@ -62,7 +62,7 @@ class Result(RunRecord):
         *,
         ax: Axes | None = None,
     ) -> Figure:
-        """Draw curves over time by the titles of ``columns()``.
+        """Draw curves over time; names are the titles of ``columns()``.
 
         Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()`` shows
         the figure. Notebooks, and interactive prompts, show it by themselves if matplotlib's pyplot

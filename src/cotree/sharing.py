@@ -1,7 +1,7 @@
 """Caches that threads share: one thread computes a value at its first use, the others wait.
 
-They contain compiled libraries, preparations of runs, and derivatives that are rarely used. Only
-one thread at a time may form derivatives, since they are nodes, which an arena numbers in order.
+They hold compiled libraries, run preparations, and derivatives that are rarely used. Only one
+thread at a time may form derivatives, since the arena numbers their nodes in order.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Lock held while nodes are formed in an arena that other threads can access, such as that of a
-#: compiled model. It is not held during compilation and integration.
+#: Lock for forming nodes in an arena that other threads can access, such as that of a compiled
+#: model. It is not held during compilation and integration.
 forming = threading.RLock()
 
 
 def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Cache the results of a function like ``functools.cache``; other threads wait for them."""
+    """Cache a function's results like ``functools.cache``; threads wait for pending results."""
     lock, found = threading.RLock(), functools.cache(make)
 
     @functools.wraps(make)
@@ -46,7 +46,7 @@ class RecentCache(Generic[_T]):
         self._found: OrderedDict[Hashable, _T] = OrderedDict()
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Return the value of a key, computed at its first use."""
+        """Return the cached value of a key, or compute it by ``make``."""
         with self._lock:
             if key in self._found:
                 self._found.move_to_end(key)
@@ -59,13 +59,13 @@ class RecentCache(Generic[_T]):
         return made
 
 
-class locked_cached_property(functools.cached_property[_T]):  # lower case: a decorator
+class locked_cached_property(functools.cached_property[_T]):  # lower case, since it is a decorator
     """A property computed at its first use, by one thread at a time; see :data:`forming`."""
 
     # Type checkers see only the base class.
     if not TYPE_CHECKING:
 
         def __get__(self, instance: Any, owner: type | None = None) -> Any:
-            """Return the value; later accesses read it from the instance directly."""
+            """Return the value and store it in the instance, where later accesses find it."""
             with forming:
                 return super().__get__(instance, owner)

@@ -1,4 +1,4 @@
-"""The specification that a model is compiled from, and its compilation to kernels.
+"""The specification of a model, and its compilation to kernels.
 
 If the library of a model is cached, forming and printing its equations takes most of the time.
 Therefore programs with their C text are cached, too, with the specification and cotree's own
@@ -35,34 +35,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BuildSpec:
-    """The specification that a model is compiled from."""
+    """The scene and the options that a model is compiled from."""
 
     scene: SceneDescription  # the scene, which must not be changed afterwards
-    sensitivities: tuple[str, ...] = ()  # parameters and states by which sensitivities are taken
-    tree: TreeChoice = None  # the branches; None: chosen automatically
+    sensitivities: tuple[str, ...] = ()  # parameters and states to which sensitivities are taken
+    tree: TreeChoice = None  # the branches; None chooses them automatically
     #: The user's options for the compiler.
     options: BuildOptions = field(default_factory=BuildOptions)
     #: Decay rate of constraint violations, [1/s]; zero: constraints are satisfied by projection.
     baumgarte: float = 0.0
-    #: Whether runs locate kinks of the rates; otherwise kinks are subject to the error test only.
+    #: Whether runs locate kinks of the rates instead of leaving them to the error test.
     locates_corners: bool = True
 
     @property
     def key(self) -> object:
-        """All that determines the program and its text; None if it is unknown."""
+        """Cache key: everything that determines the program and its C text; None if unknown."""
         # Registered laws are functions, which cannot be compared.
         if any(edge.statement["type"] not in OWN for edge in self.scene.edges.values()):
             return None
         return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Cached properties are omitted.
+        # Only fields, without cached properties.
         return BuildSpec, tuple(getattr(self, row.name) for row in fields(self))
 
     @locked_cached_property
     def formed(self) -> Formed:
-        """All stages up to the C text: the first graph, formulations tried, reports of passes."""
-        # If the program is cached, the formulation need not be imported.
+        """Results of all stages up to the C text."""
+        # Imported here, since a cached program needs no formulation.
         from cotree.pipeline import form_text
 
         return form_text(
@@ -70,7 +70,7 @@ class BuildSpec:
         )
 
     def of(self, scene: SceneDescription, sensitivities: Sequence[str] | None = None) -> BuildSpec:
-        """Return the specification of another scene with the same edges and coordinates.
+        """Return the specification with another scene that has the same edges and coordinates.
 
         The scene is not changed afterwards. Sensitivities are the same unless given.
         """
@@ -122,13 +122,13 @@ class BuildSpec:
 
             return text_at_rest(text.layout, self.scene)
 
-        # A callable: the network at rest is formed when a start is requested first.
+        # A function, called at the first request of a start, forms the steady-state equations.
         key = None if self.key is None else ("at rest", self.key)
         return lambda: cached(key, form)
 
 
 def open_spec(data: bytes) -> BuildSpec:
-    """Read the specification of a model from another process."""
+    """Read the specification of a model that was pickled in another process."""
     reason = "it could not be pickled"
     if data:
         try:
@@ -136,7 +136,7 @@ def open_spec(data: bytes) -> BuildSpec:
             assert isinstance(spec, BuildSpec)
             return spec
         except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
-            # Types registered in this process are missing there.
+            # The scene may contain components that only the other process has registered.
             reason = str(error).split(";")[0].rstrip(".")
     raise ModelError(
         "this model came from another process as C text, and the request needs its scene, "

@@ -1,4 +1,4 @@
-"""Tolerances shared by several rooms, and checks of a user's tolerances.
+"""Tolerances shared by several packages, and checks of a user's tolerances.
 
 Checks take a number and return the reason why it is rejected, as a sentence without a capital and a
 full stop. They are the same for runs, scenes, benches and C.
@@ -12,37 +12,34 @@ from typing import NamedTuple
 #: At this relative tolerance the error of a step may be as large as the solution.
 LARGEST_RTOL = 1.0
 
-#: Above this relative tolerance, error estimates are unreliable, since they are leading terms of
-#: series.
+#: Above this relative tolerance, error estimates, the leading terms of series, are unreliable.
 LOOSE_RTOL = 1e-2
 
-#: A step fails if the projection of its end changes it by more than this many tolerances on
-#: average.
+#: A step fails if projection changes its end by more than this many tolerances on average.
 FARTHEST_CORRECTION = 10.0
 
-#: Added to divisors, or used as their lower bound: it only affects zeros. In other floating-point
-#: types it is the same fraction of the range.
+#: Added to divisors, or used as their lower bound, which only affects zeros. In other
+#: floating-point types the value is scaled with their range.
 TINY = 1e-290
 
-#: Relative distance within which time events are regarded as one: a few rounding errors.
+#: Relative distance, a few rounding errors, within which time events are one event.
 SAME = 8 * 2.0**-52
 
-#: Gradients of constraints whose singular values or pivots are below this fraction of the largest
-#: are redundant.
+#: Constraint gradients are redundant if their singular values or pivots are below this fraction of
+#: the largest one.
 RANK = 1e-10
 
 
 class Limits(NamedTuple):
-    """Limits shared by C and Python: those of ``cotree_limits.h``."""
+    """Limits shared by Python and C, where ``cotree_limits.h`` declares them."""
 
-    #: A step fails if the projection of its end changes it by more than this many tolerances on
-    #: average.
+    #: A step fails if projection changes its end by more than this many tolerances on average.
     max_projection: float = FARTHEST_CORRECTION
-    #: A correction opposes the residual from which it is computed if the cosine of their angle is
-    #: below minus this.
+    #: A correction opposes its residual if the cosine of the angle between them is below minus
+    #: this.
     opposed_cosine: float = 0.7
-    #: Maximum number of steps of a projection. A step below the limit of small corrections that is
-    #: more than half the previous one is at rounding level, since Newton's method converges
+    #: Maximum number of steps of a projection, and limit of small corrections. A small correction
+    #: that is more than half the previous one is a rounding error, since Newton's method converges
     #: quadratically.
     most_projections: int = 10
     small_correction: float = 1e-8
@@ -50,26 +47,26 @@ class Limits(NamedTuple):
     #: largest state). Near a singular configuration, residuals of trial steps at a tolerance of
     #: 1e-8 stay below it in directions that the constraints hardly determine.
     largest_residual: float = 1e-6
-    #: Rates jump at a breakpoint if they differ by more than this many times their change over the
-    #: same time on one side. Smaller differences are rounding errors of the time.
+    #: Rates jump at a breakpoint if their difference across it exceeds their change over the same
+    #: time on one side by this factor. Smaller differences are due to rounding of the time.
     jump_noise: float = 1e3
-    #: A step of at most this many units in the last place makes no progress. One such step may
-    #: occur before a breakpoint; this many in a row are a stall.
+    #: A step of at most this many units in the last place of the time makes no progress. One such
+    #: step may occur before a breakpoint; ``stall_steps`` in a row are a stall.
     stall_spacings: int = 16
     stall_steps: int = 5
-    #: Stiffness changes the method only if more than this many steps remain: another method takes
-    #: some hundred steps and matrix evaluations, and must be compiled.
+    #: A run with stiff rates changes its method if more than this many steps remain, since another
+    #: method must be compiled and takes some hundred steps and matrix evaluations.
     most_stiff_steps: int = 1000
-    #: Maximum number of simultaneous events that one event may trigger.
+    #: Maximum number of simultaneous events in a chain that one event triggers.
     event_rounds: int = 50
     #: Number of points of the interpolation polynomial, and limit of its estimated error with
     #: explicit methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
-    #: Planned pivots are accepted if the solution solves a system whose entries differ from the
-    #: exact ones by at most this fraction.
+    #: Pivots chosen in advance are accepted if the solution is exact for matrix entries that differ
+    #: by at most this fraction.
     planned_pivots: float = 1e-10
-    #: Number of past times stored for each event. As many events within a billionth of the span are
+    #: Number of past times stored for each event; as many within a billionth of the span are
     #: chatter.
     event_crowd: int = 100
 
@@ -78,10 +75,9 @@ LIMITS = Limits()
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
-    """Describe why a relative tolerance is rejected; empty if it is accepted.
+    """Return the reason why a relative tolerance is rejected, or an empty string.
 
-    The smallest one is the smallest positive number, or zero if tolerances as small as can be
-    tested are allowed.
+    ``least`` is the smallest accepted one, by default the smallest positive number.
     """
     if not (math.isfinite(rtol) and rtol >= least):
         return f"rtol is {rtol}; give a positive finite number"

@@ -18,7 +18,7 @@ from typing import Any
 from cotree.errors import UnitError, brief, nearest
 
 #: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are dimensionless in SI.
-#: Fields distinguish rad and Hz: a speed in rad/s is not a frequency in Hz, although both are 1/s.
+#: Angle and cycles distinguish a speed in rad/s from a frequency in Hz, although both are 1/s.
 Dimension = tuple[float, ...]
 
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad", "Hz")
@@ -73,10 +73,9 @@ class Unit:
     text : str
         The original text.
     si : str
-        The unit of SI that replaces it.
+        The equivalent SI unit.
     factor, offset : Fraction
-        One and zero for units of SI. They are fractions, so that 35 mm is the same double as
-        0.035 m.
+        One and zero for SI units. As fractions, they convert 35 mm to the same double as 0.035 m.
     dimension : tuple of float
         Exponents of the base units, and of angle and cycles.
     """
@@ -89,24 +88,24 @@ class Unit:
 
     @property
     def is_si(self) -> bool:
-        """Whether it is a unit of SI."""
+        """Whether the unit is an SI unit."""
         return self.factor == 1 and self.offset == 0
 
     def to_si(self, value: float) -> float:
-        """Convert a value."""
+        """Convert a value in this unit to SI."""
         return float(Fraction(repr(value)) * self.factor + self.offset)
 
     def fits(self, other: Unit) -> bool:
-        """Return whether both are units of the same quantity.
+        """Return whether both units measure the same quantity.
 
-        Radians may be left out, but cycles are not radians.
+        Radians may be omitted, but cycles are not radians.
         """
         return same_dimension(self.dimension, other.dimension)
 
 
 @dataclass(frozen=True)
 class _Symbol:
-    """A symbol: its factor and offset, its dimension, and its representation in SI."""
+    """The factor, offset and dimension of one unit symbol, and its text in SI symbols."""
 
     factor: Fraction
     offset: Fraction
@@ -115,19 +114,19 @@ class _Symbol:
 
 
 def same_dimension(a: Dimension, b: Dimension) -> bool:
-    """Return whether two dimensions are equal; radians are only distinguished from cycles."""
+    """Return whether two dimensions are equal, if radians but not cycles are ignored."""
     if any(abs(x - y) > 1e-9 for x, y in zip(a[:_N_TRUE], b[:_N_TRUE], strict=True)):
         return False
     return not ((a[_ANGLE] and b[_CYCLE]) or (b[_ANGLE] and a[_CYCLE]))
 
 
 def unit_text(dimension: Dimension) -> str:
-    """Write a dimension as a unit of SI: one symbol if there is one, otherwise base units."""
-    # Radians are omitted next to other units: a torque per radian times radians is a torque.
+    """Write a dimension as an SI unit: one symbol if possible, otherwise base units."""
+    # Radians are omitted next to other units, as in a torque per radian times radians.
     if any(dimension[base] for base in range(_N_TRUE) if base != _SECOND):
         dimension = (*dimension[:_ANGLE], 0.0, *dimension[_ANGLE + 1 :])
     if dimension == _SI["J"]:
-        return "N m"  # joule is displayed as N m, for energies and torques
+        return "N m"  # both energies and torques are displayed in N m
     for symbol, known in _SI.items():
         if known == dimension:
             return symbol
@@ -148,17 +147,17 @@ def check_unit(text: str, what: str) -> Unit | None:
 
 
 def stated_unit(text: str) -> Unit | None:
-    """Parse the unit that a field or result states; None if it states none, or one of several."""
+    """Parse the unit of a field or result; None if it is empty or a choice of several units."""
     if not text or text == "any" or " or " in text:
         return None
     try:
         return read_unit(text)
     except UnitError:
-        return None  # user-defined components may state any text
+        return None  # user-defined components may have any text
 
 
 def check_fits(unit: Unit, wanted: str, what: str) -> None:
-    """Raise UnitError, which names both, if a unit does not have the required dimension."""
+    """Raise UnitError if the dimension of ``unit`` is not that of ``wanted``."""
     stated = stated_unit(wanted)
     if stated is None or unit.fits(stated):
         return
@@ -170,7 +169,7 @@ def check_fits(unit: Unit, wanted: str, what: str) -> None:
 
 @lru_cache(maxsize=1024)
 def read_unit(text: str) -> Unit:
-    """Parse a unit; raise UnitError, "which holds ...", if it is invalid."""
+    """Parse a unit; raise UnitError if it is invalid."""
     if len(text) > _LONGEST:
         raise UnitError(f"which is longer than {_LONGEST} characters")
     parts = _parts(text.strip())
@@ -197,7 +196,7 @@ def read_unit(text: str) -> Unit:
 
 
 def _exact(value: float) -> Fraction:
-    """Return a number as the decimal fraction that it is written as."""
+    """Convert a number to the decimal fraction in its shortest text."""
     return Fraction(repr(float(value)))
 
 
@@ -221,7 +220,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
         word = f"**{word.translate(_RAISED)}" if kind == "power" else word
         words.append(_SPELT.get(word, word))
     if words == ["-"]:
-        return []  # a dash is written for quantities without a unit
+        return []  # a dash means that there is no unit
     try:
         return _factors(ast.parse("".join(words), mode="eval").body, names, 1.0)
     except SyntaxError:
@@ -229,7 +228,7 @@ def _parts(text: str) -> list[tuple[str, float]]:
 
 
 def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, float]]:
-    """List the symbols of a tree with their exponents, all multiplied by a power."""
+    """List the symbols of a syntax tree with their exponents, multiplied by ``power``."""
     if abs(power) > _LARGEST_POWER:
         raise UnitError(f"which has a power beyond {_LARGEST_POWER:g}")
     match tree:
@@ -249,7 +248,7 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
 
 
 def _written(parts: list[tuple[str, float]]) -> str:
-    """Write symbols with exponents as a text, those with negative ones after a slash."""
+    """Write symbols with their exponents; those with negative exponents follow a slash."""
     total: dict[str, float] = {}
     for name, power in parts:
         total[name] = total.get(name, 0.0) + power
@@ -274,7 +273,7 @@ def _symbol(name: str) -> _Symbol:
 
 @lru_cache(maxsize=512)
 def _foreign(name: str) -> _Symbol:
-    """Find a symbol with a prefix, or outside SI, in the library."""
+    """Find a prefixed or non-SI symbol in pint."""
     import pint
 
     registry = _registry()
@@ -297,7 +296,7 @@ def _foreign(name: str) -> _Symbol:
         exponents["Hz"] = 1.0
     dimension = _of(**exponents)
     offset = _exact(zero.magnitude)
-    if offset:  # temperature differences: rounding errors in the library's table are larger
+    if offset:  # rounding errors in pint's table are larger than those of temperature differences
         one = registry.Quantity(1.0, f"delta_{own}").to_base_units()
     factor = _exact(one.magnitude)
     si = next((n for n, own_dimension in _SI.items() if own_dimension == dimension), None)
@@ -306,7 +305,7 @@ def _foreign(name: str) -> _Symbol:
 
 
 def _unknown(name: str, registry: Any) -> str:
-    """Return the message that a unit is unknown, with a suggestion."""
+    """Return the error message for an unknown unit, with a suggestion."""
     usual = [f"{prefix}{symbol}" for prefix in ("", *"MkcmunpG") for symbol in _SI]
     close = nearest(name, usual)
     if "did you mean" not in close:
@@ -318,14 +317,14 @@ def _unknown(name: str, registry: Any) -> str:
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    """Return the library's table of units, created once, since this takes almost a second."""
+    """Return pint's unit table, which takes almost a second to create and is cached."""
     import pint
 
     return pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
 
 
 def quotient(unit: str, divisor: str) -> str:
-    """Return a unit divided by another, m by N m as m/(N m); empty if one of them is unknown."""
+    """Return the text of a quotient of units, such as m/(N m), or "" if one unit is unknown."""
     # An unknown unit makes the quotient unknown, not dimensionless.
     if not unit or not divisor:
         return ""

@@ -1,4 +1,4 @@
-"""Versions, in one place."""
+"""Versions of the package and of its C structures."""
 
 from __future__ import annotations
 

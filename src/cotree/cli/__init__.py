@@ -1,7 +1,7 @@
-"""The command line: arguments in, text and files out; no mathematics.
+"""The command line, which converts arguments to calls and results to text and files.
 
-Compilation of the engine of a run begins before the command's packages are imported: at the first
-run on a machine, the compiler then works while Python imports and forms equations.
+For runs, the C engine begins to compile before the command's packages are imported. At the first
+run on a machine, compilation thus overlaps with imports and with forming the equations.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ _OPTION = "--method"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, with the arguments of the process by default; return the exit code."""
     begin_engine(sys.argv[1:] if arguments is None else arguments)
-    # This import is slow; meanwhile the compiler runs in other processes.
+    # This import is slow, but the compiler runs in another process.
     from cotree.cli.app import main as run
 
     code = run(arguments)
-    # A Python program that passes arguments may still need the engine.
+    # If a Python program passed arguments, it may still need the engine.
     if code and arguments is None:
         abandon_engine()
     return code
 
 
 def begin_engine(arguments: Sequence[str]) -> None:
-    """Begin to build the engine for a command line that runs a scene.
+    """Begin to build the engine if the command line runs a scene.
 
-    The scene, the method and whether there are events are guesses; the command itself checks the
-    arguments and waits for the engine that it needs.
+    Scene, method and presence of events are guesses; the command itself checks its arguments and
+    waits for the engine that it needs.
     """
     if "run" not in arguments or "--help" in arguments:
         return
     rest = list(arguments[arguments.index("run") + 1 :])
     scene = next(filter(None, map(_scene_file, rest)), None)
-    if scene is None:  # the command will report why the scene cannot be read
+    if scene is None:  # the command reports why the scene cannot be read
         return
     method, has_events = _engine_of(scene)
     method = _method_given(rest) or method
@@ -55,14 +55,14 @@ def begin_engine(arguments: Sequence[str]) -> None:
 
 
 def abandon_engine() -> None:
-    """Stop the compilation for a command that failed."""
+    """Stop the compilation after a command has failed."""
     engine = sys.modules.get("cotree.solvers.engine")
     if engine is not None:  # otherwise no build was started
         engine.abandon_ahead()
 
 
 def _scene_file(argument: str) -> Path | None:
-    """Find the file of a scene that an argument may name."""
+    """Return the scene file that an argument names, or None."""
     if argument.startswith("-"):
         return None
     places = (Path(argument), _SHIPPED / f"{argument}.toml")
@@ -72,7 +72,7 @@ def _scene_file(argument: str) -> Path | None:
 
 
 def _method_given(arguments: list[str]) -> str:
-    """Read the option of the method; empty if it is absent."""
+    """Return the value of the option ``--method``, or "" if it is absent."""
     for place, argument in enumerate(arguments):
         if argument == _OPTION:
             return "".join(arguments[place + 1 : place + 2])
@@ -82,7 +82,7 @@ def _method_given(arguments: list[str]) -> str:
 
 
 def _engine_of(scene: Path) -> tuple[str | None, bool]:
-    """Read the method of a scene's file, None if that is impossible, and whether it has events."""
+    """Return a scene file's method, None if it cannot be read, and whether it has events."""
     if scene.suffix != ".toml":
         return "auto", False
     try:

@@ -1,7 +1,7 @@
 """Commands, one function each, and the handling of errors and warnings.
 
 Exit codes: 0 done, 1 a failed integration or check, 2 a wrong argument or scene, 130 interrupted.
-Packages that take long to import are imported by the commands that need them.
+Commands import slow packages themselves, so that the others start fast.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from cotree.scene.graphs import TreeChoice
 
 
-# Maximum number of findings that a run prints.
+# Largest number of findings that a run prints.
 _MOST_WARNINGS = 5
 
 
@@ -79,15 +79,15 @@ def lint_scene(
 
 
 def warn_of(scene: Scene) -> None:
-    """Print the findings of lint on a scene that is about to run, to standard error."""
+    """Print lint findings about a scene on standard error before it runs."""
 
     def findings() -> list[Finding]:
         from cotree.lint import lint
 
-        # Errors are reported by the run itself, and unused names do not change results.
+        # The run itself reports errors, and unused names do not change results.
         return [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
 
-    # Most scenes have no findings, which is cached; lines are those of the present file.
+    # Only an empty result is cached, since line numbers change with the file.
     found = findings() if cached(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
@@ -96,7 +96,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def finding_lines(found: Sequence[Finding]) -> list[str]:
-    """Return a line for each finding, and one with the entry that allows them."""
+    """Return a line for each finding, and a line with the ``allow`` entries that permit them."""
     lines = [str(row) for row in found]
     entries = ", ".join(f'"{row.allow}"' for row in found if row.allow)
     if entries:
@@ -105,7 +105,7 @@ def finding_lines(found: Sequence[Finding]) -> list[str]:
 
 
 def derived_values(model: Model, parameters: Mapping[str, float] | None) -> Values:
-    """List the parameters that follow from others: name, expression, value and unit."""
+    """Return a table of the derived parameters: name, expression, value and unit."""
     values = model.kernels.derived(parameters)
     rows = [(f"{r.name} = {r.text}", values[r.name], r.unit) for r in model.kernels.layout.derived]
     return Values((), rows, "derived parameters", digits=10)
@@ -124,7 +124,7 @@ def check_scene(
 
     described = read_scene(scene, settings)
     values = settings.pop("parameters")
-    # Constants in the code have no sensitivities.
+    # Parameters that are constants in the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
     model = described.compile(names, tree)
@@ -174,7 +174,7 @@ def bench_scene(
     check_folder(json)
     check_picture(plot)
     tolerances = read_tolerances(tolerance)
-    # Given options take precedence over --quick.
+    # Options on the command line take precedence over --quick.
     settings |= given(repeats=repeats, budget=budget)
     if quick:
         tolerances = tolerances or list(study.QUICK_TOLERANCES)
@@ -198,7 +198,7 @@ def bench_scene(
 
 @contextmanager
 def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show a progress bar on standard error, if it is a terminal; it is removed at the end."""
+    """Show a progress bar on standard error if it is a terminal; remove it at the end."""
     if not sys.stderr.isatty():
         yield lambda text, share: None
         return
@@ -211,7 +211,7 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
 
 
 def _progress(text: str) -> None:
-    """Print a line on standard error, if it is a terminal."""
+    """Print a line on standard error if it is a terminal."""
     if sys.stderr.isatty():
         typer.echo(f"cotree: {text}", err=True)
 
@@ -286,7 +286,7 @@ _ORDER = (
     "scenes"
 )
 
-#: Functions of commands, imported when their command is called or all commands are listed.
+#: Modules and functions of commands that are imported when needed: by their call or by help.
 _LATER = {
     "sweep": "sweep.sweep_scene",
     "optimise": "fitting.optimise_scene",
@@ -297,14 +297,14 @@ _LATER = {
 
 
 class Commands(TyperGroup):
-    """Commands, of which some are imported at their first use."""
+    """A group of commands, some of which are imported at their first use."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
         return _ORDER.split()
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command; None if there is none of this name."""
+        """Return a command by name, or None if there is none."""
         if cmd_name in _LATER and cmd_name not in self.commands:
             module, _, function = _LATER[cmd_name].partition(".")
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -324,14 +324,14 @@ app = typer.Typer(
 )
 
 
-#: Errors of an output that can take no more: no space, a quota, a device.
+#: Error numbers of an output that accepts no more data: disk full, quota exceeded, device error.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, with the arguments of the process by default; return the exit code."""
     for stream in (sys.stdout, sys.stderr):
-        # A terminal or pipe may lack the Greek letters of equations.
+        # The encoding of a terminal or pipe may lack the Greek letters of equations.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
@@ -339,12 +339,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             try:
                 app(args=None if arguments is None else list(arguments), prog_name="cotree")
             finally:
-                if sys.stdout is not None:  # a process may begin with a closed output
+                if sys.stdout is not None:  # the process may start with a closed output
                     sys.stdout.flush()
     except SystemExit as stop:
-        # Typer raises SystemExit on success, too; a text as its code means failure.
+        # Typer raises SystemExit on success, too; if its code is a text, the command failed.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
-    # Any other exception is a defect and keeps its traceback.
+    # Any other exception is a defect of cotree and keeps its traceback.
     except Error as error:
         print_error(str(error))
         return 2
@@ -354,7 +354,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in _FULL:
             raise
         print_error(f"the output cannot be written: {error.strerror}")
-        sys.stdout = None  # otherwise the rest would be written when Python ends
+        sys.stdout = None  # otherwise Python would write the rest when it exits
         return 2
     return 0
 
@@ -367,7 +367,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    # An eager option does not require a command.
+    # An eager option such as --version does not require a command.
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
@@ -414,7 +414,7 @@ def run_scene(
     """Integrate a scene and print its end state and sensitivities."""
     from cotree.solvers.engine import build_ahead
 
-    # Files are checked before the run, so that no results are lost.
+    # Output files are checked before the run, so that no results are lost.
     check_folder(csv)
     check_picture(plot)
     if show and plot is None and animate is None:
@@ -434,7 +434,7 @@ def run_scene(
     # The report is printed even if a file cannot be written.
     kernels = f"kernels in {model.kernels.backend}"
     kernels += " from the cache" if model.kernels.cached else ""
-    # A failure has been reported by a warning on standard error.
+    # A warning on standard error has already reported the failure.
     parts = result.report().parts[0 if result.success else 1 :]
     title = f"{described.headline}; {len(model.states)} states, {kernels}"
     typer.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
@@ -445,7 +445,7 @@ def run_scene(
     elif animate is not None:
         draw_curves(result, animate, show)
         typer.echo(f"wrote {animate}: nothing moves in space here, so it shows curves over time")
-    # Results of a run that failed are written, too.
+    # Results of a failed run are written, too.
     if not result.success:
         raise typer.Exit(1)
 
@@ -512,7 +512,7 @@ def show_equations(
 
 
 def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> str:
-    """Write the steps of the formulation, with a sensitivity graph for each sensitivity."""
+    """Return the formulation steps as text, with a sensitivity graph for each sensitivity."""
     from cotree.export.steps import formulation_steps
     from cotree.pipeline import formulate
 

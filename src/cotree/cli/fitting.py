@@ -157,7 +157,7 @@ def fit_scene(
 
 
 def _ranges(texts: Sequence[str]) -> dict[str, Any]:
-    """Read ``name``, ``name=low:high`` or ``name=low:high:scale``."""
+    """Parse the bounds of parameters: ``name``, ``name=low:high`` or ``name=low:high:scale``."""
     found: dict[str, Any] = {}
     for text in texts:
         name, equals, bounds = (part.strip() for part in text.partition("="))
@@ -170,7 +170,7 @@ def _ranges(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
-    """Read ``low:high`` or ``low:high:scale``."""
+    """Parse one pair of bounds: ``low:high`` or ``low:high:scale``."""
     try:
         low, high, *scale = text.split(":")
         if len(scale) < 2:
@@ -184,7 +184,7 @@ def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
 
 
 def _noise(texts: Sequence[str]) -> Any:
-    """Read noise of all columns, or of each."""
+    """Parse the noise level of all columns, or of each column."""
     alone = [text for text in texts if "=" not in text]
     if not alone:
         pairs = read_pairs("--noise", texts)
@@ -260,7 +260,8 @@ def optimise_scene(
     if csv is not None or plot is not None:
         from cotree.cli.picture import draw_run
 
-        # The runs of the search are at the times of the goals, this one is at the solver's steps.
+        # This run reports the solver's steps; runs of the search report only the times of the
+        # goals.
         settings |= {
             "parameters": {**values, **found.settings["parameters"]},
             "initial": {**initial, **found.settings["initial"]},

@@ -1,4 +1,4 @@
-"""Commands for beginners: the catalogue of components, and scenes to start from."""
+"""Commands for beginners, which show the catalogue of components and write scenes to start from."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cotree.report import Report, Table
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-#: Names of shipped scenes that serve as templates, by short name.
+#: Shipped scenes that serve as templates, by short name.
 TEMPLATES = {
     "mechanism": "spring-mass-damper",
     "pendulum": "slider-pendulum",
@@ -55,7 +55,7 @@ def _graphs(domains: Iterable[str]) -> str:
 
 
 def _describe(name: str) -> str:
-    """Describe a component: its nodes, its entries, initial values, and an example."""
+    """Return a description of a component: nodes, fields, initial values and an example."""
     from cotree.scene.toml_file import shipped_parts
 
     if name in shipped_parts():
@@ -86,7 +86,7 @@ def _describe(name: str) -> str:
 
 
 def _describe_part(name: str) -> str:
-    """Describe a part: its ports, parameters, inputs and outputs, and an example."""
+    """Return a description of a part: ports, parameters, inputs, outputs and an example."""
     from cotree.scene.toml_file import load_part
     from cotree.scene.toml_text import table_text
 
@@ -134,7 +134,7 @@ def new_scene(
     if name is None:
         raise typer.BadParameter("name the scene, as in: cotree new arm --like robot")
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
-    # ``cotree new robot`` starts from the template of this name.
+    # ``cotree new robot`` uses the template with this name.
     wanted = like or (path.stem if path.stem in TEMPLATES else "mechanism")
     text = _text(_shipped(wanted))
     check_folder(path)
@@ -149,7 +149,7 @@ def new_scene(
 
 
 def _shipped(template: str) -> str:
-    """Return the shipped scene or part of a template, given by either name."""
+    """Return the shipped scene or part with the given name or short name."""
     from cotree.scene.toml_file import shipped_parts, shipped_scenes
 
     known = (*shipped_scenes(), *shipped_parts())
@@ -166,12 +166,12 @@ def _text(scene: str) -> str:
 
 
 def _about(text: str) -> str:
-    """Return the first line of a shipped scene, a comment that describes it."""
+    """Return the description of a shipped scene, the comment on its first line."""
     return text.partition("\n")[0].lstrip("# ")
 
 
 def _renamed(text: str, name: str) -> str:
-    """Return the text of a scene with another name."""
+    """Return a scene file's text with another scene name."""
     from cotree.naming import check_scene_name
 
     check_scene_name(name)
@@ -182,7 +182,7 @@ def _renamed(text: str, name: str) -> str:
 
 
 def _write_new(path: Path, text: str) -> None:
-    """Write a file that does not exist yet."""
+    """Write a new file; raise an error if it exists."""
     try:
         with path.open("x", encoding="utf-8", newline="\n") as file:
             file.write(text)

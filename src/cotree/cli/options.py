@@ -1,4 +1,4 @@
-"""Arguments and options that commands share, parsing of their texts, and messages."""
+"""Shared arguments and options of commands, parsing of their values, and messages."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def given(**options: float | None) -> dict[str, float]:
-    """Return the options that were given."""
+    """Return the options that were set."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
-    """Read ``name=number`` for each time that an option is given."""
+    """Parse the values ``name=number`` of an option that may be repeated."""
     numbers = {}
     for name, value in read_pairs(option, texts).items():
         try:
@@ -43,10 +43,10 @@ def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
 
 
 def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    """Read ``name=text`` for each time that an option is given; names must differ."""
+    """Parse the values ``name=text`` of an option that may be repeated; names must differ."""
     pairs: dict[str, str] = {}
     for text in texts:
-        # Expressions may contain further signs of equality.
+        # Only the first equals sign separates, since expressions may contain others.
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ParameterError(
@@ -60,11 +60,11 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
 
 
 def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
-    """Read ``rtol`` or ``rtol,atol`` for each time that the option is given."""
+    """Parse the values ``rtol`` or ``rtol,atol`` of an option that may be repeated."""
     tolerances: list[float | tuple[float, float]] = []
     for text in texts:
         try:
-            # Unpacking more than two numbers raises a ValueError, too.
+            # If there are more than two numbers, unpacking them raises a ValueError, too.
             rtol, *rest = (float(part) for part in text.split(","))
             (atol,) = rest or (None,)
         except ValueError:
@@ -77,10 +77,10 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
 
 
 def read_tree(texts: Sequence[str]) -> TreeChoice:
-    """Read branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each."""
+    """Parse tree branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each."""
     if not any("=" in text for text in texts):
         names = [name for text in texts for name in _names(text)]
-        # An empty text names no branches; without the option cotree chooses the tree.
+        # An empty value means no branches; without the option, cotree chooses the tree.
         return names if texts else None
     tree: dict[str, list[str]] = {}
     for text in texts:
@@ -97,7 +97,7 @@ def read_tree(texts: Sequence[str]) -> TreeChoice:
 
 
 def check_folder(path: Path | None) -> None:
-    """Refuse a file that cannot be written, before any work is done for it."""
+    """Raise an error if a file cannot be written; called before any computation."""
     if path is not None:
         check_parent(path)
         if path.is_dir():
@@ -109,7 +109,7 @@ def _names(text: str) -> list[str]:
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture that cannot be written, before any work is done for it."""
+    """Raise an error if a picture cannot be written; called before any computation."""
     if path is not None:
         from cotree import plot
 
@@ -118,7 +118,7 @@ def check_picture(path: Path | None) -> None:
 
 
 def check_animated(path: Path | None, scene: Scene) -> bool:
-    """Refuse an animation that cannot be written; return whether the scene moves in space."""
+    """Return whether a scene moves in space; raise an error if its animation cannot be written."""
     if path is None:
         return False
     from cotree.watch import check_animation
@@ -161,10 +161,10 @@ Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to 
 def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
     """Return a decorator that adds the options of a command's arguments ``settings`` and ``tree``.
 
-    ``settings`` becomes an option for each setting of runs that has a help text, except those in
-    ``leave``; the command receives a dict of the settings that were given, and of parameters,
-    initial values and inputs. ``helps`` has another default or another help text of a setting.
-    ``tree`` becomes ``--tree``; the command receives the chosen tree.
+    ``settings`` is replaced by options for all settings of runs that have a help text, except those
+    in ``leave``; the command receives a dict of the options that were set, including parameters,
+    initial values and inputs. ``helps`` replaces help texts or defaults of settings. ``tree`` is
+    replaced by ``--tree``; the command receives the chosen tree.
     """
     rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
     shared = {"settings": [_parameter(name, row, helps.get(name)) for name, row in rows.items()]}
@@ -199,7 +199,7 @@ def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def _parameter(name: str, row: Row, help_: float | str | None) -> inspect.Parameter:
-    """Return the option of a setting."""
+    """Return the command parameter that represents a setting as an option."""
     text, value = row.option, getattr(Settings, name, None)
     if isinstance(help_, str):
         text = help_
@@ -222,32 +222,32 @@ _READERS: dict[str, Callable[[str, Sequence[str]], dict[str, Any]]] = {
 
 
 def _read(name: str, value: Any) -> Any:
-    """Read the value of a setting; an option of a mapping may be repeated."""
+    """Parse the value of a setting; options for mappings may be repeated."""
     read = _READERS.get(name)
     return read(ROWS[name].flag or f"--{name}", value) if read else value
 
 
-#: ``base`` and ``mimic`` of the current command line.
+#: Values of ``base`` and ``mimic`` on the current command line.
 _ROBOT: ContextVar[tuple[str, bool]] = ContextVar("_ROBOT", default=("fixed", True))
 
 
 def read_robots_with(base: str, mimic: bool) -> None:
-    """Store the options for reading robots, for :func:`read_scene`."""
+    """Store the options with which :func:`read_scene` reads robots."""
     _ROBOT.set((base, mimic))
 
 
 def read_scene(
     source: str, settings: dict[str, Any] | None = None, swept: Iterable[str] = ()
 ) -> Scene:
-    """Read a shipped scene or a file; notes on ignored elements go to standard error.
+    """Read a shipped scene or a file; print notes on ignored elements on standard error.
 
-    Expressions of inputs are moved from ``settings`` to the scene. New names in them are parameters
-    in ``settings``, or among the names ``swept`` that members set.
+    Input expressions are moved from ``settings`` to the scene. New names in them are parameters
+    that ``settings`` or, if in ``swept``, the members of an ensemble set.
     """
     from cotree.api import load
     from cotree.readers import is_urdf
 
-    if is_urdf(source):  # the options below apply to robots only
+    if is_urdf(source):  # the options apply to robots only
         from cotree.reading import read_urdf
 
         scene = read_urdf(source, *_ROBOT.get())
@@ -259,37 +259,37 @@ def read_scene(
         return scene
     from cotree.scene.variants import new_names
 
-    # Every member replaces the value one of a swept parameter.
+    # The value one is a placeholder, which every member replaces.
     values = dict.fromkeys(swept, 1.0) | settings["parameters"]
     new = {name: values[name] for name in new_names(scene, inputs, values)}
     return scene.with_inputs(inputs, new)
 
 
 def write_file(path: Path | None, write: Callable[[Path], object]) -> None:
-    """Write the file of an option, if it is given, and print its name."""
+    """Write the file that an option names, if any, and print its name."""
     if path is not None:
         write(path)
         typer.echo(f"wrote {path}")
 
 
-#: Exit code of a command that Ctrl-C ended, as in shells.
+#: Exit code, as in shells, of a command that Ctrl-C interrupts.
 INTERRUPTED = 130
 
 
 def print_error(sentence: str) -> None:
-    """Print a sentence on standard error, on one line."""
+    """Print a sentence on one line of standard error."""
     typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
 
 
 @contextmanager
 def warnings_in_one_line() -> Iterator[None]:
-    """Show warnings as sentences, without file names and source lines."""
+    """Print warnings as sentences, without file names and source lines."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         print_error(f"warning: {message}")
 
     with warnings.catch_warnings():
-        # By default Python shows repeated warnings of a line of code only once.
+        # By default, Python shows repeated warnings from the same line of code only once.
         warnings.simplefilter("always", RuntimeWarning)
         warnings.showwarning = show
         yield

@@ -1,4 +1,4 @@
-"""The picture of a run: coordinates, and sensitivities with finite differences laid over."""
+"""Picture of a run: coordinates, and sensitivities with finite differences as an overlay."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from cotree.results import Result
 
 _CIRCLES = 40
-# Relative step of the differences, and tolerance of their runs: truncation and integration error
-# then stay below 1e-5 of the curve, less than the width of its line.
+# Relative step of the differences, and tolerance of their runs. They keep truncation and
+# integration errors below 1e-5 of the curve, which is less than a line width.
 _STEP, _RTOL, _ATOL = 1e-4, 1e-10, 1e-12
 
 
@@ -34,14 +34,14 @@ def draw_run(
     settings: Mapping[str, Any],
     names: Sequence[str] = (),
 ) -> None:
-    """Draw the result of a model into a file.
+    """Draw the result of a model, with finite differences, and save the figure.
 
     ``settings`` are the arguments of :meth:`cotree.Model.simulate`, and ``names`` the curves; see
     :func:`check_names`.
     """
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    # The runs of finite differences would fail as well.
+    # After a failed run, the runs for finite differences would fail, too.
     if result.success:
         overlay = _finite_differences(model, result, chosen.sensitivities, settings)
     save_figure(
@@ -50,7 +50,7 @@ def draw_run(
 
 
 def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
-    """Draw the curves of a run into a file, ``.html`` or ``.gif``, instead of an animation."""
+    """Save the curves of a run as ``.html`` or ``.gif`` in place of an animation."""
     figure = plot_result(result.smooth(), names or None)
     with atomic_write(path, "the picture") as draft:
         if path.suffix.lower() == ".html":
@@ -65,7 +65,7 @@ def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
 
 
 def check_names(model: Model, names: Sequence[str]) -> Curves:
-    """Return the named curves of a model, or all coordinates if there are no names."""
+    """Return the named curves of a model, or all coordinates if no curve is named."""
     followers = (*(row.name for row in model.kernels.layout.positions), *model.outputs)
     known = (model.states, followers, model.inputs, model.sensitivities)
     return choose_curves(names or None, *known)
@@ -77,13 +77,13 @@ def _finite_differences(
     pairs: Sequence[tuple[str, str]],
     settings: Mapping[str, Any],
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """Return finite differences by each parameter; those that fail are left out."""
+    """Compute finite differences for pairs of quantity and parameter, without those that fail."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
-    # The method of the result, which may have been chosen automatically.
+    # The runs have the method of the result, which may have been chosen automatically.
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    # Two runs give the differences of all quantities by one parameter.
+    # Two runs per parameter provide the differences of all quantities.
     for parameter in dict.fromkeys(parameter for _, parameter in pairs):
         try:
             values = experiment.central_difference(

@@ -1,4 +1,4 @@
-"""The command that runs a scene with many values of its parameters."""
+"""The command that runs a scene with many parameter values."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 _GRID = "--grid L=0.8:1.2:11, --grid k=1:1000:7:log or --grid k=40,50,60"
 _SAMPLE = "--sample L=uniform:0.9:1.1"
 
-# A table of members, [byte].
+# Largest size of a member table, [byte].
 _LARGEST_TABLE = 2**30
 
 
 def _check_options(
     grids: Sequence[str], samples: Sequence[str], members: str | None, **of_samples: object
 ) -> None:
-    """Refuse options that specify no members, or contradict each other."""
+    """Raise an error if options specify no members or contradict each other."""
     is_number = members is not None and members.isdecimal()
     ways = {"--grid": bool(grids), "--sample": bool(samples)}
     ways["--members with a file"] = members is not None and not is_number
@@ -75,7 +75,7 @@ def _read_members(
     seed: int | None,
     sampling: str | None,
 ) -> Any:
-    """Read the members of a sweep from options that do not contradict each other."""
+    """Build the members of a sweep from options that do not contradict each other."""
     if grids:
         from cotree.ensemble.members import grid
 
@@ -95,7 +95,7 @@ def _read_members(
 
 
 def _axis(name: str, text: str) -> Any:
-    """Read ``first:last:number``, ``first:last:number:log`` or ``value,value,...``."""
+    """Parse grid values: ``first:last:number``, optionally with ``:log``, or ``value,...``."""
     shown = f"--grid {brief(name)}={brief(text)}"
     try:
         if ":" not in text:
@@ -116,7 +116,7 @@ def _axis(name: str, text: str) -> Any:
 
 
 def _distribution(name: str, text: str) -> tuple[Any, ...]:
-    """Read ``kind:number:...``; the number of numbers depends on the kind."""
+    """Parse a distribution, ``kind:number:...``; the kind determines how many numbers follow."""
     kind, *numbers = text.split(":")
     try:
         return (kind.strip(), *(float(number) for number in numbers))
@@ -127,7 +127,7 @@ def _distribution(name: str, text: str) -> tuple[Any, ...]:
 
 
 def _table(path: Path) -> Any:
-    """Read a table of members; a column ``member`` labels them."""
+    """Read a member table from a file; its column ``member``, if any, contains labels."""
     try:
         import pandas as pd
     except ImportError as error:
@@ -276,7 +276,7 @@ def sweep_scene(
 
 
 def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> None:
-    """Refuse unknown names of --plot and --output, before anything runs."""
+    """Raise an error if --plot or --output names something unknown; called before any run."""
     from cotree.plot import choose_curves
 
     for name in outputs:
@@ -286,14 +286,14 @@ def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> N
         choose_curves(show, model.states, outputs or model.outputs, (), model.sensitivities)
 
 
-# Failed members that are listed.
+# Largest number of failed members in the report.
 _MOST_LISTED = 10
 
 _QUANTILES = (0.025, 0.5, 0.975)
 
 
 def sweep_report(runs: Any, seconds: float) -> Report:
-    """Build the report of a sweep from the Dataset of an ensemble and the elapsed time, [s]."""
+    """Build the report of a sweep from an ensemble's Dataset and the elapsed time, [s]."""
     status = np.asarray(runs["status"].values).ravel()
     n, dims = len(status), runs["status"].dims
     shape = " x ".join(f"{name} ({runs.sizes[name]})" for name in dims)
@@ -310,7 +310,7 @@ def sweep_report(runs: Any, seconds: float) -> Report:
 
 
 def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
-    """List failed members with their values and messages."""
+    """Return lines with the values and the message of each failed member."""
     if not len(failed):
         return []
     names = [name for name, row in runs.coords.items() if row.dims and set(row.dims) <= set(dims)]
@@ -329,13 +329,13 @@ def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
 
 
 def _quantiles(runs: Any, dims: Sequence[str], done: Any) -> Table:
-    """List quantiles of the last values over all members that succeeded."""
+    """Return a table of quantiles, over successful members, of the values at the last time."""
     rows = []
     for name, row in runs.data_vars.items():
         if row.dims == (*dims, "time") and done.any():
             last = row.values[..., -1].ravel()[done]
             last = last[~np.isnan(last)]
-            if len(last):  # no member is left if events have ended all of them before this time
+            if len(last):  # empty if events ended all members before this time
                 found = np.quantile(last, _QUANTILES).tolist()
                 rows.append((name, *found, row.attrs.get("units", "")))
     head = (f"t = {float(runs['time'].values[-1]):.6g} s", "2.5 %", "median", "97.5 %", "")
@@ -347,7 +347,7 @@ def _short(value: Any) -> str:
 
 
 def _time(seconds: float) -> str:
-    """Write a time with a unit that suits it."""
+    """Return a duration as text with a suitable unit."""
     for factor, unit in ((1.0, "s"), (1e3, "ms")):
         if seconds * factor >= 1.0:
             return f"{seconds * factor:.3g} {unit}"

@@ -1,1 +1,1 @@
-"""From equations or a program to somewhere else: C projects, SymPy, LaTeX."""
+"""Export of equations and programs: C projects, SymPy, LaTeX."""

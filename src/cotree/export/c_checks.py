@@ -1,7 +1,7 @@
-"""Checks of C projects and FMUs before anything is written, and the start that they need.
+"""Checks before a C project or an FMU is written, and the start that it needs.
 
-A machine that only writes C may have no compiler. Constraints are then tested at the scene's
-initial values, and the written program finds its start.
+Without a compiler, constraints are tested at the scene's initial values, and the written program
+finds its start itself.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A program whose start is computed at its first use."""
+    """A program with its consistent start, which is computed at its first use."""
 
     program: Program
     given: CompiledModel | None = None  # the model, if it has been compiled already
@@ -54,12 +54,12 @@ class Evaluated:
 
     @property
     def is_possible(self) -> bool:
-        """Whether kernels can be called."""
+        """Whether the kernels are compiled and can be called."""
         return self.model.backend != "none"
 
     @cached_property
     def start(self) -> Start:
-        """The start at the program's parameter values; without a compiler its initial values."""
+        """The start at the program's parameter values; without a compiler, the initial values."""
         if self.is_possible:
             return scene_start(self.model)
         n, m = len(self.program.layout.states), len(self.program.layout.sensitivities)
@@ -67,20 +67,20 @@ class Evaluated:
         return Start(y, s.reshape(m, n).T)
 
     def initial(self, kernel: str) -> list[float]:
-        """Evaluate a kernel at t = 0, at the scene's parameters and initial values."""
+        """Evaluate a kernel at t = 0 with the scene's parameters and initial values."""
         p, program = self.program.layout.parameter_values, self.program
         known = {"t": (0.0,), "p": p, "x": program.values("initial", {"p": p})}
         known["u"] = program.values("inputs", known)
         return program.values(kernel, known)
 
     def found_start(self) -> Start | None:
-        """Return the start if it must be computed; None if the initial values are the start.
+        """Return the start if it must be computed, or None if the initial values are the start.
 
-        Redundant initial values are checked in either case.
+        In both cases, redundant initial values are checked.
         """
         layout = self.program.layout
-        # With constraints, further conditions or algebraic unknowns, the start must be computed. A
-        # discontinuous expression needs its initial mode.
+        # The start must be computed if there are constraints, further conditions, algebraic
+        # unknowns, or discontinuous expressions, which need initial modes.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -89,12 +89,12 @@ class Evaluated:
         return start if is_sought else None
 
     def is_found_in_c(self, start: Start) -> bool:
-        """Return whether ``cotree_start.c`` finds a start, too, with its sensitivities."""
+        """Return whether ``cotree_start.c`` finds the start, too, with its sensitivities."""
         return not (start.is_mended or start.note)
 
     def sizes(self, start: Start) -> list[float]:
-        """List the factors of the absolute tolerances of states; empty if all are one."""
-        # Only states that are contents of several storages have scales other than one.
+        """List the factor of each state's absolute tolerance; empty if all are one."""
+        # Only states that are the sum of several storages' contents have factors other than one.
         if not self.program.layout.followers or not self.is_possible:
             return []
         at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
@@ -102,26 +102,26 @@ class Evaluated:
         return [] if sizes is None else sizes.tolist()
 
     def is_dependent(self) -> bool:
-        """Return whether constraints of edges are dependent at the start, or nearly so."""
+        """Return whether the constraints are linearly dependent at the start, or nearly so."""
         edges = self.program.layout.constraint_edges
         if not edges:
             return False
         if not self.is_possible:
             rows = np.reshape(self.initial("gradient"), (len(edges), -1))
             return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
-        # The rank is determined as in a run.
+        # The rank is computed as in a run.
         held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
         return bool(held.singular(0.0, self.start.z))
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:
-    """Raise SceneError for a wrong end time or tolerance; warn if the relative one is loose."""
+    """Raise SceneError if the end time or a tolerance is invalid; warn if ``rtol`` is loose."""
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
     fault = rtol_fault(rtol, least=0.0)
     if fault:
         raise SceneError(fault)
-    # With zero, only the relative tolerance controls the error. nan is rejected.
+    # Zero is allowed: only the relative tolerance then limits the error. nan is rejected.
     if not (math.isfinite(atol) and atol >= 0.0):
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
@@ -129,7 +129,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
 
 
 def check_methods(methods: Sequence[str]) -> None:
-    """Raise CodegenError if a fixed-step method is combined with others, or one is named twice."""
+    """Raise CodegenError if a method occurs twice or a fixed-step method is not the only one."""
     fixed = [name for name in methods if name in FIXED]
     if fixed and len(methods) > 1:
         raise CodegenError(
@@ -141,7 +141,7 @@ def check_methods(methods: Sequence[str]) -> None:
 
 
 def check_prefix(prefix: str) -> str:
-    """Return the prefix of names and files of a project if it is a free identifier of C."""
+    """Return the prefix of a project's names and files if it is a valid C identifier."""
     is_name = re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,63}", prefix) is not None
     if not is_name or c_identifier(prefix) != prefix:
         raise CodegenError(
@@ -153,7 +153,7 @@ def check_prefix(prefix: str) -> str:
 
 
 def check_range(program: Program, target: Target) -> None:
-    """Raise CodegenError for parameters beyond the range of the type of numbers."""
+    """Raise CodegenError if a parameter is beyond the range of the number type."""
     layout = program.layout
     for row, value in zip(layout.parameters, layout.parameter_values, strict=True):
         if not target.holds(value):
@@ -166,8 +166,8 @@ def check_range(program: Program, target: Target) -> None:
 def check_step(program: Program, integrator: str, step: float | None) -> None:
     """Raise CodegenError if the step size does not suit the integrator or the scene.
 
-    Methods with fixed steps require a step size, others do not accept one. The scene must have no
-    events, and no time events at which sensitivities jump, since the method would step over them.
+    Fixed-step methods require a step size; others accept none. Since fixed steps pass over events,
+    the scene must have no state events, and no time events at which sensitivities jump.
     """
     if integrator not in FIXED:
         if step is not None:
@@ -186,23 +186,21 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
 
 
 def _check_corners(program: Program, integrator: str) -> None:
-    """Raise CodegenError if sensitivities jump at time events, which fixed steps do not locate.
+    """Raise CodegenError if sensitivities jump at time events, which fixed-step methods pass over.
 
-    Sensitivities jump only where rates do; at a kink of the rates only the order of the method is
-    reduced.
+    Sensitivities jump only if rates do. A kink of the rates only reduces the order of the method.
     """
     dag, layout = program.dag, program.layout
     stops = [stop for own in program.stops.values() for stop in own]
     moving = [
         name
         for j, name in enumerate(layout.sensitivities)
-        # For each sensitivity, the derivatives of the first time and of the period of each time
-        # event.
+        # For each sensitivity: the derivatives of each time event's first time and period.
         if any(not d.is_zero for stop in stops for d in stop.along[j])
     ]
     if not moving:
         return
-    # At fixed parameters, and with the inputs of the scene, jumps of rates depend on time only.
+    # With fixed parameters and the scene's inputs, jumps of rates depend on time only.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
@@ -217,7 +215,7 @@ def _check_corners(program: Program, integrator: str) -> None:
 
 
 def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
-    """Raise CodegenError for dependent constraints, which stages of a method would violate."""
+    """Raise CodegenError if constraints are dependent and the stages of the method violate them."""
     if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "

@@ -1,4 +1,4 @@
-"""A program to a folder of C files that a C99 compiler turns into an executable and a library.
+"""Export of a program to C99 files that build an executable and a library.
 
 The folder holds the model, integrators without dependencies, a main program that integrates the
 model to its end time and prints the end state, and build files. If the model has constraints, the
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 #: All methods of C projects, by name: those with step size control, and those with fixed steps.
 METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **FIXED}
 
-#: Kernels whose parameters determine a computed start.
+#: Kernels on whose parameters a computed start depends.
 _OF_START = (
     "initial",
     "initial_sensitivity",
@@ -71,7 +71,7 @@ _OF_START = (
 
 @dataclass(frozen=True)
 class Numbers:
-    """The default numbers of a run."""
+    """Default end time, tolerances and step size of a run."""
 
     t_end: float  # end time of the run, [s]
     #: Relative and absolute tolerances of the run.
@@ -82,39 +82,37 @@ class Numbers:
 
 @dataclass(frozen=True)
 class MainContext:
-    """The values that the template of the main program receives."""
+    """The variables of the main program's template."""
 
     model: ModelContext
     integrator: str  # name of the default method
-    methods: list[str]  # all methods that are compiled
+    methods: list[str]  # names of all compiled methods
     implicit: list[str]  # names of the methods that need a Jacobian
     #: End time and tolerances as C literals.
     t_end: str
     rtol: str
     atol: str
     has_rtol: bool  # whether any equations are solved to a relative tolerance
-    #: A C initialiser for each series of time events: the first time, the period or zero, and 1 if
-    #: there is no event before the first time.
+    #: A C initialiser for each series of time events: first time, period (zero if single), and 1 if
+    #: no event precedes the first time.
     stops: list[str]
     max_step: str
     seeds: list[int]  # indices of the sensitivity parameters, -1 for initial values
-    #: Lines of C literals: the initial states and sensitivities, if C cannot compute them;
-    #: otherwise empty.
+    #: C literals, line by line, of initial states and sensitivities; empty if C computes them.
     start: list[str]
-    #: Tables of a start that C computes because it must satisfy further conditions.
+    #: Tables for a start that C computes, since it must satisfy further conditions.
     start_tables: StartTables | None
-    guess: list[str]  # lines of C literals: initial guesses, if any
-    is_strict: bool  # whether rates are evaluated at projected points
+    guess: list[str]  # C literals of initial guesses, if any
+    is_strict: bool  # whether rates are evaluated at points projected onto constraints
     step: str  # fixed step size as C text; empty if the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated
-    sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
-    #: Lines with 1 for each parameter on which constants of the text depend, otherwise 0; empty if
-    #: there is none.
+    sizes: list[str]  # C literals of the factors of absolute tolerances
+    #: For each parameter, 1 if constants in the C text depend on it, else 0; empty if all are 0.
     held: list[str]
-    most_steps: int  # limit of the steps between two events or time events
+    most_steps: int  # maximum number of steps between two events
 
     def conditions(self) -> dict[str, bool]:
-        """Return the values of the macros that its plain C is selected by."""
+        """Return the value of each macro in the preprocessor conditions of the main program."""
         model, layout = self.model, self.model.layout
         found = {
             "CONSTRAINTS": bool(layout.constraints),
@@ -147,12 +145,12 @@ def main_context(
     is_strict: bool,
     is_found: bool,
 ) -> MainContext:
-    """Build the template data of the main program.
+    """Build the template variables of the main program.
 
     ``methods`` begin with the default one; ``sizes`` are factors of the absolute tolerances of
     states. ``start`` is the start for the scene's parameters, if it must be computed, and
-    ``is_found`` whether C can compute it, also for other values. ``is_strict``: constraints are
-    dependent, so that rates are evaluated at projected points.
+    ``is_found`` whether C can compute it, also for other values. If ``is_strict``, constraints are
+    dependent and rates are evaluated at projected points.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target
@@ -166,7 +164,7 @@ def main_context(
         rtol=target.literal(numbers.rtol),
         atol=target.literal(numbers.atol),
         has_rtol=numbers.step is None or not implicit,
-        # With fixed steps, time events are not located.
+        # Fixed-step methods do not locate time events.
         stops=[] if numbers.step is not None else _stop_rows(program, target),
         max_step=_max_step(program, target),
         seeds=_seeds(program),
@@ -185,12 +183,12 @@ def main_context(
 
 
 def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
-    """Return the places of the parameters on which numbers of the text depend."""
+    """Return the indices of the parameters on which constants in the C text depend."""
     roots: list[Node] = []
     if has_start:
         layout = program.layout
         roots += [node for name in _OF_START for node in program.kernels[name].results]
-        # Algebraic unknowns are determined by equations; their rates are residuals.
+        # The rates of algebraic unknowns are the residuals of their equations.
         if layout.n_algebraic:
             n = len(layout.states)
             roots += program.kernels["rhs"].results[n - layout.n_algebraic :]
@@ -211,7 +209,7 @@ def _held(program: Program, *, has_start: bool) -> list[str]:
 
 
 def _guess(program: Program, start: Start, target: Target) -> list[str]:
-    """Return guesses of algebraic unknowns and of modes of friction and stops, if any."""
+    """Return C literals of the guesses for algebraic unknowns and for friction and stop modes."""
     layout = program.layout
     if not layout.n_algebraic and not any(row.part for row in layout.events):
         return []
@@ -220,25 +218,25 @@ def _guess(program: Program, start: Start, target: Target) -> list[str]:
 
 def _seeds(program: Program) -> list[int]:
     places = {row.name: i for i, row in enumerate(program.layout.parameters)}
-    # Initial values of states are not parameters.
+    # Initial values, too, may have sensitivities, but they are not parameters.
     return [places.get(name, -1) for name in program.layout.sensitivities]
 
 
 def _stop_rows(program: Program, target: Target) -> list[str]:
-    """Return the times of kinks of inputs and rates, at the program's parameter values."""
+    """Return the C initialisers of time events at the program's parameter values."""
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
         first = value_of(stop.first, values)
-        # Some times do not exist for these values, such as a quotient by a zero parameter.
+        # Some times do not exist for these values, such as a quotient with a zero divisor.
         if not math.isfinite(first):
             continue
         period = value_of(stop.period, values)
-        # C needs positive periods. The sign of a period and of its derivatives is changed together.
+        # C needs positive periods, so a negative period and its derivatives change sign.
         sign = math.copysign(1.0, period)
         slopes = [value_of(d, values) for pair in stop.along for d in pair]
-        # A single time has a period of zero.
+        # A single time event has period zero.
         if not math.isfinite(period) or period == 0.0:
             period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
         slopes[1::2] = [sign * d for d in slopes[1::2]]
@@ -247,7 +245,7 @@ def _stop_rows(program: Program, target: Target) -> list[str]:
 
 
 def _max_step(program: Program, target: Target) -> str:
-    """Return the longest step at the program's parameter values; empty if steps are unlimited."""
+    """Return the maximum step size at the program's parameter values, or "" if there is none."""
     longest = program.longest_step(program.layout.parameter_values)
     return target.literal(longest) if math.isfinite(longest) else ""
 
@@ -257,14 +255,14 @@ def _lines(values: Iterable[float], target: Target) -> list[str]:
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 
-#: Smallest relative tolerance in single precision: some hundred units in the last place, above the
-#: rounding errors of rates.
+#: Smallest relative tolerance in single precision: above the rounding errors of rates, some hundred
+#: units in the last place.
 _LEAST_RTOL = 2e-5
 
 
 @dataclass(frozen=True, repr=False)
 class CProject:
-    """A folder of C files.
+    """A C project that was written to a folder.
 
     Attributes
     ----------
@@ -273,7 +271,7 @@ class CProject:
     files : tuple of Path
         The files written there.
     command : str
-        Command that builds the executable, to be run in the folder.
+        Shell command that builds the executable in the folder.
     """
 
     directory: Path
@@ -288,24 +286,24 @@ class CProject:
 
 @dataclass(frozen=True)
 class Kit:
-    """Options of a C project."""
+    """The options of a C project."""
 
-    #: Names in ``METHODS``, separated by commas: the methods to compile; the first is the default.
-    #: A method with fixed steps cannot be combined with others.
+    #: Names of the methods to compile, keys of ``METHODS`` separated by commas; the first is the
+    #: default. A fixed-step method cannot be combined with others.
     integrator: str = "dopri5"
     real: str = "double"  # C type of numbers, ``double`` or ``float``
-    #: Prefix of names in C and of files; empty for the name of the scene.
+    #: Prefix of C names and file names; if empty, the scene's name.
     prefix: str = ""
     has_wrapper: bool = False  # whether a C++ header is written
-    #: Whether all C is in one header and one source, without build files.
+    #: Whether to write one header and one source without build files.
     is_single: bool = False
 
     def methods(self) -> list[str]:
-        """List the methods."""
+        """Return the names of the methods to compile."""
         return [name.strip() for name in self.integrator.split(",")]
 
     def target(self) -> Target:
-        """Return the target of the type."""
+        """Return the code generation target for the number type."""
         if self.real not in BY_REAL:
             raise CodegenError(
                 f"there is no type '{self.real}' of numbers: give {' or '.join(BY_REAL)}"
@@ -325,39 +323,39 @@ def write_c_project(
     start: Start | None = None,
     evaluated: Evaluated | None = None,
 ) -> CProject:
-    """Write a model with a main program that integrates it.
+    """Write a C project with the model and a main program that integrates it.
 
     Existing files are replaced atomically, once all are complete.
 
     Parameters
     ----------
     program : Program
-        After its passes.
+        The program after its optimisation passes.
     directory : Path
         Folder of the files, created if it is missing.
     kit : Kit or str
-        The contents of the project, or the methods only.
+        The options of the project, or only the names of the methods.
     t_end, rtol, atol : float
-        End time of a run without arguments, [s], and tolerances of states and sensitivities. Those
-        that single precision cannot meet are loosened.
+        Default end time, [s], and default tolerances of states and sensitivities. Tolerances that
+        single precision cannot meet are loosened.
     step : float, optional
-        Length of all steps of a method of ``FIXED``, [s].
+        Step size of a fixed-step method, [s].
     start : Start, optional
-        The state at the start, if that is not its own consistent start.
+        Initial states that replace the program's own consistent start.
     evaluated : Evaluated, optional
-        The program, for its start.
+        The program with its start, if already computed.
 
     Raises
     ------
     SceneError
-        If the end time or a tolerance is not acceptable, or no folder can have the name.
+        If the end time, a tolerance or the folder's name is invalid.
     ParameterError, SingularSystemError
         If there are constraints, and the initial values violate one, a guard refuses parameters, or
         a linear system is singular at the start.
     CodegenError
-        If there is no such integrator, or it takes neither the constraints nor events; if the
-        prefix or the type of numbers is not accepted, or a parameter is beyond the range of the
-        type; or if the folder or a file cannot be written.
+        If an integrator is unknown or does not support the model's constraints or events, the
+        prefix or the number type is invalid, a parameter is beyond the range of the type, or a file
+        cannot be written.
     """
     kit = Kit(kit) if isinstance(kit, str) else kit
     methods, target = kit.methods(), kit.target()
@@ -402,12 +400,12 @@ def write_c_project(
         texts |= render_newton(newton_context(program, target), features)
     for name in methods:
         texts |= method_files(name, target)
-        # With fixed steps no job is needed: there are no breakpoints, output points or events.
+        # Fixed-step methods have no breakpoints, output points or events, so they need no job.
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions())
     texts = project_files(texts, target, features)
-    # The model's file first, then those of the runtime.
+    # The model's file precedes the runtime files.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))
     headers = sorted(name for name in texts if name.endswith(".h"))
@@ -419,7 +417,7 @@ def write_c_project(
         texts = single_file(texts, prefix)
         compiled = f"-D{model.upper}_MAIN {prefix}.c"
     texts |= files
-    # Compilers have different defaults for fusing products and sums.
+    # Compilers differ in their default for fused multiply-add instructions.
     flags = "-std=c99 -O2 -ffp-contract=off"
     command = f"cc {flags} -o {prefix} {compiled} -lm"
     _write_files(directory, texts)
@@ -427,18 +425,18 @@ def write_c_project(
 
 
 def _fitting(rtol: float, atol: float, target: Target) -> tuple[float, float]:
-    """Loosen both tolerances by one factor if they are below the precision of the type."""
+    """Loosen both tolerances by the same factor if the number type cannot meet them."""
     if target is DOUBLE or rtol >= _LEAST_RTOL:
         return rtol, atol
     return _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
-    """Write all files to a temporary folder, then move them."""
+    """Write all files to a temporary folder, then move them to ``directory``."""
     target_path(directory, "the C files to")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        # In the same folder, so that moving a file is one rename.
+        # The temporary folder is inside the target folder, so that a move is one rename.
         with tempfile.TemporaryDirectory(prefix=".cotree-", dir=directory) as folder:
             for name, text in texts.items():
                 with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:
@@ -455,27 +453,27 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
         ) from None
 
 
-#: Constants in the C++ header that are lengths of arrays.
+#: Array lengths that are constants in the C++ header.
 _LENGTHS = {"x": "n_states", "u": "n_inputs", "v": "n_states"}
 
-#: Kernels that have different functions in the C++ header.
+#: Kernels that the C++ header wraps separately.
 _APART = frozenset({"prepare"})
 
 
 @dataclass(frozen=True)
 class MethodContext:
-    """A kernel as a member function."""
+    """Template variables of a kernel's member function in the C++ header."""
 
     name: str  # name of the function, without the prefix of the model
     doc: str  # description of the results
     arguments: list[str]  # argument declarations
-    checks: list[tuple[str, str]]  # arrays and their required lengths
+    checks: list[tuple[str, str]]  # array arguments with their required lengths
     given: list[str]  # arguments passed to the kernel
 
 
 @dataclass(frozen=True)
 class KitContext:
-    """The values that the templates of build files receive."""
+    """The variables of the build files' templates."""
 
     model: ModelContext
     sources: list[str]  # paths of the library's C files
@@ -491,9 +489,9 @@ def kit_files(
     *,
     has_wrapper: bool,
 ) -> Mapping[str, str]:
-    """Write the build files of a project, and the header for C++ if it has one.
+    """Return the texts of a project's build files and of its C++ header, if any, by file name.
 
-    ``sources`` make the library.
+    ``sources`` are the files of the library.
     """
     prefix = model.prefix
     wrapper = [f"{prefix}.hpp"] if has_wrapper else []
@@ -517,7 +515,7 @@ def kit_files(
 
 
 def _method(kernel: Kernel, model: ModelContext) -> MethodContext:
-    """Build a kernel as a member function; p and k are members."""
+    """Build the template variables of a kernel's member function; p and k are data members."""
     spec = kernel.spec
     lengths = {**_LENGTHS, "s": "n_reached" if spec.is_packed else "n_states * n_sensitivities"}
     arrays = [name for name in spec.arguments if name in lengths]

@@ -30,10 +30,10 @@ class GraphReport:
     incidence, f_cutset, f_circuit : mapping of str to TopologyMatrix
         Integer matrices with the names of their rows and columns.
     costs : tuple of Alternative
-        Cost of the right-hand side of each tree that was counted, the cheapest first; then of
-        trees that translation and rotation do not share.
+        Cost of the right-hand side for each compared tree, the cheapest first; then for pairs of
+        different trees for translation and rotation.
     parts : tuple of str
-        Parts of the scene, whose edges are drawn on a ground of one colour.
+        Parts of the scene; the edges of each part have a background of one colour.
     """
 
     graphs: Mapping[str, LinearGraph]
@@ -52,7 +52,7 @@ class GraphReport:
         return draw_graphs(self._pairs(), figure_for_people, self.parts)
 
     def save(self, path: str | Path) -> None:
-        """Draw into a file; its suffix is svg, png or pdf.
+        """Draw the graphs into an SVG, PNG or PDF file.
 
         Raises
         ------
@@ -67,7 +67,7 @@ class GraphReport:
         return [(graph, self.trees[name]) for name, graph in self.graphs.items()]
 
     def summary(self) -> str:
-        """Describe graphs, trees and matrices."""
+        """Return a text with the graphs, trees and matrices."""
         parts: list[str | Table] = []
         for name, graph in self.graphs.items():
             above = "\n" if parts else ""
@@ -75,8 +75,7 @@ class GraphReport:
             parts += ["f-cutsets", self.f_cutset[name].summary()]
             parts += ["f-circuits", self.f_circuit[name].summary()]
         for is_one, caption in (
-            # A tree that translation and rotation share is chosen automatically, others by name
-            # only.
+            # Only trees that translation and rotation share are chosen automatically.
             (True, "trees counted, by operations of the right-hand side; the first is taken"),
             (False, "different trees for translation and rotation, taken only where named"),
         ):
@@ -88,13 +87,13 @@ class GraphReport:
         return Report("GraphReport", Facts(trees)).brief()
 
     def _repr_svg_(self) -> str:
-        """Show the graphs in a notebook."""
+        """Return the graphs as SVG for notebooks."""
         from cotree.plot import draw_graphs, svg_text
 
         return svg_text(draw_graphs(self._pairs(), parts=self.parts))
 
     def __str__(self) -> str:
-        """Describe graphs, trees and matrices."""
+        """Return a text with the graphs, trees and matrices."""
         return self.summary()
 
 
@@ -104,9 +103,9 @@ def graph_report(
     costs: tuple[Alternative, ...] = (),
     parts: tuple[str, ...] = (),
 ) -> GraphReport:
-    """Gather graphs, trees and their matrices ([1] eq. 1, 2), by domain.
+    """Build the report with graphs, trees and their matrices ([1] eq. 1, 2) by domain.
 
-    ``costs`` are those of the trees that were counted, the cheapest first.
+    ``costs`` are those of the compared trees, the cheapest first.
     """
     return GraphReport(
         graphs,

@@ -14,16 +14,16 @@ from cotree.components.law import law_symbol
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-#: Suffixes of a coordinate, its rate and its acceleration, and their accents in LaTeX.
+#: LaTeX accents by the suffix of a coordinate, its rate and its acceleration.
 ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
 
-# Names with an index in LaTeX: theta1, q0, vx.
+# Names whose last characters are an index in LaTeX: theta1, q0, vx.
 _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 
 @dataclass(frozen=True)
 class DisplayName:
-    """A displayed variable: its short name, and the order of its rate."""
+    """The displayed name of a variable: a short name and an accent for the time derivative."""
 
     short: str  # the name without accent, such as ``theta_h2``
     suffix: str = ""  # accent of the name, a key of :data:`ACCENTS`
@@ -34,8 +34,8 @@ class DisplayName:
         return self.short + self.suffix
 
     def latex(self, *below: str) -> str:
-        r"""Spell the name in LaTeX, with further subscripts: ``\dot{s}_{j1,L}``."""
-        # A short name is a letter, and an edge if the letter is ambiguous.
+        r"""Return the name in LaTeX with further subscripts: ``\dot{s}_{j1,L}``."""
+        # A short name is a letter, followed by the edge if the letter is ambiguous.
         letter, _, edge = self.short.partition("_")
         indices = [latex_symbol(edge)] if edge else []
         indexed = _INDEXED.fullmatch(letter)
@@ -48,7 +48,7 @@ class DisplayName:
 
 
 def latex_symbol(name: str) -> str:
-    """Spell a name in LaTeX."""
+    """Return a name in LaTeX."""
     import sympy
 
     text: str = sympy.latex(law_symbol(name))
@@ -56,7 +56,7 @@ def latex_symbol(name: str) -> str:
 
 
 def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
-    """Name the rate of a speed.
+    """Return the name of a speed's rate.
 
     >>> acceleration_name("j1.s_dot", ["j1.s"]), acceleration_name("b.w1", ["b.q0"])
     ('j1.s_ddot', 'b.w1_dot')
@@ -69,14 +69,14 @@ def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
 def spell_states(
     coordinates: Sequence[str], speeds: Sequence[str], taken: Collection[str]
 ) -> dict[str, DisplayName]:
-    """Spell coordinates, speeds and accelerations; parameters and inputs are ``taken``.
+    """Return displayed names, not in ``taken``, of coordinates, speeds and accelerations.
 
     >>> shown = spell_states(["b.x", "h.theta"], ["b.vx", "h.theta_dot"], [])
     >>> {name: row.text for name, row in shown.items()}  # doctest: +NORMALIZE_WHITESPACE
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
      'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
     """
-    # Angular velocities, and velocities of free bodies, are not rates of coordinates.
+    # Angular velocities and the velocities of free bodies are not rates of coordinates.
     rates = {f"{name}_dot" for name in coordinates}
     short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
     shown = {name: DisplayName(short[name]) for name in coordinates}
@@ -91,7 +91,7 @@ def spell_states(
 
 
 def spell_multipliers(rows: Iterable[str]) -> dict[str, DisplayName]:
-    """Spell the multiplier of each constraint by the constraint's name.
+    """Return the displayed name of each constraint's multiplier.
 
     >>> spell_multipliers(["D4.x"])["D4.x"].text
     'lambda_D4_x'
@@ -110,7 +110,7 @@ def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str,
     used = set(taken) | {"t"}
     for name in coordinates:
         edge, _, short = name.rpartition(".")
-        # Rates and accelerations must be free too: s_dot may be a parameter.
+        # The names of rates and accelerations must be free, too: s_dot may be a parameter.
         if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
             short = f"{short}_{edge.replace('.', '_')}"
         while not used.isdisjoint(_derived(short)):
@@ -139,7 +139,7 @@ def latex_subscript(name: str | None, shown: Mapping[str, DisplayName]) -> list[
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
-    """Return SymPy's printer, with a cache of common subexpressions."""
+    """Return a SymPy printer that caches the texts of common subexpressions."""
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 
@@ -151,7 +151,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
     plain, known = printer._print, {}
 
     def print_once(item: Any, **options: Any) -> Any:
-        # Numbers of different types are equal, but their texts differ: 2 and 2.0.
+        # The key contains the type, since 2 and 2.0 are equal but have different texts.
         key = (type(item), item)
         if options or not hasattr(item, "free_symbols"):
             return plain(item, **options)
@@ -174,7 +174,7 @@ def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
 
 
 def joined(terms: Sequence[str]) -> str:
-    """Join terms, some of which begin with a minus sign, to a sum."""
+    """Join terms to a sum; some begin with a minus sign."""
     text = terms[0] if terms else "0"
     for term in terms[1:]:
         text += f" - {term[1:].lstrip()}" if term.startswith("-") else f" + {term}"

@@ -1,9 +1,8 @@
-"""The steps from a linear graph to its equations, printed with the terms that were formed.
+"""Printed steps from a linear graph to its equations, with all terms.
 
-In: the first graph and its equations. Out: a text with the paper's Eq. (1) to (9), in the scene's
-own names. Nothing is derived here: topology comes from the trees, every term is a node of the
-formulation's arena (:class:`Term`), and the terms of a sensitivity graph are the derivatives of
-these nodes along its direction.
+In: the first graph and its equations. Out: a text with the paper's Eq. (1) to (9) in the names of
+the scene. This module only prints: the trees define the topology, terms (:class:`Term`) are nodes
+of the formulation's arena, and terms of a sensitivity graph are their derivatives.
 """
 
 from __future__ import annotations
@@ -48,16 +47,17 @@ _INWARDS = (
 
 @dataclass(frozen=True)
 class Term:
-    """A value that the formulation formed."""
+    """A quantity in the printed equations: its symbol, its expressions and its frame."""
 
-    #: Symbol and owner: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a cluster.
+    #: Symbol and owner: ``F`` and ``^k`` for edge k, ``F`` and ``(B)`` for cluster B.
     letter: str
     place: str
-    #: Nodes of the components: one for a scalar, three for a vector, nine for a matrix by rows.
+    #: Nodes of the components: one for a scalar, three for a vector, nine, row by row, for a
+    #: matrix.
     nodes: tuple[Node, ...]
-    note: str = ""  # frame in which the variable is resolved, if not the ground frame
-    edge: str = ""  # name of the edge whose terminal equation this is; empty for other terms
-    is_held: bool = False  # whether the equations keep the term at zero
+    note: str = ""  # frame of the components, if not the ground frame
+    edge: str = ""  # edge of the terminal equation; empty for other terms
+    is_held: bool = False  # whether the term is a constraint, printed as equal to zero
 
 
 def _entries(matrix: Matrix) -> tuple[Node, ...]:
@@ -69,17 +69,16 @@ def _axes(node: str) -> str:
 
 
 def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
-    """Return the names of the clusters, and of the axes in which their vectors are resolved."""
+    """Return the names of the clusters, and the names of the axes that resolve their vectors."""
     motion = first.motion
-    # Cluster 0 is the ground, and cluster i + 1 the outer end of branch i.
+    # Cluster 0 is the ground; cluster i + 1 is at the outer end of branch i.
     names, bases = ["ground"], [""]
     branches = [geometry.branch for geometry in motion.geometry]
     for i, branch in enumerate(branches):
         edge = motion.system.edges[branch.edge]
-        # A joint of several axes consists of several branches, of which only the last ends at a
-        # node.
+        # A joint with several axes has a branch for each axis; only the last branch ends at a node.
         primes = "'" * sum(other.edge == branch.edge for other in branches[i + 1 :])
-        # The sign is the direction of the branch along the edge.
+        # The sign is positive if the branch has the direction of the edge.
         names.append((edge.second if branch.sign > 0 else edge.first) + primes)
         # A cluster that does not rotate has the axes of its parent.
         is_own = motion.frames.steps[branch.child] is not None
@@ -88,9 +87,9 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
 
 
 def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node]) -> list[Term]:
-    """List the terms of the terminal equations, in the scene's order.
+    """List the terms of the terminal equations, edge by edge in the scene's order.
 
-    ``symbol_of`` returns a symbol for a variable of a network, its letter and its owner.
+    ``symbol_of`` returns the symbol of a network variable, given its letter and its owner.
     """
     # The sort is stable: the terms of an edge stay in order.
     order = {name: i for i, name in enumerate(first.scene.edges)}
@@ -102,7 +101,7 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
 
 
 def _of_bodies(first: FirstGraph) -> Iterator[Term]:
-    """Yield mass and inertia of bodies, and the vectors of arms."""
+    """Yield masses and inertias of bodies, and vectors of arms."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
         if edge.component.role is Role.BODY:
@@ -117,7 +116,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Yield the motion space of each branch, and the effort along its coordinate."""
+    """Yield the motion space of each branch, and the force or torque along its coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -141,16 +140,16 @@ def _of_elements(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_constraints(first: FirstGraph) -> Iterator[Term]:
-    """Yield the constraints of chords: a measure, or a rate without a measure."""
+    """Yield the constraints of chords, or their rates if only speeds are constrained."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
-        # A constraint on speeds has a rate but no value.
+        # A constraint on speeds only has a rate but no value.
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
         yield Term(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
 
 
 def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
-    """List the terms of the walks over the tree, under a title for each walk."""
+    """List the terms of each traversal of the tree, with a title for each traversal."""
     names, bases = _clusters(first)
     used = set(reachable(first.balance.residual))
     inertias: list[Term] = []
@@ -159,8 +158,8 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
-        # Offsets, forces and torques are resolved in the basis of the parent, others in that of the
-        # cluster.
+        # Offsets, forces and torques are resolved in the parent's basis, others in the cluster's
+        # basis.
         place, own = f"({names[child]})", bases[child]
         turned = first.motion.frames.steps[child]
         if branch.turns:
@@ -177,7 +176,8 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
             inertias += [
                 Term("m", place, (inertia.mass,)),
                 Term("h", place, inertia.moment, own),
-                # Of the symmetric matrix, only the entries in balances: one of a planar body.
+                # Only the entries of the symmetric matrix that balances contain: a planar body has
+                # one.
                 *(
                     Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)
@@ -186,7 +186,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
                 ),
             ]
         beyond = first.balance.beyond[child - 1]
-        # Inwards: the outermost branch comes first.
+        # Inwards, from the outermost branch.
         through[:0] = [
             Term("F", place, beyond.force, outer),
             Term("T", place, beyond.torque, outer),
@@ -210,7 +210,7 @@ def balance_terms(first: FirstGraph) -> list[Term]:
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
-    """Yield the laws of networks: those that determine a variable, then residuals."""
+    """Yield the network laws: first those that determine a variable, then residuals."""
     rules = network.solved.plan.rules
 
     def named(variable: Variable) -> Node:
@@ -218,14 +218,14 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
-        # The value of a field is not a variable of the network.
+        # Field values are not network variables.
         if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
 
     for variable, rule in rules.items():
         port = network.ports.get(variable[1])
-        # Sums are f-circuits and f-cutsets, which are printed separately.
+        # Sums are f-circuit and f-cutset equations, which are printed separately.
         if port is None or not isinstance(rule, Lawful | FieldRule):
             continue
         own = {v: argument(v) for v in rule.needs}
@@ -236,7 +236,7 @@ def _of_networks(
 
 
 def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
-    """Name a variable as in scenes: ``v`` and ``^R1``, ``v`` and ``(out)``."""
+    """Return letter and owner of a variable: ``v`` and ``^R1``, or ``v`` and ``(out)``."""
     quantity, name = variable
     base, _, rate = quantity.partition("_")
     if base == "residual":
@@ -260,27 +260,27 @@ def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
 
 _WIDTH = 98
 
-#: Maximum number of operations of equations that are printed without common subexpressions.
+#: Maximum number of operations in equations without common subexpressions.
 _LARGEST_WRITTEN = 20_000
 _HELD = "\N{NO-BREAK SPACE}"
 _COMPONENTS = {1: ("",), 3: (".x", ".y", ".z"), 9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
 
-#: Letters of through and across variables in the graphs of multibody systems.
+#: Letters of the through and across variables of multibody graphs.
 _LETTERS = {"translation": ("F", "r"), "rotation": ("T", "ω")}
 
 _LIKEWISE = {"r": ", likewise v and a", "ω": ", likewise α; orientations follow one another"}
 
 
 def formulation_steps(first: FirstGraph, equations: Equations) -> str:
-    """Print the steps of the formulation of a scene ([1] eq. 1 to 9).
+    """Return the formulation steps of a scene ([1] eq. 1 to 9) as text.
 
     The first graph is the paper's G1; there is one sensitivity graph (G2, ...) for each direction
-    in ``equations.sensitivities``. Zero terms are left out; components of printed terms are written
-    by name, such as ``F^k.x``.
+    in ``equations.sensitivities``. Zero terms are omitted; components of terms that precede are
+    written by name, such as ``F^k.x``.
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)
-    # Sections are numbered as the paper's equations are.
+    # Section numbers are the equation numbers of the paper.
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
         _heading(first, speller, names),
@@ -294,15 +294,15 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
 
 
 def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
-    """List letters of through and across variables with the trees of f-cutsets and f-circuits."""
+    """List each graph's letters, through and across, and its trees for f-cutsets and f-circuits."""
     own = first.system.trees
-    # A multibody system has one tree for both topology matrices. The normal trees of networks may
-    # differ for through and across variables.
+    # A multibody system has one tree for both topology matrices. Networks may have two normal
+    # trees, one for through and one for across variables.
     rows = [(*_LETTERS[tree.graph.domain], tree, tree) for tree in (own.translation, own.rotation)]
     for domain, normal in first.network.trees.items() if first.network else ():
         row = DOMAINS[domain]
         rows.append((row.through_symbol, row.across_symbol, normal.through, normal.across))
-    # A domain without branches has no cuts and no circuits.
+    # A domain without branches has no cutsets and no circuits.
     return [row for row in rows if row[-1].branches]
 
 
@@ -327,7 +327,7 @@ def _heading(first: FirstGraph, speller: _Speller, names: SymbolTable) -> str:
 
 
 def _topology(first: FirstGraph) -> str:
-    """Write the f-cutset and f-circuit equations of G1, whose form other graphs share."""
+    """Write the f-cutset and f-circuit equations, which have the same form in all graphs."""
     lines = ["(1) f-cutset equations: through variables in the cut of each branch"]
     for letter, _, tree, _ in _trees(first):
         note = "; forces in the cut add their moments" if letter == "T" else ""
@@ -373,8 +373,8 @@ def _written_size(nodes: Sequence[Node]) -> int:
 
 
 def _wrapped(text: str, indent: int, hanging: int) -> str:
-    """Wrap an equation before a plus or minus, but not inside the innermost parentheses."""
-    # The wrapping does not break no-break spaces.
+    """Wrap an equation before plus or minus signs, but not inside innermost parentheses."""
+    # Lines are not broken at no-break spaces.
     kept = re.sub(r"\([^()]*\)", lambda group: group[0].replace(" ", _HELD), text)
     kept = re.sub(r"([+-]) ", rf"\1{_HELD}", kept)
     return textwrap.fill(
@@ -389,7 +389,7 @@ def _wrapped(text: str, indent: int, hanging: int) -> str:
 
 @dataclass(frozen=True)
 class _Graph:
-    """G1, or a sensitivity graph: its direction, and the tangents of the symbols along it."""
+    """G1 or a sensitivity graph: its name and the derivatives of the symbols in it."""
 
     label: str
     name: str | None
@@ -399,18 +399,18 @@ class _Graph:
 
 @dataclass(frozen=True)
 class _Speller:
-    """Spells nodes, by their names if they have one."""
+    """A writer of nodes as text; it writes a node with a name by its name."""
 
     dag: Dag  # arena that holds the nodes
     graphs: tuple[_Graph, ...]  # G1 and the sensitivity graphs
-    kinds: dict[str, str]  # component of each edge, by name
-    known: dict[Node, Any]  # symbols, and components of the terms already printed
-    placeholders: dict[Variable, Node]  # symbols for variables of networks
+    kinds: dict[str, str]  # component type of each edge, by name
+    known: dict[Node, Any]  # names of symbols and of printed components
+    placeholders: dict[Variable, Node]  # symbols of network variables
     spell: Callable[[Any], str]  # function that writes a SymPy expression
 
     @classmethod
     def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:
-        """Name the symbols of the equations, and those of across variables in fields."""
+        """Build the writer, with names for the symbols of the equations and of fields."""
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
         unknowns = dict(zip(equations.unknowns, equations.unknown_tangents, strict=True))
@@ -418,7 +418,7 @@ class _Speller:
         for number, direction in enumerate(equations.sensitivities, start=2):
             known |= names.known_along(equations, direction)
             mark = names.subscripts[direction.name]
-            # The seed of the direction has states, inputs and parameters, but no unknowns.
+            # The seed contains states, inputs and parameters; unknowns are added.
             seed = {**direction.seed, **unknowns}
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
@@ -428,16 +428,16 @@ class _Speller:
         return speller
 
     def _introduce(self, symbol: Node, letter: str, place: str) -> None:
-        """Name a symbol of a variable, and its derivative in each other graph."""
+        """Store the name of a symbol, and of its derivative in each sensitivity graph."""
         self.known[symbol] = law_symbol(f"{letter}{place}")
         for graph in self.graphs[1:]:
-            # A new symbol of the arena, which no equation contains.
+            # The symbol is new in the arena, so no equation contains it.
             tangent = self.dag.symbol(f"steps {graph.label}", symbol.index)
             graph.seed[symbol] = tangent
             self.known[tangent] = law_symbol(f"{letter}{graph.subscript}{place}")
 
     def placeholder(self, variable: Variable, letter: str, place: str) -> Node:
-        """Return the symbol of a network's variable in terminal equations."""
+        """Return the symbol that represents a network variable in terminal equations."""
         if variable not in self.placeholders:
             symbol = self.dag.symbol("steps", len(self.placeholders))
             self.placeholders[variable] = symbol
@@ -445,7 +445,7 @@ class _Speller:
         return self.placeholders[variable]
 
     def section(self, title: str, terms: Sequence[Term]) -> str:
-        """Write the nonzero terms, graph by graph; empty if there are none."""
+        """Write a section with the nonzero terms of each graph; empty if there are none."""
         lines = []
         for graph in self.graphs:
             own = list(self._lines(terms, graph))
@@ -454,7 +454,7 @@ class _Speller:
 
     def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
-        # All terms together, since they share most of their tangents.
+        # One call for all terms, since they share most of their derivatives.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))
         edges = {term.edge for term in terms if term.edge}
         width = max((len(f"{edge} ({self.kinds[edge]})  ") for edge in edges), default=0)
@@ -475,25 +475,25 @@ class _Speller:
                 self._remember(name, own, spelt)
 
     def _entries(self, values: Sequence[Any]) -> str:
-        """Write a number, a vector or a matrix by its entries."""
+        """Write the entries of a scalar, a vector or a matrix."""
         entries = [self.spell(value) for value in values]
         if len(entries) == 1:
             return entries[0]
         if len(entries) == 3:
             return f"[{', '.join(entries)}]"
-        # The places 0, 4 and 8 of nine are the diagonal.
+        # Entries 0, 4 and 8 of nine are the diagonal.
         if not any(values[i] for i in range(9) if i % 4):
             return f"diag({', '.join(entries[::4])})"
         return f"[{'; '.join(', '.join(entries[i : i + 3]) for i in (0, 3, 6))}]"
 
     def _remember(self, name: str, nodes: Sequence[Node], values: Sequence[Any]) -> None:
-        """Name the components that are longer than their names, for later terms."""
+        """Store names for components that are longer than their names, for use in later terms."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
-            # SymPy may simplify expressions of nodes to a number, such as sin^2 + cos^2.
+            # SymPy may simplify an expression to a number, such as sin^2 + cos^2.
             symbol = value if value.is_number else law_symbol(f"{name}{suffix}")
-            # The positive value gets the name, since more terms read it.
+            # The name belongs to the positive value, which more terms contain.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
-            # Only operations on operations get a name: the others are as short as a name.
+            # Only operations on operations need a name; others are as short as a name.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 _LARGEST_DENOMINATOR = 10**6
 _LARGEST_NUMERATOR = 10**15
 
-#: SymPy's names that differ from cotree's.
+#: SymPy functions whose names differ from cotree's.
 _SYMPY_NAMES = {"abs": "Abs"}
 
 
 def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
-    """Turn nodes into SymPy expressions; ``symbols`` has those of symbols and of nodes to replace.
+    """Convert nodes to SymPy expressions; nodes in ``symbols`` become its values.
 
     A node with several results becomes the application of an undefined function: ``table_1(t)``,
     ``solve_1_x_1(...)``, ``name_1(...)``. Raises KeyError if a symbol has no expression.
@@ -55,7 +55,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
             raise KeyError(f"no SymPy symbol is given for {node!r}")
         elif node.op == "result":
             known[node] = _result(node, [known[arg] for arg in _arguments(node)], numbers)
-        # A node with several results has no expression; each of its results does.
+        # A node with several results has no expression, but each of its results has one.
         elif node.op not in _SEVERAL:
             known[node] = _apply(node.op, [known[arg] for arg in node.args])
     return [known[node] for node in nodes]
@@ -69,14 +69,14 @@ def rational(value: float) -> Any:
     """
     import sympy
 
-    # 1/12, not 0.08333333333333333; only a fraction that equals the double is used.
+    # 1/12 instead of 0.08333333333333333, but only if both are the same double.
     fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
     if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
         return sympy.Rational(fraction.numerator, fraction.denominator)
     return sympy.Float(value)
 
 
-#: Operations that are written as operators, for numbers or expressions.
+#: Operations that Python operators compute, for numbers and for expressions.
 ARITHMETIC: dict[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
@@ -88,7 +88,7 @@ ARITHMETIC: dict[str, Callable[..., Any]] = {
 
 
 def _apply(op: str, args: list[Any]) -> Any:
-    """Apply one operation of :data:`cotree.dag.operations.OPERATIONS`."""
+    """Apply an operation of :data:`cotree.dag.operations.OPERATIONS` to SymPy expressions."""
     import sympy
 
     if op in ARITHMETIC:
@@ -119,7 +119,7 @@ def _call_name(_: Node, position: int) -> str:
     return str(position + 1)
 
 
-#: Names of the results of nodes with several results.
+#: Function names for the results of nodes with several results.
 _SEVERAL: dict[str, Callable[[Node, int], str]] = {
     "solve": _solve_name,
     "table": _table_name,
@@ -129,24 +129,24 @@ _SEVERAL: dict[str, Callable[[Node, int], str]] = {
 
 
 def _arguments(node: Node) -> tuple[Node, ...]:
-    """Return the arguments of a result, without those that only affect rank decisions."""
+    """Return the arguments of a result, except those that only affect rank decisions."""
     source = node.args[0]
     if source.op != "solve":
         return source.args
     size = source.data.size
-    # Coefficients and right-hand side.
+    # The arguments are the coefficients and the right-hand side.
     return source.args[: size * (size + 1)]
 
 
 def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
-    """Apply an undefined function for one result of a node that has several."""
+    """Represent one of several results of a node by an undefined function of its arguments."""
     import sympy
 
     source = node.args[0]
     # Systems are distinguished by their arguments, tables and functions by their data.
     key = (source.op, source if source.op == "solve" else source.data)
     if key not in numbers:
-        # Each kind is numbered from one, in order of evaluation.
+        # Functions of each kind are numbered from one in the order of evaluation.
         numbers[key] = 1 + sum(op == source.op for op, _ in numbers)
     own = source.data.name if source.op == "call" else f"{source.op}_{numbers[key]}"
     suffix = _SEVERAL[source.op](source, node.data)
@@ -158,7 +158,7 @@ _WAYS = {-1: "falls through", 0: "passes", 1: "rises through"}
 
 @dataclass(frozen=True)
 class SymbolicEvent:
-    """An event at a zero crossing of an expression.
+    """An event that occurs when an expression crosses zero.
 
     Attributes
     ----------
@@ -167,14 +167,14 @@ class SymbolicEvent:
     direction : int
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to sympy.Expr
-        New values of states and modes by name, as expressions in the values before.
+        New values of states and modes by name, as functions of the values before the event.
     restitution : sympy.Expr or None
-        Of an impact.
+        Coefficient of restitution if the event is an impact.
     is_terminal : bool
         Whether it ends a run.
     is_chosen : bool
-        Whether the modes of dry friction and rigid stops are chosen there, all together, and not
-        set by expressions.
+        Whether the event selects the modes of dry friction and rigid stops together; expressions do
+        not set them.
     """
 
     when: Any
@@ -200,7 +200,7 @@ class SymbolicEvent:
         spell : callable
             Writes an expression.
         symbols : mapping of str to sympy.Symbol
-            By name of a state.
+            The symbol of each state.
         """
         # Expressions read the values before the event.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
@@ -218,12 +218,12 @@ class SymbolicEvent:
 def symbolic_events(
     equations: Equations, known: Mapping[Node, Any], states: tuple[str, ...]
 ) -> dict[str, SymbolicEvent]:
-    """Turn the events of equations, which end the output values, into SymPy by name."""
-    # Expressions are numbered from the outputs on, which are first.
+    """Convert the events of equations to SymPy, by name."""
+    # Event expressions follow the outputs in ``output_values``.
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
-    # An impact sets speeds by its restitution.
+    # An impact sets speeds through its coefficient of restitution.
     for row in equations.events:
         kept = zip(row.kept, row.new_values, strict=True)
         new = {states[target]: values[place] for target, place in kept}
@@ -239,13 +239,13 @@ def symbolic_events(
     return found
 
 
-#: Name of a value, or of a state and the parameter with respect to which it is differentiated.
+#: Name of a value, or names of a state and of the parameter by which it is differentiated.
 Key = str | tuple[str, str]
 
-# Entries of the mass matrix with more operations than this are not expanded.
+# Largest number of operations of a mass matrix entry that is expanded.
 _LARGEST_TIDIED = 40
 
-# Lines of a representation, and characters of LaTeX that a notebook sets.
+# Largest numbers of lines of ``repr`` and of LaTeX characters that a notebook typesets.
 _MOST_LINES, _MOST_SET = 40, 20_000
 
 
@@ -256,8 +256,9 @@ class SymbolicEquations:
     Attributes
     ----------
     governing : tuple of sympy.Eq
-        One for each speed, ``... = 0``, then one for each constraint: its second derivative, or
-        the first of one on rates; then one for each state and algebraic unknown of the networks.
+        Equations ``... = 0``: one for each speed; one for each constraint, its second time
+        derivative, or the first of a constraint on rates; one for each network state and algebraic
+        unknown.
     sensitivity : mapping of str to tuple of sympy.Eq
         The equations of the sensitivity graph of each requested parameter (or of each state whose
         initial value is meant).
@@ -268,7 +269,7 @@ class SymbolicEquations:
         that is the rate of a coordinate ``"j1.s"``, and ``"b.w1_dot"`` for that of any other
         speed, such as the angular velocity ``"b.w1"`` or the velocity ``"b.vx"``.
     multipliers : tuple of str
-        Names of the constraints (``"D4.x"``), which their multipliers go by.
+        Names of the constraints (``"D4.x"``), which are also those of their multipliers.
     rates : tuple of str
         Names of the rates of the networks' states: ``"C1.v_dot"``.
     n_coordinates : int
@@ -280,9 +281,9 @@ class SymbolicEquations:
     initial : mapping of str or (str, str) to sympy.Expr
         Initial values of the states and of their sensitivities.
     latex_names : mapping of sympy.Symbol to str
-        LaTeX of states, accelerations, multipliers and their sensitivities.
+        LaTeX names of states, accelerations, multipliers and their sensitivities.
     events : mapping of str to SymbolicEvent
-        The effects of expressions that pass through zero, by name.
+        The events at zero crossings of expressions, by name.
     """
 
     governing: tuple[Any, ...]
@@ -298,7 +299,7 @@ class SymbolicEquations:
     events: Mapping[str, SymbolicEvent]
 
     def lines(self, name: str | None = None) -> list[str]:
-        """Write the governing equations, or those of one sensitivity, as plain text.
+        """Return the governing equations, or those of one sensitivity, as plain text.
 
         Parameters
         ----------
@@ -314,7 +315,7 @@ class SymbolicEquations:
         return [self._line(equation, spell, name) for equation in self._equations(name)]
 
     def latex(self) -> str:
-        """Write all equations as one LaTeX ``align`` environment, the governing ones first."""
+        """Return all equations as one LaTeX ``align`` environment, the governing ones first."""
         spell = printer("latex", self.latex_names)
         rows = [
             f"  {self._line(equation, spell, name).removesuffix(' = 0')} &= 0"
@@ -324,7 +325,7 @@ class SymbolicEquations:
         return "\n".join([r"\begin{align}", ", \\\\\n".join(rows) + ".", r"\end{align}"])
 
     def event_lines(self) -> list[str]:
-        """Write the events as plain text, one line each."""
+        """Return the events as plain text, one line for each."""
         spell = printer("text", {})
         return [event.line(name, spell, self.symbols) for name, event in self.events.items()]
 
@@ -334,7 +335,7 @@ class SymbolicEquations:
         return "\n".join(lines[:_MOST_LINES] + ([f"… {hidden} more"] if hidden > 0 else []))
 
     def _repr_latex_(self) -> str | None:
-        """Return LaTeX for notebooks; None for long equations, which take minutes to set."""
+        """Return LaTeX for notebooks, or None for equations that take minutes to typeset."""
         if sum(map(len, map(str, self.governing))) > _MOST_SET:
             return None
         text = self.latex()
@@ -355,7 +356,7 @@ class SymbolicEquations:
 
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
-        # Sensitivities precede the variables, as in Eq. (9), of which they are the unknowns.
+        # Sensitivities, the unknowns of Eq. (9), come before other variables, as in the paper.
         order: list[Any] = []
         n = self.n_coordinates
         highest = (*self.accelerations, *self.rates, *self.multipliers)
@@ -372,7 +373,7 @@ class SymbolicEquations:
 
 
 def symbolic_equations(equations: Equations) -> SymbolicEquations:
-    """Turn governing and sensitivity equations into SymPy.
+    """Convert governing and sensitivity equations to SymPy.
 
     >>> from cotree.formulation.first_graph import form_first_graph
     >>> from cotree.scene.description import SceneDescription
@@ -391,7 +392,7 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
     names = SymbolTable.of(equations)
     known = names.known(equations)
     matrix = _matrix(equations, known)
-    # Rates of coordinates and speeds are no separate equations: the balances determine them.
+    # Rates of coordinates and speeds have no equations of their own: balances determine them.
     n_speeds = len(names.accelerations)
     n = equations.n_coordinates + n_speeds
     initial: dict[Key, Any] = dict(
@@ -433,11 +434,11 @@ def symbolic_equations(equations: Equations) -> SymbolicEquations:
 
 
 def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
-    """Write the matrix row by row; the rows of constraints have the opposite sign."""
+    """Return the rows of the matrix; those of constraints have the opposite sign."""
     rows = [to_sympy(row, known) for row in equations.matrix]
     # Unknowns are accelerations, then one multiplier for each constraint.
     first, end = equations.n_speeds, equations.n_speeds + len(equations.constraints.rows)
-    # The border of the symmetric matrix is -G; G is printed.
+    # The border of the symmetric matrix is -G, but G is printed.
     rows[first:end] = [[-entry for entry in row] for row in rows[first:end]]
     return [[_tidied(entry) for entry in row] for row in rows]
 
@@ -445,12 +446,12 @@ def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
 def _balances(
     matrix: list[list[Any]], unknowns: list[Any], forcing: list[Any], n_speeds: int
 ) -> tuple[Any, ...]:
-    """Write matrix @ unknowns = forcing as expressions that are zero, row by row."""
+    """Return the equations matrix @ unknowns = forcing, row by row, with zero on the right."""
     import sympy
 
     totals = []
     for i, (row, b) in enumerate(zip(matrix, forcing, strict=True)):
-        # A w - b for the balances; rows of constraints, whose sign has changed, are G a + b.
+        # Balances are A w - b. Rows of constraints have changed sign, so they are G a + b.
         if i < n_speeds:
             terms = [a * w for a, w in zip(row, unknowns, strict=True)]
             totals.append(sympy.Add(*terms, -b))
@@ -461,19 +462,19 @@ def _balances(
 
 
 def _minus_first(a: Any, w: Any) -> Any:
-    """Multiply factors so that the common sign of a sum is in front."""
+    """Multiply factors and move a common minus sign of a sum to the front."""
     return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 
 def _tidied(entry: Any) -> Any:
-    """Write an entry of the mass matrix shorter, if it is small and expanding it helps."""
+    """Expand an entry of the mass matrix if it is small and becomes shorter."""
     import sympy
 
     size = entry.count_ops()
     if size > _LARGEST_TIDIED:
         return entry
     number, factors = sympy.factor_terms(sympy.expand(entry)).as_coeff_mul()
-    # Numbers are part of the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
+    # Numbers remain in the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
     sums = [factor for factor in factors if factor.is_Add][:1]
     others = [factor for factor in factors if factor not in sums]
     if sums:
@@ -485,10 +486,10 @@ def _tidied(entry: Any) -> Any:
 
 @dataclass(frozen=True)
 class SymbolTable:
-    """Symbols by name, and how LaTeX spells those of the unknowns and states.
+    """The SymPy symbols by name, and LaTeX names of states and unknowns.
 
-    ``accelerations`` and ``multipliers`` are the unknowns, in their order; ``rates`` belong to the
-    states of networks; ``subscripts`` mark derivatives, by what they are taken with respect to.
+    ``accelerations`` and ``multipliers`` are the unknowns in order; ``rates`` are those of network
+    states; ``subscripts`` of derivatives are stored by parameter or state.
     """
 
     states: tuple[str, ...]
@@ -501,7 +502,7 @@ class SymbolTable:
 
     @classmethod
     def of(cls, equations: Equations) -> SymbolTable:
-        """Choose the names of every symbol of the equations."""
+        """Build the table for all symbols of the equations."""
         states = tuple(state.name for state in equations.states)
         multipliers = (
             *(row.name for row in equations.constraints.rows),
@@ -512,7 +513,7 @@ class SymbolTable:
         coordinates, speeds = states[: equations.n_coordinates], states[n - n_speeds : n]
         accelerations = tuple(acceleration_name(speed, coordinates) for speed in speeds)
         given = [row.name for row in (*equations.parameters, *equations.inputs)]
-        # States of networks are not rates of coordinates, as angular velocities are not.
+        # Like angular velocities, network states are not rates of coordinates.
         stored = states[n : n + equations.n_network_states]
         others = states[n + len(stored) :]
         of_states = spell_states((*coordinates, *others), (*speeds, *stored), given)
@@ -522,7 +523,7 @@ class SymbolTable:
         used = {*given, "t"}
         for name in (*given, "t"):
             names.symbols[name] = law_symbol(name)
-        # Names are unique over all graphs: s_L may be a parameter, or the sensitivity of s.
+        # Names are unique over all graphs, since s_L may be a parameter or the sensitivity of s.
         for along in (None, *(direction.name for direction in equations.sensitivities)):
             mark = names.subscripts[along] = subscript(along, of_states)
             for row, own in spelt.items():
@@ -536,12 +537,12 @@ class SymbolTable:
         return names
 
     def unknowns(self, along: str | None = None) -> list[Any]:
-        """Return the symbols of the unknowns, or those of their sensitivities."""
+        """Return the symbols of the unknowns, or of their sensitivities to ``along``."""
         rows = (*self.accelerations, *self.multipliers)
         return [self.symbols[row if along is None else (row, along)] for row in rows]
 
     def known(self, equations: Equations) -> dict[Node, Any]:
-        """Return the SymPy symbol of each symbol of the first graph."""
+        """Map each symbol of the first graph to its SymPy symbol."""
         dag = equations.dag
         known = {state.symbol: self.symbols[state.name] for state in equations.states}
         known |= zip(equations.unknowns, self.unknowns(), strict=True)
@@ -551,7 +552,7 @@ class SymbolTable:
         return known
 
     def known_along(self, equations: Equations, direction: Derivative) -> dict[Node, Any]:
-        """Return the SymPy symbols of one sensitivity graph."""
+        """Map each symbol of one sensitivity graph to its SymPy symbol."""
         tangents = {state.name: direction.seed[state.symbol] for state in equations.states}
         known = {node: self.symbols[name, direction.name] for name, node in tangents.items()}
         return known | dict(
@@ -559,7 +560,7 @@ class SymbolTable:
         )
 
     def network_balances(self, rates: Sequence[Any], along: str | None = None) -> tuple[Any, ...]:
-        """Write the equations of networks: rates of states, then equations equal to zero."""
+        """Return the network equations, first those of state rates, with zero on the right."""
         import sympy
 
         own = [self.symbols[row if along is None else (row, along)] for row in self.rates]

@@ -1,7 +1,7 @@
-"""Pictures: linear graphs with their tree in bold, results over time, files of both.
+"""Figures of linear graphs, with their trees in bold, and of results; saving of figures.
 
-Every function makes a matplotlib `Figure`, which belongs to no window unless its caller says how it
-is made (:mod:`cotree.plot.figures`); nothing is computed here but positions on paper.
+Every function returns a matplotlib `Figure`, which belongs to no window unless the caller passes a
+function that makes figures (:mod:`cotree.plot.figures`).
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ _SUFFIXES = (".svg", ".png", ".pdf")
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure to a file, .svg, .png or .pdf, completely or not at all.
+    """Write a figure to an SVG, PNG or PDF file, completely or not at all.
 
-    Raises SceneError for another suffix, or if the file cannot be written.
+    Raises SceneError if the suffix is unknown or the file cannot be written.
     """
     import matplotlib
 
     path = Path(path)
     format = check_picture(path).removeprefix(".")
-    # Without dates and random identifiers, equal pictures are equal files.
+    # Dates and random identifiers are omitted, so that equal figures are equal files.
     dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with (
         atomic_write(path, "the picture") as draft,
@@ -53,7 +53,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
 
 
 def svg_text(fig: Figure) -> str:
-    """Return a figure as the text of an SVG element, on its own light ground."""
+    """Return a figure as an SVG element on a light background."""
     import io
 
     import matplotlib
@@ -61,10 +61,10 @@ def svg_text(fig: Figure) -> str:
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
         fig.savefig(text, format="svg", metadata={"Date": None})
-    # A page requires only the element, without the document declaration.
+    # An HTML page needs the element without the XML declaration.
     return text.getvalue().partition("<svg")[2].join(["<svg", ""])
 
 
 def check_picture(path: Path) -> str:
-    """Return the suffix of a picture's file."""
+    """Return the suffix of a picture file; raise SceneError if it is unknown."""
     return check_suffix(path, _SUFFIXES, "draw")

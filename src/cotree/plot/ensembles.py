@@ -1,7 +1,7 @@
-"""Ensembles: bands over time, families of curves, and heat maps over grids.
+"""Figures of ensembles: bands over time, families of curves, and heat maps over grids.
 
-In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`. Members
-that failed are nan and are left out.
+In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`. Failed
+members, whose values are nan, are left out.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.plot.layout import Array
 
 
-#: Dimensions of arrays that are not dimensions of members.
+#: Array dimensions that do not distinguish members.
 _OTHERS = ("time", "parameter", "occurrence")
 
 _PER_MEMBER = ("status", "message", "steps", "seconds")
@@ -36,17 +36,17 @@ _PER_MEMBER = ("status", "message", "steps", "seconds")
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """One quantity of all members."""
+    """The values of one quantity for all members."""
 
     name: str  # name as given by the user
     label: str  # label in pictures
     unit: str
-    array: Any  # values: dimensions of members first, then time if present
+    array: Any  # values over the member dimensions, then time, if any
     is_sensitivity: bool  # whether the quantity is a derivative
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """The dimensions of members."""
+        """Names of the member dimensions."""
         return tuple(str(dim) for dim in self.array.dims if dim not in _OTHERS)
 
     @property
@@ -60,7 +60,7 @@ class Variable:
         return values.reshape(-1, values.shape[-1])
 
     def coordinate(self, i: int) -> tuple[str, Array]:
-        """Return the title and the values of a dimension of members."""
+        """Return the title and the values of a member dimension."""
         dim = self.dims[i]
         values = self.array[dim].values
         if values.dtype.kind not in "fiu":
@@ -68,14 +68,14 @@ class Variable:
         return _titled(dim, self.array[dim]), np.asarray(values, dtype=float)
 
     def column(self, name: str | None) -> tuple[str, Array]:
-        """Return the title of a column, by default the first, and its value for each member."""
+        """Return title and values of a member column, by default the first."""
         known = [
             str(title)
             for title, row in self.array.coords.items()
             if title not in _OTHERS and row.dtype.kind in "fiu" and row.dims
             if set(row.dims) <= set(self.dims)
         ]
-        # The number of the member comes last.
+        # The member number is the last choice.
         ordered = sorted(known, key=lambda title: title == "member")
         if name is not None:
             check_known([name], known, "members have no column")
@@ -87,7 +87,7 @@ class Variable:
         return _titled(chosen, self.array[chosen]), np.asarray(values, dtype=float).ravel()
 
     def summary(self, time: float | None, of: str) -> tuple[Array, str]:
-        """Return one value of each member, and its description."""
+        """Return one value for each member, at ``time`` or summarised by ``of``, and its label."""
         if "time" not in self.array.dims:
             return np.asarray(self.array.values, dtype=float), ""
         times = self.times
@@ -102,12 +102,12 @@ class Variable:
             return np.asarray(self.array.values[..., -1]), f"at {times[-1]:g} s"
         if of not in ("max", "min", "mean"):
             raise SceneError(f"of is {of!r}: give 'last', 'max', 'min' or 'mean'")
-        # xarray skips nan after an event that ended the run.
+        # xarray skips the nan values after an event that ended a run.
         return np.asarray(getattr(self.array, of)("time").values), f"({of} over time)"
 
 
 def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[str]:
-    """Return the given names, or else the coordinates; raise SceneError if there are none."""
+    """Return the given names, by default the coordinates; raise SceneError if there are none."""
     if not hasattr(dataset, "data_vars"):
         raise SceneError(
             f"a {type(dataset).__name__} cannot be drawn: give the Dataset of an ensemble"
@@ -126,7 +126,7 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
 
 
 def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
-    """Return the variable of a name; raise SceneError if it is unknown, or not over time."""
+    """Return the named variable; raise SceneError if it is unknown, or not a function of time."""
     pair = sensitivity_pair(name)
     title = name if pair is None else f"d({pair[0]})"
     if title not in dataset.data_vars:
@@ -165,7 +165,7 @@ def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
 
 
 def _known(dataset: Any) -> list[str]:
-    """List the variables whose only dimensions are those of members and time."""
+    """List the variables that have only member dimensions and time."""
     return [
         str(name)
         for name, row in dataset.data_vars.items()
@@ -181,20 +181,19 @@ def _titled(name: str, row: Any) -> str:
 if TYPE_CHECKING:
     Make = Callable[[float, float], Figure]
 
-# Fractions of the members within the bands, from the outer to the inner band, with opacity and
-# label.
+# Fraction of members, opacity and label of each band, from the outer to the inner one.
 _BANDS = ((0.95, 0.18, "95 %"), (0.5, 0.38, "50 %"))
 
-# Panels in a row.
+# Largest number of panels in a row.
 _COLUMNS = 2
 
-# Minimum ratio of the largest to the smallest positive value for a logarithmic axis: for values
-# that increase by a constant factor, and for any values.
+# An axis is logarithmic above this ratio of the largest to the smallest positive value: the first
+# is for values that increase by a constant factor, the second for any values.
 _LEAST_RATIO, _WIDE_RATIO = 3.0, 30.0
 
 _NOTHING = "all members failed: there is nothing to draw"
 
-#: Summaries of the curve of a member, for heat maps.
+#: Summaries of a member's curve for heat maps, by name.
 SUMMARIES = ("last", "max", "min", "mean")
 
 
@@ -215,9 +214,9 @@ def bands(
         States, outputs, sensitivities as ``d(j1.s)/d(L)``, or variables of your own over time; by
         default coordinates and outputs.
     ax : Axes, optional
-        Axes for a single variable.
+        Axes to draw a single variable into.
     make : callable, optional
-        Function that makes a figure of a width and a height, [in].
+        Function that makes a figure of the given width and height, [in].
 
     Returns
     -------
@@ -296,13 +295,13 @@ def heat_map(
     ax: Axes | None = None,
     make: Make = figure_for_people,
 ) -> Figure:
-    """Draw a value of each member of a grid of two dimensions as a colour.
+    """Draw one value of each member on a two-dimensional grid as a colour.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of :meth:`cotree.Model.ensemble` with a grid of two dimensions; reduce one with more
-        dimensions by ``dataset.sel(...)``.
+        Of :meth:`cotree.Model.ensemble` with a two-dimensional grid; reduce a larger grid by
+        ``dataset.sel(...)``.
     name : str, optional
         A state, output, sensitivity as ``d(j1.s)/d(L)``, or a variable of your own; by default the
         first state.
@@ -313,7 +312,7 @@ def heat_map(
     ax : Axes, optional
         Axes to draw into.
     make : callable, optional
-        Function that makes a figure of a width and a height, [in].
+        Function that makes a figure of the given width and height, [in].
 
     Returns
     -------
@@ -346,10 +345,10 @@ def heat_map(
         most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     if figure.get_layout_engine() is None:
-        # Without a layout the title of a colour bar may overlap the labels of other axes.
+        # Without a layout engine, the title of a colour bar may overlap the labels of other axes.
         figure.set_layout_engine("constrained")
     where.set_facecolor("0.85")
-    where.grid(False)  # a style may draw a grid
+    where.grid(False)  # the user's style may draw a grid
     mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)
     where.set(xlabel=level.title, xscale=level.scale, ylabel=upright.title, yscale=upright.scale)
     for axis in (where.xaxis, where.yaxis):
@@ -360,7 +359,7 @@ def heat_map(
 
 
 def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure:
-    """Draw heat maps of a grid of two dimensions, curves of a grid of one, or else bands."""
+    """Draw heat maps of a two-dimensional grid, curves of a one-dimensional grid, or else bands."""
     chosen = chosen_variables(dataset, names or None)
     dims = read_variable(dataset, chosen[0], over_time=False).dims
     if len(dims) == 1 and "member" not in dims:
@@ -381,7 +380,7 @@ def _panels(
     ax: Axes | None,
     make: Make,
 ) -> Figure:
-    """Draw a panel for each variable, or one into given axes."""
+    """Draw a panel for each variable, or a single variable into the given axes."""
     chosen = chosen_variables(dataset, names)
     variables = [read_variable(dataset, name, over_time=True) for name in chosen]
     if ax is not None:
@@ -397,12 +396,12 @@ def _panels(
     for where, row, color in zip(panels(figure, n, columns), variables, colors, strict=True):
         draw(where, row, color)
         draw_grid(where)
-        where.set_axisbelow(True)  # draws the grid below the bands, which are transparent
+        where.set_axisbelow(True)  # the grid is drawn below the transparent bands
     return figure
 
 
 def _layout(n: int) -> tuple[int, int]:
-    """Return rows and columns of panels."""
+    """Return the numbers of rows and columns for ``n`` panels."""
     columns = min(n, _COLUMNS)
     return -(-n // columns), columns
 
@@ -414,7 +413,7 @@ def _label_time(ax: Axes, row: Variable) -> None:
 
 
 def _counted(row: Variable) -> str:
-    """Describe how many members are drawn."""
+    """Return a label with the number of drawn members."""
     curves_of_members = row.flat()
     failed = int(np.isnan(curves_of_members).all(axis=1).sum())
     n = len(curves_of_members)
@@ -428,7 +427,7 @@ def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
         raise SceneError(_NOTHING)
     low = [(1.0 - share) / 2.0 for share, *_ in _BANDS]
     wanted = [*low, 0.5, *(1.0 - q for q in low)]
-    # Members that an event ended have nan after it, which only the slower function ignores.
+    # Members that an event ended are nan afterwards; only the slower function ignores nan.
     has_gaps = bool(np.isnan(there).any())
     columns = ~np.isnan(there).all(axis=0)
     found = np.full((len(wanted), there.shape[1]), np.nan)
@@ -440,7 +439,7 @@ def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """An axis of a heat map: the edges of its cells, and the order of its values."""
+    """An axis of a heat map: the boundaries of its cells, and the order of its values."""
 
     title: str
     scale: str
@@ -449,13 +448,13 @@ class _Axis:
 
 
 def _axis(row: Variable, i: int) -> _Axis:
-    """Lay out the cells along a dimension."""
+    """Compute the cell boundaries along a member dimension."""
     title, values = row.coordinate(i)
     order = np.argsort(values, kind="stable")
     is_log = _is_logarithmic(values)
     at = np.log(values[order]) if is_log else values[order]
     middle = 0.5 * (at[1:] + at[:-1])
-    # Outer cells are as wide as their neighbours; a single one has the width of its value.
+    # Outer cells are as wide as their neighbours; the width of a single cell is its value.
     first, last = (at[1] - at[0], at[-1] - at[-2]) if len(at) > 1 else (abs(at[0]) or 1.0,) * 2
     edges = np.concatenate([[at[0] - first / 2], middle, [at[-1] + last / 2]])
     scale, edges = ("log", np.exp(edges)) if is_log else ("linear", edges)
@@ -476,7 +475,7 @@ def _tick_plainly(axis: Axis) -> None:
 
 
 def _is_logarithmic(values: Array) -> bool:
-    """Return whether values spread over powers of ten, or grow by the same factor."""
+    """Return whether values cover several powers of ten, or grow by the same factor."""
     ordered = np.sort(values)
     if ordered[0] <= 0.0 or ordered[-1] < _LEAST_RATIO * ordered[0]:
         return False

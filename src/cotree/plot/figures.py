@@ -1,8 +1,8 @@
-"""Figures that pyplot manages, so that ``plt.show()`` shows them.
+"""Figures that pyplot manages, so that ``plt.show()`` displays them.
 
-A figure is made by pyplot if the program has imported pyplot, in a notebook, and at an interactive
-prompt. In other programs it is a figure of its own, which needs no window system, is not kept in
-memory, and can be saved.
+Pyplot makes the figure in notebooks, at interactive prompts, and if the program has imported
+pyplot. Other programs get a separate figure, which needs no window system and does not remain in
+memory.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from cotree.plot.result import new_figure
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows once, even if it is the value of a cell."""
+    """A figure that a notebook displays only once, even if it is the value of a cell."""
 
     def _ipython_display_(self) -> None:
-        """Remove the figure from pyplot, which would show it again at the end of the cell."""
+        """Remove the figure from pyplot, which would display it again at the end of the cell."""
         pyplot = sys.modules.get("matplotlib.pyplot")
         number = getattr(self, "number", None)
         if pyplot is not None and number is not None and pyplot.fignum_exists(number):
             backend = pyplot.get_backend().lower()
             if "ipympl" in backend and pyplot.isinteractive():
-                return  # already shown
+                return  # it was displayed before
             if "inline" in backend:
                 pyplot.close(self)
-        # The notebook then shows the figure as a picture.
+        # The notebook then displays the figure as a picture.
         raise NotImplementedError
 
 
 def figure_for_people(width: float, height: float) -> Figure:
-    """Make a figure of a size, [in], by pyplot if the user may call ``plt.show()``."""
+    """Make a figure of the given size, [in], managed by pyplot if ``plt.show()`` may follow."""
     if "matplotlib.pyplot" in sys.modules or _is_interactive():
         import matplotlib.pyplot as plt
 

@@ -1,4 +1,4 @@
-"""Fits: measured and computed values, residuals, starts, profiles and correlations.
+"""Figures of fits: measured and computed values, residuals, starts, profiles and correlations.
 
 In: arrays and names. Out: a matplotlib `Figure`.
 """
@@ -29,7 +29,7 @@ _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A quantity over time, its band, and its measured values."""
+    """The curve of one quantity over time, with its confidence band and its measured values."""
 
     title: str  # name of the experiment
     band: Any  # confidence band, see :class:`cotree.estimation.bands.Band`
@@ -43,7 +43,7 @@ class Course:
 class Residuals:
     """Residuals of one quantity in one experiment, in standard deviations."""
 
-    name: str  # names of the quantity and the experiment
+    name: str  # name of the quantity, then of the experiment
     #: Times, [s], residuals, measured and computed values on the scale on which they are compared.
     t: Array
     values: Array
@@ -52,7 +52,7 @@ class Residuals:
 
 
 def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure:
-    """Draw quantities over time with their bands and measured values."""
+    """Draw quantities over time with confidence bands and measured values, each in a panel."""
     if ax is not None:
         draw_course(ax, courses[0])
         return cast("Figure", ax.figure)
@@ -63,7 +63,7 @@ def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure
 
 
 def draw_course(ax: Axes, course: Course) -> None:
-    """Draw one quantity over time."""
+    """Draw one quantity over time with its confidence band and measured values."""
     band = course.band
     is_known = np.isfinite(band.lower) & np.isfinite(band.upper)
     if course.measured is not None and course.t_measured is not None:
@@ -79,7 +79,7 @@ def draw_course(ax: Axes, course: Course) -> None:
             alpha=0.25, lw=0.0, label=label, zorder=2,
         )  # fmt: skip
     ax.plot(band.t, band.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
-    # The limits follow the data if the band is much wider.
+    # If the band is much wider than the data, the data determine the limits.
     shown = [band.value] + ([] if course.measured is None else [course.measured])
     low, high = (f([float(f(np.asarray(x))) for x in shown]) for f in (min, max))
     room = 0.6 * ((high - low) or abs(high) or 1.0)
@@ -89,7 +89,7 @@ def draw_course(ax: Axes, course: Course) -> None:
 
 
 def draw_residuals(parts: Sequence[Residuals]) -> Figure:
-    """Draw residuals over time, observed against computed values, and the normal probability."""
+    """Draw residuals over time, measured against computed values, and a normal probability plot."""
     figure = figure_for_people(12.0, 3.8)
     over, against, normal = figure.subplots(1, 3)
     draw_residuals_over_time(over, parts)
@@ -136,9 +136,9 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
 
 
 def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
-    """Draw the objectives of the starts relative to the best one, in ascending order.
+    """Draw the objectives reached from all starting points, in ascending order.
 
-    ``starts`` are those of a fit; see :class:`cotree.estimation.multistart.StartRecord`.
+    ``starts`` are the starting points of a fit, :class:`cotree.estimation.multistart.StartRecord`.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -154,7 +154,7 @@ def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
     if not done.all():
         ax.plot(rank[~done], above[~done], marker="o", mfc="none", color=_LIMIT,
                 label="not converged", **style)  # fmt: skip
-    # Differences below a hundredth are not significant, so the scale is linear there.
+    # The scale is linear below a hundredth, where differences are not significant.
     ax.set_yscale("symlog", linthresh=1e-2)
     ax.set_ylim(-2e-3, max(1.0, 2.0 * float(above.max(initial=0.0))))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -166,9 +166,9 @@ def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
 
 
 def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
-    """Draw profiles, each with the parabola of its standard error, if that is finite.
+    """Draw the profiles of parameters, each with the parabola of its standard error, if finite.
 
-    ``curves`` are of the class :class:`cotree.estimation.profiles.Profile`.
+    ``curves`` are objects of :class:`cotree.estimation.profiles.Profile`.
     """
     figure, places = _panels(len(curves))
     for k, (ax, curve) in enumerate(zip(places, curves, strict=True)):
@@ -176,7 +176,7 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         ax.plot(*curve.curve(), color=_CURVE, lw=1.6, label="profile")
         is_log, error = curve.scale != "lin", errors[curve.name]
         if math.isfinite(error) and error > 0.0:
-            # The rise of a model that is linear on the scale of the parameter.
+            # The profile of a model that is linear in the scaled parameter.
             reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
             x = curve.estimate + reach * error
             if is_log:
@@ -196,13 +196,13 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         label = f"{curve.name} {_bracketed(curve.unit)}".strip()
         _label(ax, label, "increase of 2 × objective", "")
         if k == 0:
-            # The two ends of the interval share one legend entry.
+            # Both ends of the interval share one legend entry.
             ax.legend(*_distinct(ax), fontsize=8, frameon=False, loc="upper center", ncols=2)
     return figure
 
 
 def draw_correlation(names: Sequence[str], correlation: Array, ax: Axes | None = None) -> Figure:
-    """Draw correlations as a map of colours with their numbers."""
+    """Draw a correlation matrix as coloured cells with numbers."""
     n = len(names)
     if ax is None:
         size = min(max(3.6, 0.62 * n + 1.6), 12.0)
@@ -233,7 +233,7 @@ def draw_overview(
     correlation: Array,
 ) -> Figure:
     """Draw courses, residuals, and starts or correlations in one figure."""
-    # Panels of time plots may be wider than those of the last row.
+    # The panels of courses may be wider than those of the last row.
     columns = 2 if len(courses) in (2, 4) else min(len(courses), _COLUMNS)
     n_rows = -(-len(courses) // columns)
     figure = figure_for_people(4.3 * _COLUMNS, 3.2 * (n_rows + 1) + 0.4)
@@ -259,7 +259,7 @@ def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with ``n`` panels; four are in a square."""
+    """Make a figure with ``n`` panels; four panels form a square."""
     columns = 2 if n == 4 else min(n, _COLUMNS)
     rows = -(-n // columns)
     figure = figure_for_people(1.0 + 4.0 * columns, 0.4 + 3.2 * rows)

@@ -1,4 +1,4 @@
-"""Linear graphs as the paper draws them ([1] Fig. 1 and 4): the tree in bold, the ground hatched.
+"""Drawings of linear graphs as in the paper ([1] Fig. 1 and 4): tree bold, ground hatched.
 
 In: a `LinearGraph` with its `Tree`. Out: a matplotlib `Figure`.
 """
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from cotree.graph import LinearGraph, Tree
 
 _INCHES = 1.35
-# Radius of a node, arrow head of a thin edge, distance of a node's name: in units of the layout.
+# Radius of a node, size of a thin edge's arrow head, distance of a node's name, in layout units.
 _DOT = 0.055
 _HEAD_LENGTH, _HEAD_WIDTH = 0.15, 0.1
 _LABEL_DISTANCE = 0.2
 
 
 def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) -> Figure:
-    """Draw a linear graph: dots for nodes, arrows for edges, a hatch at the reference.
+    """Draw a linear graph: nodes as dots, edges as arrows, hatching at the reference node.
 
-    Branches of the tree are bold, chords thin. Without axes a new figure fits the graph.
+    Branches of the tree are bold, chords are thin. If ``ax`` is None, the graph has a new figure.
     """
     drawing = lay_out(graph)
     if ax is None:
@@ -46,13 +46,13 @@ def draw_graphs(
 ) -> Figure:
     """Draw several graphs side by side, each under the name of its domain.
 
-    ``make`` makes a figure of a width and a height, [in], by default one that pyplot does not
-    manage. Edges of each of the ``parts`` have a background of one colour.
+    ``make`` makes a figure of the given width and height, [in]; by default pyplot does not manage
+    it. Edges of each of the ``parts`` have a background of one colour.
     """
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
     figure = _new_figure(drawings, make)
-    # Panels are as wide as their graphs, so that all have the same scale.
+    # Panels are as wide as their graphs, so that all graphs have the same scale.
     axes = figure.subplots(
         1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
     )
@@ -85,13 +85,13 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         _draw_edge(ax, curve, label, bold=tree is not None and tree.is_branch(curve.edge.name))
     for node, position in drawing.position_of.items():
         directions = [
-            # Curves may bend, so directions are taken near their ends.
+            # Edges may be curved, so their directions are taken near their ends.
             (curve.at(0.15) if curve.edge.tail == node else curve.at(0.85)) - position
             for curve in drawing.curves
             if node in (curve.edge.tail, curve.edge.head)
         ]
         if node == graph.reference:
-            # The ground is drawn upright or level only.
+            # The ground symbol is only drawn in axis directions.
             away = _freest(directions, 4)
             _draw_ground(ax, position, away)
             place = position + (0.42 if away[0] == 0 else 0.5) * away
@@ -104,7 +104,7 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
 
 
 def _draw_parts(drawing: GraphDrawing, parts: Sequence[str], ax: Axes) -> None:
-    """Draw broad pale strokes under the edges of each part, whose names begin with the part's."""
+    """Draw broad pale strokes under each part's edges, whose names begin with the part's name."""
     for number, part in enumerate(parts):
         for curve in drawing.curves:
             if curve.edge.name.startswith(f"{part}."):
@@ -120,7 +120,7 @@ def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
 
 
 def _freest(directions: Sequence[Array], n: int) -> Array:
-    """Choose one of `n` directions around a node, furthest from all edges; down first."""
+    """Return the one of `n` directions that is furthest from all edges; the first is down."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
     # Rounding makes equivalent directions equal, so that the first one is chosen.
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
@@ -141,7 +141,7 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])
     size = 1.3 if bold else 1.0
-    # The arrow is not in the middle of the edge, where the name is written.
+    # The arrow is beside the middle of the edge, where the name is written.
     tip = curve.at(0.74) + _HEAD_LENGTH / 2 * size * along
     half = _HEAD_WIDTH / 2 * size * normal
     back = tip - _HEAD_LENGTH * size * along
@@ -173,7 +173,7 @@ def _draw_node(ax: Axes, name: str, position: Array, place: Array) -> None:
 
 
 def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
-    """Draw a short post, the line of the ground and its hatch."""
+    """Draw the ground symbol: a short post, a line and hatching."""
     side = np.array([-away[1], away[0]])
     ground = position + 0.14 * away
     strokes = [(position, ground), (ground - 0.24 * side, ground + 0.24 * side)]

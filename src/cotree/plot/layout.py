@@ -1,8 +1,8 @@
 """Layout of the nodes and edges of a linear graph on paper.
 
-In: a `LinearGraph`. Out: a `GraphDrawing`: positions of nodes, curves of edges, corners of the
-picture, in units of about two thirds of the usual distance between neighbours. No randomness: the
-same graph gives the same picture.
+In: a `LinearGraph`. Out: a `GraphDrawing`: node positions, edge curves, corners of the picture. The
+unit of length is about two thirds of the usual distance between neighbours. The layout is
+deterministic.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Distance of parallel edges, clearance of edges from other nodes, margin of the picture.
+# Distance between parallel edges, clearance between edges and nodes, margin of the picture.
 _FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
-# Width of a letter in an edge's name; possible positions of the name along the edge, best first.
+# Width of a letter in edge names; candidate positions of a name along its edge, the best first.
 _LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
-# Number of nodes in a line of a long chain.
+# Number of nodes in a row of a long chain.
 _LINE = 7
-# If all gaps between directions from the reference are smaller than this, the edges are compressed
+# If all gaps between edge directions at the reference are below this, the picture is compressed
 # into a half plane.
 _OPEN = np.radians(150)
 
@@ -49,7 +49,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class GraphDrawing:
-    """A drawn graph: nodes, edges, places of the edges' names, corners of the picture."""
+    """The layout of a graph: nodes, edge curves, positions of edge names, picture corners."""
 
     graph: LinearGraph
     position_of: dict[str, Array]
@@ -60,12 +60,12 @@ class GraphDrawing:
 
     @property
     def size(self) -> Array:
-        """Width and height."""
+        """Width and height of the picture."""
         return self.high - self.low
 
 
 def lay_out(graph: LinearGraph) -> GraphDrawing:
-    """Place the nodes and the edges of a graph."""
+    """Compute the positions of a graph's nodes, edges and names."""
     position_of = _positions(graph)
     curves = tuple(_curves(graph, position_of))
     points = [*position_of.values(), *(c.at(s) for c in curves for s in np.linspace(0, 1, 9))]
@@ -74,7 +74,7 @@ def lay_out(graph: LinearGraph) -> GraphDrawing:
 
 
 def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
-    """Align the lower and upper edges of all drawings, so that titles and keys are in line."""
+    """Extend all drawings to the same lower and upper limits, which aligns their titles."""
     low, high = min(d.low[1] for d in drawings), max(d.high[1] for d in drawings)
     return [
         replace(d, low=np.array([d.low[0], low]), high=np.array([d.high[0], high]))
@@ -83,7 +83,7 @@ def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
 
 
 def _positions(graph: LinearGraph) -> dict[str, Array]:
-    """Place the nodes so that distances in the picture approximate those in the graph."""
+    """Compute node positions whose distances approximate the distances in the graph."""
     if graph.n_nodes <= 2:
         others = [node for node in graph.nodes if node != graph.reference]
         return {graph.reference: np.zeros(2)} | {node: np.array([0.0, 2.2]) for node in others}
@@ -91,7 +91,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
     walk = walk_edges(graph, graph.edge_names, graph.reference)
     order = [graph.reference, *(step.child for step in walk)]
-    # For the layout, nodes of other components are joined to the reference.
+    # For the layout, unconnected components are joined to the reference.
     floating = [node for node in graph.nodes if node not in order]
     order += floating
     index_of = {node: i for i, node in enumerate(order)}
@@ -102,10 +102,10 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
         points = _serpentine(len(order))
     else:
         angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
-        # The start, a circle in the order of a walk from the reference, is deterministic.
+        # The initial guess is a circle in the order of a traversal from the reference.
         start = dict(enumerate(np.column_stack([np.cos(angles), np.sin(angles)])))
         placed = networkx.kamada_kawai_layout(simple, pos=start)
-        # The reference is the origin, about which the picture is turned.
+        # The reference becomes the origin, about which the picture is rotated.
         points = np.array([placed[i] - placed[0] for i in range(len(order))])
         lengths = [np.linalg.norm(points[i] - points[j]) for i, j in pairs]
         points = _reference_below(points / np.median(lengths) * 1.5, pairs)
@@ -113,8 +113,8 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
 
 def _serpentine(n: int) -> Array:
-    """Place a chain of `n` nodes in a serpentine from the top left corner."""
-    # Every other row runs backwards, so that neighbours in the chain are neighbours on paper.
+    """Return positions of `n` nodes of a chain in a serpentine from the top left corner."""
+    # Every second row runs backwards, so that neighbours in the chain remain adjacent.
     row, column = np.divmod(np.arange(n), _LINE)
     column = np.where(row % 2 == 0, column, _LINE - 1 - column)
     return np.column_stack([1.3 * column, -1.1 * row]).astype(float)
@@ -123,8 +123,8 @@ def _serpentine(n: int) -> Array:
 def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     """Rotate the picture about node 0, the reference, until the other nodes are above it.
 
-    A picture that surrounds the reference is first opened like a fan, at the gap that stretches the
-    fewest edges.
+    If nodes surround the reference, their directions are first compressed into a half plane, from
+    the gap that stretches the fewest edges.
     """
     x, y = points[1:].T
     angles = np.arctan2(y, x)
@@ -133,14 +133,14 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     inner = [(i - 1, j - 1) for i, j in pairs if i > 0]
 
     def behind(gap: int) -> Array:
-        """Angles of the nodes after the gap, in order."""
+        """Return the node angles measured from the end of the gap."""
         turned = np.mod(angles - angles[order[(gap + 1) % len(order)]], 2 * np.pi)
         # Rounding may turn the angle zero into a full turn.
         return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)
 
     def cost(gap: int) -> tuple[int, float]:
         turned = behind(gap)
-        # An edge whose ends are more than half a turn apart is stretched across the fan.
+        # An edge is stretched if its ends are more than half a turn apart.
         crossing = sum(abs(turned[i] - turned[j]) > np.pi for i, j in inner)
         return (crossing, -round(float(gaps[gap]), 6))
 
@@ -149,7 +149,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     # Angles are compressed into the half plane above the reference; radii grow, so that arcs keep
     # their length.
     shrink = min(1.0, np.pi / spread)
-    # Clockwise from the left, where the traversal from the reference usually starts.
+    # Nodes follow clockwise from the left, where the traversal from the reference usually starts.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
     directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
     radii = np.hypot(x, y) / shrink
@@ -173,18 +173,19 @@ def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Cu
             ]
             for shift in (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
         ]
-        # The first fan with sufficient clearance, or else with the largest.
+        # Choose the first fan with sufficient clearance, or else the one with the largest
+        # clearance.
         yield from max(fans, key=lambda fan: min(_CLEARANCE, _clearance(fan, others)))
 
 
 def _curve(
     edge: GraphEdge, ends: tuple[str, str], position_of: Mapping[str, Array], bulge: float
 ) -> Curve:
-    """Draw an edge as an arc whose middle lies `bulge` to the left of the line between `ends`."""
+    """Return an edge as an arc whose middle is `bulge` to the left of the line between `ends`."""
     first, last = position_of[ends[0]], position_of[ends[1]]
     along = last - first
     normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    # The middle of a cubic curve is 3/4 of the way to its inner control points.
+    # At its middle, a cubic curve has 3/4 of the offset of its inner control points.
     inner = 4 / 3 * bulge * normal
     points = np.array([first, first + 0.2 * along + inner, last - 0.2 * along + inner, last])
     # The arc is computed for the pair of nodes; the curve runs from the tail of the edge.
@@ -192,7 +193,7 @@ def _curve(
 
 
 def _clearance(fan: Sequence[Curve], others: Array) -> float:
-    """Return the least distance of the curves from the other nodes."""
+    """Return the least distance between the curves and the other nodes."""
     if not len(others):
         return float("inf")
     samples = np.array([curve.at(s) for curve in fan for s in np.linspace(0.05, 0.95, 19)])
@@ -201,7 +202,7 @@ def _clearance(fan: Sequence[Curve], others: Array) -> float:
 
 
 def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[Array, ...]:
-    """Place each name on its edge, away from names placed before, other edges and nodes."""
+    """Return a position on its edge for each name, away from previous names, edges and nodes."""
     samples = np.array([[curve.at(s) for s in np.linspace(0.06, 0.94, 41)] for curve in curves])
     nodes = np.array(list(position_of.values()))
     places: list[Array] = []
@@ -211,7 +212,7 @@ def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[
         foreign = np.vstack([*samples[:i], *samples[i + 1 :], nodes])
         taken, widths = np.reshape(places, (-1, 2)), np.reshape(halves, (-1, 2)) + half
         candidates = [curve.at(s) for s in _LABEL_PLACES]
-        # Covering another name is worse than covering any number of lines.
+        # Overlap with another name is worse than overlap with any number of lines.
         costs = [
             1000 * _count_within(taken - place, widths) + _count_within(foreign - place, half)
             for place in candidates
@@ -222,5 +223,5 @@ def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[
 
 
 def _count_within(offsets: Array, half: Array) -> int:
-    """Count the offsets that lie inside boxes of these half widths and heights."""
+    """Count the offsets that are inside boxes of the given half widths and heights."""
     return int(np.all(np.abs(offsets) < half, axis=1).sum())

@@ -1,4 +1,4 @@
-"""Results over time, with sensitivities next to them ([1] Fig. 5 and 6).
+"""Figures of results over time, with sensitivities next to them ([1] Fig. 5 and 6).
 
 In: a result. Out: a matplotlib `Figure`.
 """
@@ -29,13 +29,13 @@ _MOST_UNNAMED = 4
 
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
 
-#: Name given by the user: a state, output, input or column title, or (name, parameter).
+#: A curve as named by the user: a state, output, input or column title, or (name, parameter).
 Name = str | tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves to draw."""
+    """The curves to draw."""
 
     values: tuple[str, ...]  # names of states, outputs and inputs
     #: Names of states and outputs, each with the parameter of its sensitivity.
@@ -51,12 +51,12 @@ def choose_curves(
     *,
     is_alone: bool = False,
 ) -> Curves:
-    """Return the curves of given names.
+    """Return the curves with the given names.
 
-    Names are of states, outputs, inputs, and of sensitivities as ``d(name)/d(parameter)`` or
-    ``(name, parameter)``. If no sensitivity is named, those of the named states and outputs to the
-    first four parameters are added, unless ``is_alone``. None means the coordinates, the states
-    that are no rates. Raises SceneError if the result has nothing by a given name.
+    Names are states, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or ``(name,
+    parameter)``. If no sensitivity is named, those of the named states and outputs to the first
+    four parameters are added, unless ``is_alone``. None means the coordinates, which are the states
+    that are not rates. Raises SceneError if a name is unknown.
     """
     known = (*states, *outputs)
     # A result has no equations, so rates are identified by their names.
@@ -86,7 +86,7 @@ def choose_curves(
 
 
 def sensitivity_pair(name: object) -> tuple[str, str] | None:
-    """Return name and parameter of a sensitivity; None for any other name."""
+    """Return quantity and parameter of a sensitivity's name, or None for any other name."""
     if isinstance(name, str):
         found = _TITLE.match(name)
         return (found[1], found[2]) if found else None
@@ -103,19 +103,18 @@ def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequenc
 
 Color = tuple[float, ...]
 
-# Maximum number of panels in a row, of circles of an overlay, and of curves with a legend above
-# them.
+# Largest numbers of panels in a row, of circles of an overlay, and of curves with a legend above.
 _COLUMNS = 3
 _OPEN_CIRCLES = 40
 _FEW = 4
-# Widths of a panel and of the line in front of a label, in letters of a legend.
+# Width of a panel, and of the line sample before a label, in letters of the legend.
 _PANEL, _LINE = 66, 7
 _CIRCLES = "finite differences"
 
 
 @dataclass
 class _Row:
-    """Panels of quantities of one unit, and of their sensitivities by parameter."""
+    """A row of panels: the quantities of one unit, and their sensitivities by parameter."""
 
     unit: str
     values: list[str] = field(default_factory=list)
@@ -152,11 +151,11 @@ def plot_result(
         the first four parameters are added. None plots the coordinates, the states that are not
         rates.
     overlay : mapping of (name, parameter) to (t, values), or None
-        Other values of sensitivities, from finite differences for example, of shape (n,) each;
-        they are drawn as open circles.
+        Sensitivities from another source, such as finite differences, each of shape (n,), drawn as
+        open circles.
     make : callable, optional
-        Function that makes a figure of a width and a height, [in]; by default one that pyplot does
-        not manage.
+        Function that makes a figure of the given width and height, [in]; by default pyplot does not
+        manage it.
 
     Returns
     -------
@@ -166,7 +165,7 @@ def plot_result(
     Raises
     ------
     SceneError
-        If the result has no variable of a name, or an overlay belongs to no curve.
+        If the result has no variable with a name, or an overlay belongs to no curve.
     """
     parameters = result.parameters_of_sensitivity
     curves = choose_curves(names, result.states, _followers(result), result.inputs, parameters)
@@ -176,11 +175,11 @@ def plot_result(
     for name in curves.values:
         rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
     for name, parameter in curves.sensitivities:
-        # Sensitivities are in the row of the unit of the quantity, and share its colour.
+        # Sensitivities are in the row of their quantity's unit, and share its colour.
         row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
         row.by_parameter.setdefault(parameter, []).append(name)
 
-    first = 1 if curves.values else 0  # column of the figure for sensitivities
+    first = 1 if curves.values else 0  # first column for sensitivities
     n_columns = max((min(len(row.by_parameter), _COLUMNS) for row in rows.values()), default=0)
     n_rows = sum(row.height for row in rows.values())
     figure = (make or new_figure)((5.4 if first else 1.0) + 4.4 * n_columns, max(2.7 * n_rows, 3.4))
@@ -211,16 +210,16 @@ def plot_result(
 
 
 def _followers(result: RunRecord) -> tuple[str, ...]:
-    """List the variables that follow from the states: positions along f-circuits, and outputs."""
-    # Records of other programs may lack positions.
+    """List the variables that are computed from states: positions along f-circuits, and outputs."""
+    # Results from other programs may lack positions.
     return (*(row.name for row in getattr(result, "positions", ())), *result.outputs)
 
 
 def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
-    """Draw curves of one unit into given axes.
+    """Draw curves of one unit into the given axes.
 
-    Names are those of :func:`plot_result`, but no sensitivity is added. Raises SceneError if the
-    result has no variable of a name, or the curves have several units.
+    Names are as in :func:`plot_result`, but no sensitivity is added. Raises SceneError if a name is
+    unknown, or the curves have several units.
     """
     known = (result.states, _followers(result), result.inputs, result.parameters_of_sensitivity)
     curves = choose_curves(names, *known, is_alone=True)
@@ -257,7 +256,7 @@ def _check_overlay(
 
 
 def new_figure(width: float, height: float, make: Callable[..., Figure] | None = None) -> Figure:
-    """Make a figure of a size, [in], by default one that pyplot does not manage."""
+    """Make a figure of the given size, [in], by ``make``; by default pyplot does not manage it."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -273,7 +272,7 @@ def panels(figure: Figure, n: int, columns: int) -> list[Axes]:
 
 
 def draw_grid(ax: Axes) -> None:
-    """Draw a light grid, and no frame above and to the right."""
+    """Draw a light grid, and remove the frame lines at the top and on the right."""
     ax.grid(color="0.9", lw=0.8)
     ax.spines[["top", "right"]].set_visible(False)
 
@@ -307,7 +306,7 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
 def _finish(ax: Axes, subject: str, unit: str) -> None:
     """Add labels, a grid and, for several curves, a legend."""
     bracketed = f"[{unit}]" if unit else ""
-    # A label that is longer than its axis takes two lines.
+    # A label that is longer than its axis has two lines.
     between = "\n" if len(subject) + len(bracketed) > 26 else " "
     ax.set_xlabel("time [s]", fontsize=11)
     ax.set_ylabel(between.join(filter(None, (subject, bracketed))), fontsize=11)
@@ -316,7 +315,7 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if len(labels) < 2 and _CIRCLES not in labels:
         return
-    # Outside the axes, so that it hides no curve: above if there are few curves, otherwise on the
+    # The legend is outside the axes, so that it hides no curve: above few curves, otherwise on the
     # right.
     columns = _legend_columns(labels)
     if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
@@ -331,6 +330,6 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
 
 
 def _legend_columns(labels: Sequence[str]) -> int:
-    """Return how many labels fit side by side above a panel, each with its line."""
+    """Return the number of labels with line samples that fit side by side above a panel."""
     widths = [len(label) + _LINE for label in labels]
     return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))

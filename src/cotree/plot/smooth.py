@@ -1,4 +1,4 @@
-"""Runs at as many times as smooth curves need."""
+"""Repetition of runs at more times, for smooth curves."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from cotree.scene.settings import Settings
     from cotree.solvers.result import FloatArray, RunRecord
 
-# Minimum number of points of a smooth curve, divisions of each interval between points, and maximum
-# number of steps of a run that is repeated for it.
+# Least number of points of a smooth curve, number of parts of each interval between points, and
+# largest number of steps of a repeated run.
 _SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
 
 # Distances of points next to a jump, as fractions of the span, less than a tenth of a pixel. An
 # event is located to a tolerance, so the nearer point may be on the other side.
 _ASIDE = np.array([[1e-5], [1e-4]])
 
-# Maximum difference of a repeated run, as a fraction of a state's range: the width of a line.
+# Maximum difference of a repeated run, as a fraction of a state's range; about the line width.
 _LINE_WIDTH = 2e-3
 
 
 def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
-    """Repeat a run of few points at more times, or return the record itself if that cannot be done.
+    """Repeat a run that has few points at more times, or return it unchanged if that is impossible.
 
-    Runs that failed, have many points, took many steps, or have functions of Python as inputs are
-    not repeated.
+    Runs that failed, have many points or steps, or have Python functions as inputs are not
+    repeated.
     """
     t = record.t
     is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
@@ -52,7 +52,7 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
 
 
 def _is_known(value: object) -> bool:
-    """Return whether an input is the same at each run: a number, an expression or a table."""
+    """Return whether an input is the same in each run: a number, an expression or a table."""
     parts = value if isinstance(value, (tuple, list)) else [value]
     return not any(map(callable, parts)) and isinstance(
         value, (str, Number, tuple, list, np.ndarray)
@@ -69,7 +69,7 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
-    """Divide each interval evenly, and add both sides of jumps."""
+    """Return times that divide each interval evenly, and times at both sides of each jump."""
     shares = np.arange(1, _PARTS) / _PARTS
     inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
     # At late times a fixed distance would be below the rounding error.
@@ -83,16 +83,16 @@ def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
 
 
 def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
-    """Return whether a repetition passes through the points of the run, to the width of a line."""
+    """Return whether a repeated run passes through the points of the run within a line width."""
     if found.status != 0:
         return False
-    # At a jump, the value on either side may be stored.
+    # At a jump, the run may contain the value of either side.
     is_smooth = ~np.isin(record.t, jumps)
     here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
     y = record.y[:, is_smooth]
     if len(here) != y.shape[1]:
         return False
     size = np.ptp(record.y, axis=1, keepdims=True)
-    # A constant state has no range.
+    # The range of a constant state is zero.
     size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
     return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))

@@ -1,7 +1,7 @@
 """Animation of mechanisms.
 
-In: a result and the first graph of its model. Out: an :class:`Animation`, to a GIF or to one HTML
-file. Drawing needs no compiler: positions are evaluated from the graph.
+In: a result and the first graph of its model. Out: an :class:`Animation`, which is saved as a GIF
+or an HTML file. Drawing needs no compiler, since positions are evaluated from the graph.
 """
 
 from __future__ import annotations

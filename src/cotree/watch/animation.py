@@ -1,4 +1,4 @@
-"""Animations of results, and their files: pictures, and self-contained HTML pages.
+"""Animations of results, saved as GIF files or self-contained HTML pages.
 
 Names are untrusted: the template of pages escapes them, and JSON contains no markup of HTML. A
 content security policy contains the hashes of the viewer and the style, so that no other script can
@@ -44,23 +44,23 @@ if TYPE_CHECKING:
     from cotree.watch.shapes import Array, Mesh
 
 
-_GRAINS = 50_000  # resolution of rounded positions, in steps within the extent
-_TURN = 2e-5  # step to which components of quaternions are rounded
+_GRAINS = 50_000  # number of position steps within the extent of the motion
+_TURN = 2e-5  # rounding step of quaternion components
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 
 
 @dataclass(frozen=True)
 class PageContext:
-    """Variables of the page's template."""
+    """The variables of the page template."""
 
-    #: Title of the page and note on the run, untrusted texts.
+    #: Title of the page and note on the run; both are untrusted texts.
     title: str
     note: str
     #: Content security policy of the page; name of the program that wrote the file.
     policy: str
     generator: str
     last: int  # index of the last frame
-    speeds: tuple[tuple[str, str], ...]  # labels and factors of speeds
+    speeds: tuple[tuple[str, str], ...]  # labels and factors of the playback speeds
     #: Style sheet, script and data of the page, already escaped.
     style: Markup
     script: Markup
@@ -68,7 +68,7 @@ class PageContext:
 
 
 def page(drawing: Drawing) -> str:
-    """Return the page, which is the same text for the same drawing."""
+    """Return the HTML page; equal drawings have equal pages."""
     from markupsafe import Markup
 
     style, script = (_text(f"viewer.{suffix}") for suffix in ("css", "js"))
@@ -89,21 +89,21 @@ def page(drawing: Drawing) -> str:
 
 
 def embedded(value: Any) -> str:
-    """Write JSON that is safe within a script element."""
+    """Return JSON that is safe inside a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    # The text is ASCII. A "</script>" in a name would end the element.
+    # A "</script>" in a name would end the element, so "<" is escaped.
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def page_data(drawing: Drawing) -> dict[str, Any]:
-    """Return the data of the viewer as plain lists and numbers.
+    """Return the viewer's data as lists and numbers.
 
-    Positions are whole numbers of ``unit``, quaternions of ``turn``, and each row of both is the
-    difference to the previous one; a track at rest has one row.
+    Positions are integer multiples of ``unit``, quaternions of ``turn``; each row is the difference
+    from the previous one. A track at rest has one row.
     """
     poses, frames = drawing.poses, drawing.frames
     camera, reach = place_camera(drawing, None)
-    # The file omits tracks without shapes.
+    # Tracks without shapes are omitted.
     used = sorted(
         {solid.track for solid in drawing.solids}
         | {track for strut in drawing.struts for track in strut.tracks}
@@ -112,7 +112,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     number = {track: i for i, track in enumerate(used)}
     extent = float(np.abs(poses.positions[used]).max())
     extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
-    # The unit is rounded to few digits: positions are multiples of it.
+    # The unit is rounded to few digits, before positions become multiples of it.
     unit = float(f"{extent / _GRAINS:.3g}") or 1.0
     times = frames.times
     return {
@@ -171,7 +171,7 @@ def _short(values: Sequence[float] | Array) -> list[float]:
 
 
 def _differences(rows: Array) -> list[int]:
-    """Return the first row and the differences of rows, rounded to whole numbers."""
+    """Round rows to integers; return the first row and the differences of adjacent rows."""
     whole = np.rint(rows).astype(np.int64)
     # Rounding precedes the differences, so that errors do not accumulate.
     steps = np.diff(whole, axis=0)
@@ -181,9 +181,9 @@ def _differences(rows: Array) -> list[int]:
 
 
 def _quaternions(axes: Array) -> Array:
-    """Return unit quaternions, scalar first, of matrices; signs are continuous over time."""
+    """Convert rotation matrices to unit quaternions, scalar first, with continuous signs."""
     r = axes
-    # Four times the squares of the entries; the largest is the divisor (S. Shepperd, 1978).
+    # Four times the squared components; the largest one is the divisor (S. Shepperd, 1978).
     trace = np.trace(r, axis1=1, axis2=2)
     squares = np.stack([1.0 + trace, *(1.0 - trace + 2.0 * r[:, i, i] for i in range(3))], axis=1)
     products = np.empty((len(r), 4, 4))
@@ -197,7 +197,7 @@ def _quaternions(axes: Array) -> Array:
     largest = np.argmax(squares, axis=1)
     found: Array = products[np.arange(len(r)), largest]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
-    # q and -q are the same rotation; the viewer interpolates between neighbours.
+    # Signs are continuous, since the viewer interpolates, and q and -q are the same rotation.
     turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
     turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
     found[1:] *= turns[:, None]
@@ -205,7 +205,7 @@ def _quaternions(axes: Array) -> Array:
 
 
 def _packed(mesh: Mesh) -> dict[str, Any]:
-    """Return vertices as two-byte fractions of their box, and faces, in little-endian base64."""
+    """Return a mesh in little-endian base64; vertices are two-byte fractions of their box."""
     low = mesh.points.min(axis=0)
     span = np.ptp(mesh.points, axis=0)
     parts = (mesh.points - low) / np.where(span > 0.0, span, 1.0)
@@ -235,7 +235,7 @@ def _text(name: str) -> str:
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # height of the figure in a notebook, [pixel]
 _LARGEST_PICTURE = 4000
-_FURTHEST = 1e12  # largest coordinate that is drawn, [m] or [rad]
+_FURTHEST = 1e12  # largest drawn coordinate, [m] or [rad]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,7 +245,7 @@ class Animation:
     Attributes
     ----------
     drawing : Drawing
-        Shapes, and their poses in each frame.
+        The shapes, and their poses in each frame.
     """
 
     drawing: Drawing
@@ -274,8 +274,8 @@ class Animation:
         width, height : int and int or None
             Size of a GIF, [px]; if the height is None, it follows from the drawing.
         max_frames : int
-            Largest number of frames of a GIF; of more frames every second, third and so on is
-            taken.
+            Maximum number of frames of a GIF; if there are more, only every second, third, ... is
+            drawn.
 
         Raises
         ------
@@ -316,7 +316,7 @@ class Animation:
 
     @cached_property
     def html(self) -> str:
-        """The animation as a page of its own."""
+        """Return the animation as an HTML page."""
         return page(self.drawing)
 
     def _repr_html_(self) -> str:
@@ -334,12 +334,12 @@ def _check_size(value: int, what: str, least: int, most: int) -> None:
 
 
 def check_animation(path: Path) -> str:
-    """Return the suffix of an animation's file."""
+    """Return the suffix of an animation file; raise SceneError if it is unknown."""
     return check_suffix(path, _SUFFIXES, "animate into")
 
 
 def check_moving(scene: SceneDescription) -> None:
-    """Refuse a scene without a multibody part."""
+    """Raise SceneError if a scene has no multibody part."""
     if not scene.mechanics.edges:
         raise SceneError(
             f"scene '{scene.name}' has no bodies or joints in space to be watched: only multibody "
@@ -356,13 +356,13 @@ def animate(
     view: tuple[float, float] | None = None,
     trust_paths: bool = False,
 ) -> Animation:
-    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`."""
+    """Make the animation of a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
             "this result was copied or read from a file and has no model: "
             "give it as result.animate(model=...)"
         )
-    # A result has no reference to its model, so the names of the states are compared.
+    # The names of the states are compared, since a result does not refer to its model.
     if model.states != result.states:
         raise SceneError("this model has other states than the result: give the one that made it")
     first = model.spec.formed.first
@@ -392,8 +392,8 @@ def animate(
 
 
 def _finite_part(result: RunRecord, n: int) -> RunRecord:
-    """Cut a run before coordinates that are not finite or out of bounds."""
-    # Comparisons with nan are false, so that such points are bad.
+    """Return the run up to the first coordinate that is not finite or too large."""
+    # Comparisons with nan are false, so nan counts as too large.
     with np.errstate(invalid="ignore"):
         is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)
     end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)

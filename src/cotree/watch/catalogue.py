@@ -1,4 +1,4 @@
-"""Catalogue of the shapes that show the edges.
+"""Catalogue of the shapes that represent edges.
 
 Arms are shown as bars, bodies without arms as boxes, joints as the parts that turn or slide in
 them; springs, dampers and other edges between bodies are struts. Shapes from a robot's file replace
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show an arm as a bar, which is thin if it only leads to a centre of mass."""
+    """Draw an arm as a bar, which is thin if it only leads to a centre of mass."""
     one, two = draft.places[edge.first], draft.places[edge.second]
-    if one.cluster != two.cluster:  # a chord, held by multipliers
+    if one.cluster != two.cluster:  # a chord, which multipliers keep rigid
         strut(draft, edge, shapes.rod, 0.7, RAIL)
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
-    # Bodies with meshes have no bars, and an arm without length is a rotation.
+    # No bar is drawn for bodies with meshes and for arms without length, which are rotations.
     if one.cluster in draft.with_visuals or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
@@ -48,7 +48,7 @@ def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a body as a dot on its bars, or as a box with its inertia."""
+    """Draw a body as a dot on its bars, or as a box with the body's inertia."""
     place = draft.places[edge.second]
     cluster, w = place.cluster, draft.w
     if cluster in draft.with_visuals or cluster == 0 or cluster in draft.stage.shown:
@@ -77,7 +77,7 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
         lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
-        # Towards the viewer the box is as thin as a plate, so that layers do not intersect.
+        # In the direction of view the box is as thin as a plate, so that layers do not intersect.
         towards = np.abs(place.turn.T @ draft.towards(cluster))
         side = float(np.median(lengths))
         lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
@@ -86,7 +86,7 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Return the homogeneous box with a mass and an inertia; None if there is none.
+    """Return the homogeneous box with the given mass and inertia, or None if there is none.
 
     Returns its lengths, [m], from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m,
     zero along a principal axis for which no homogeneous box exists, and the principal axes,
@@ -112,7 +112,7 @@ _MARKER = 0.75
 
 
 def contact(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show the surfaces of a contact."""
+    """Draw the surfaces of a contact."""
     place = draft.places[edge.second]
     own = _body(draft, edge)
     if own is not None and place.cluster not in draft.with_visuals:
@@ -120,7 +120,7 @@ def contact(draft: DrawingBuilder, edge: BoundEdge) -> None:
         draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
     else:
         size = 3.0 * draft.w
-        if own is None:  # points are drawn as small balls, also on bodies with visuals
+        if own is None:  # points are small balls, also on bodies with visuals
             marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
             draft.solid(edge.name, place.cluster, marker, label=True)
     if "normal" in edge.vectors:
@@ -137,7 +137,7 @@ def _number(draft: DrawingBuilder, edge: BoundEdge, field: str) -> float:
 
 
 def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
-    """Return the second body's shape in its node's axes, and its size; None for a point."""
+    """Return shape, in node axes, and size of a contact's second body; None if it is a point."""
     if "size" in edge.vectors:
         lengths = draft.values.numbers(edge.vectors["size"])
         mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
@@ -149,7 +149,7 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
         return None
     radius = _number(draft, edge, "radius")
     if "axis" not in edge.vectors:
-        # Spokes make rolling visible in a plane, where a ball is a circle.
+        # In a plane, where a ball would be a circle, spokes make its rolling visible.
         flat = draft.stage.is_flat
         mesh = shapes.wheel(radius, 0.75 * draft.w) if flat else shapes.sphere(radius)
         turn = draft.places[edge.second].turn
@@ -164,15 +164,14 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
 
 
 def road(draft: DrawingBuilder, edge: BoundEdge, level: float, size: float) -> None:
-    """Draw a plane through the first node, over the range of the second node's motion.
+    """Draw a plane, at the first node, that covers the range of the second node's motion.
 
-    ``level`` is its height above the first node, and ``size`` the extent of the second node's body,
-    [m].
+    ``level`` is the plane's height above the node, ``size`` the extent of the second body, [m].
     """
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
     if draft.stage.is_flat:
-        # In a plane bodies move along the cross product of view and normal.
+        # In planar scenes, bodies move along the cross product of view direction and normal.
         along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
     else:
         along = shapes.axes_along(normal)[:, 0]
@@ -193,7 +192,7 @@ def road(draft: DrawingBuilder, edge: BoundEdge, level: float, size: float) -> N
 
 
 def spring(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a coil."""
+    """Draw a spring as a coil."""
     length = draft.length(edge.first, edge.second)
     if length > 0.0:
         # The radius is limited by the length as well as by the width of bars.
@@ -209,30 +208,30 @@ def strut(
     width: float,
     color: Color,
 ) -> None:
-    """Show a shape between both nodes, with a width relative to that of bars."""
+    """Draw a shape between both nodes; ``width`` is relative to that of bars."""
     draft.strut(edge.name, edge.first, edge.second, mesh(width * draft.w), color)
 
 
-#: Drawing of a force along a line: a thin red line.
+#: Draws a force along a line as a thin red line.
 LINE_FORCE = partial(strut, mesh=shapes.rod, width=0.3, color=FORCE)
 
 
 def bushing(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a ball at the nodes."""
+    """Draw a bushing as a ball at its nodes."""
     place = draft.places[edge.first]
     ball = shapes.sphere(1.5 * draft.w).placed(place.local + draft.raised(place.cluster))
     draft.solid(edge.name, place.cluster, ball, SPRING, label=True)
 
 
 def revolute(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a pin on the axis."""
+    """Draw a revolute joint as a pin on its axis."""
     radius = (1.1 if draft.stage.is_flat else 1.4) * draft.w
     draft.pin(edge, edge.first, draft.axis(edge, "axis", edge.first), radius, 3.2 * draft.w)
     draft.mark(edge)
 
 
 def universal(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a cross of two pins."""
+    """Draw a universal joint as a cross of two pins."""
     # The second axis is fixed in the second body.
     for name, end in (("axis", edge.first), ("axis2", edge.second)):
         draft.pin(edge, end, draft.axis(edge, name, end), 0.75 * draft.w, 4.2 * draft.w)
@@ -240,7 +239,7 @@ def universal(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def spherical(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a ball."""
+    """Draw a spherical joint as a ball."""
     place = draft.places[edge.first]
     ball = shapes.sphere(1.6 * draft.w).placed(place.local)
     draft.solid(edge.name, place.cluster, ball, JOINT)
@@ -267,7 +266,7 @@ def sliding(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def _rail(draft: DrawingBuilder, edge: BoundEdge, along: Array) -> None:
-    """Draw a rail over the range of the second node along an axis, in the first's axes."""
+    """Draw a rail along an axis in the first node's axes, over the range of the second node."""
     w, one = draft.w, draft.places[edge.first]
     along = along / np.linalg.norm(along)
     way = draft.reach(edge) @ along
@@ -282,7 +281,7 @@ def _rail(draft: DrawingBuilder, edge: BoundEdge, along: Array) -> None:
 
 
 def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a pin, and a rail if the line is fixed in the first body."""
+    """Draw a slot as a pin, and a rail if its line is fixed in the first body."""
     two = draft.places[edge.second]
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
@@ -292,7 +291,7 @@ def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def disc(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a wheel of the disc's radius."""
+    """Draw a disc as a wheel of its radius."""
     place = draft.places[edge.second]
     if place.cluster in draft.with_visuals:
         return
@@ -306,14 +305,14 @@ def disc(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def blade(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Show a thin blade in the direction of motion."""
+    """Draw a blade as a thin plate in the direction of motion."""
     place = draft.places[edge.second]
     axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright()[:, 1])
     blade = shapes.box(5.0 * draft.w, 1.8 * draft.w, 0.5 * draft.w)
     draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)
 
 
-#: Functions that draw an edge, by component. Gears, free joints and loads are not drawn.
+#: Drawing functions of edges by component. Gears, free joints and loads are not drawn.
 SHOWN: dict[str, Callable[[DrawingBuilder, BoundEdge], None]] = {
     "arm": arm,
     "rigid_body": body,
@@ -342,7 +341,7 @@ def draft_scene(
     stage: Stage,
     visuals: Mapping[int, list[tuple[str, Mesh]]],
 ) -> DrawingBuilder:
-    """Draw every edge; ``visuals`` of clusters replace bars, boxes and joints."""
+    """Draw all edges; the ``visuals`` of a cluster replace its bars, boxes and joints."""
     draft = DrawingBuilder(first, values, stage, frozenset(visuals))
     for track, own in visuals.items():
         for name, mesh in own:
@@ -357,8 +356,8 @@ def draft_scene(
             show(draft, edge)
     for networked in first.scene.edges.values():
         if networked.component.geometry is not None:
-            continue  # the loop above draws the surfaces of contacts
+            continue  # contact surfaces are drawn above
         for ends in networked.ports:
-            if len(ends.acts_on) == 2:  # for example a hydraulic cylinder between two bodies
+            if len(ends.acts_on) == 2:  # such as a hydraulic cylinder between two bodies
                 draft.strut(networked.name, *ends.acts_on, shapes.piston(1.1 * draft.w), DAMPER)
     return draft

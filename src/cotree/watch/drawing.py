@@ -1,7 +1,7 @@
 """An animated drawing: solids on tracks, struts between them, and their poses over time.
 
-A drawing is made from a graph; pictures and pages are made from it. In a plane, bars are plates in
-layers, which show the order of the bodies; struts are behind them.
+A drawing is built from a graph and rendered as pictures and pages. In planar scenes, bars are
+plates, struts are behind all plates, and bodies that share a joint are in different layers.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from cotree.watch.stage import MotionValues, Place, Poses, Stage
 
 
-#: Distance, in sizes of the mechanism, beyond which the camera follows its motion.
+#: Length of travel, in sizes of the mechanism, beyond which the camera follows the mechanism.
 FAR = 15.0
 
 
 def _spread(n: int) -> Array:
-    """Spread directions evenly over the sphere, on a spiral by the golden angle."""
+    """Return ``n`` directions spread evenly over the sphere, on a golden-angle spiral."""
     # Slices of equal height have equal areas on a sphere (Archimedes).
     z = (2.0 * np.arange(n) + 1.0) / n - 1.0
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
@@ -37,28 +37,28 @@ def _spread(n: int) -> Array:
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
 
 
-# With this number, the error of a bounding box is a hundredth of the size of a shape.
+# With this number, the error of a bounding box is a hundredth of the shape's size.
 _DIRECTIONS = _spread(200)
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A shape that moves with a track."""
+    """A shape that moves with a track, the motion of one cluster."""
 
     name: str  # name of the edge or node
-    track: int  # index of the rigid cluster with which it moves
+    track: int  # index of the cluster with which it moves
     mesh: Mesh  # shape, in the track's axes
     color: Color  # colour of the shape
 
 
 @dataclass(frozen=True, eq=False)
 class Strut:
-    """A shape that reaches from one point to another, stretched along its z from zero to one."""
+    """A shape between two points: its mesh, from z = 0 to z = 1, is stretched to their distance."""
 
     name: str
     tracks: tuple[int, int]  # indices of the clusters with which its ends move
     ends: tuple[Array, Array]  # end points, in the axes of these clusters
-    side: Array  # vector in the first track's axes to which its y direction is as close as possible
+    side: Array  # vector, in the first track's axes, closest to the mesh's y direction
     mesh: Mesh
     color: Color
 
@@ -74,14 +74,14 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """The shapes and names of an animation, and their motion."""
+    """The shapes and labels of an animation, and their motion."""
 
     #: Name of the scene, and a note about the run; untrusted text.
     title: str
     note: str
     frames: Moments  # times and events of the frames
-    poses: Poses  # poses of the tracks, which are the clusters, in each frame
-    #: Shapes, struts and names to draw.
+    poses: Poses  # poses of the tracks (clusters) in each frame
+    #: Shapes, struts and labels to draw.
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]
@@ -91,14 +91,14 @@ class Drawing:
     thickness: float  # thickness of bars, [m]
 
     def floor(self) -> Array:
-        """Return a reference grid at rest, shape (n_lines, 2, 3), [m].
+        """Return the lines of a fixed reference grid, shape (n_lines, 2, 3), [m].
 
         In space it is below the mechanism; if the camera follows the mechanism, dashes along its
         path replace the grid. In a plane there is a grid only if the camera follows the mechanism.
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
-        # ``own`` is the largest extent at one time, ``path`` that of the path of the centre.
+        # ``own`` is the largest extent at any time, ``path`` the extent of the centre's path.
         own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
         low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
@@ -112,7 +112,7 @@ class Drawing:
         step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
         for fixed, free in ((one, two), (two, one)):
-            # Lines are at multiples of the step, independent of the start of the motion.
+            # Lines are at multiples of the step, wherever the motion starts.
             middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
             extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
             n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}
@@ -125,7 +125,7 @@ class Drawing:
         return np.array(lines)
 
     def bounds(self, axes: Array) -> tuple[Array, Array]:
-        """Return the bounding box of all shapes in every frame, along ``axes`` (columns).
+        """Return the bounding box of all shapes in each frame along ``axes`` (columns).
 
         Least and greatest coordinates have shape (n_frames, 3), [m].
         """
@@ -141,14 +141,14 @@ class Drawing:
         for track, parts in corners.items():
             points = np.concatenate(parts)
             turned = axes.T @ self.poses.axes[track]
-            # Rotation and view are one product for all frames of a track.
+            # Rotation and view are multiplied once for all frames of a track.
             placed = turned @ points.T + (self.poses.positions[track] @ axes)[:, :, None]
             low, high = np.minimum(low, placed.min(axis=2)), np.maximum(high, placed.max(axis=2))
         return low, high
 
 
 def _dashes(path: Array, length: float) -> Array:
-    """Return dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
+    """Return dashes of about the given length along a path, at most 300, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     # Dashes and gaps have the same length.
     n = int(min(300.0, 0.5 * way[-1] / length))
@@ -164,7 +164,7 @@ def _round_up(x: float) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Return the outermost points in many directions, which determine a bounding box."""
+    """Return the points that are outermost in many directions, which determine bounding boxes."""
     if len(points) <= len(_DIRECTIONS):
         return points
     return np.asarray(points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))])
@@ -190,7 +190,7 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
 
 
 class DrawingBuilder:
-    """Builder of a drawing: shapes of each edge, in the clusters' axes.
+    """A builder of drawings, to which edges add their shapes in cluster axes.
 
     ``with_visuals`` are the clusters with shapes from a robot's file.
     """
@@ -209,7 +209,7 @@ class DrawingBuilder:
         self.struts: list[Strut] = []
         self.labels: list[Label] = []
         self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
-        # Slightly more than the thickness of a plate, so that layers do not touch.
+        # Layers are slightly thicker than a plate, so that plates do not touch.
         self.pitch = 1.1 * self.w if stage.is_flat else 0.0
         self.with_visuals = with_visuals
         self._grounded: set[tuple[float, ...]] = set()
@@ -217,11 +217,11 @@ class DrawingBuilder:
 
     def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
         """Return the drawing, with a title above it and a note below."""
-        # Struts come last, since those between the same nodes are drawn side by side.
+        # Struts are drawn last, since those between the same nodes are placed side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
-        if not self.solids and not self.struts:  # if nothing else is drawn, points become balls
+        if not self.solids and not self.struts:  # without other shapes, points become balls
             for name, place in self.places.items():
                 self.solid(name, place.cluster, shapes.sphere(self.w).placed(place.local))
         return Drawing(
@@ -247,7 +247,7 @@ class DrawingBuilder:
         return self.layer[cluster] * self.pitch * self.towards(cluster)
 
     def towards(self, cluster: int) -> Array:
-        """Return the plane's normal in a body's axes if it is constant."""
+        """Return the direction towards the viewer in a body's axes; it is constant in a plane."""
         return np.asarray(self.poses.axes[cluster][0].T @ self.stage.towards)
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
@@ -260,7 +260,7 @@ class DrawingBuilder:
         return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
 
     def reach(self, edge: BoundEdge) -> Array:
-        """Return the vector between the nodes of an edge over time, in the axes of the first."""
+        """Return the vector between an edge's nodes over time, in the axes of the first."""
         one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
         return np.asarray(np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second)))
@@ -277,7 +277,7 @@ class DrawingBuilder:
             self.label(name, cluster, mesh.points.mean(axis=0))
 
     def label(self, name: str, cluster: int, local: Array) -> None:
-        """Name a point of a body, given in the body's axes, [m]."""
+        """Label a point of a body, given in body axes, [m]."""
         self.labels.append(Label(name, cluster, local))
 
     def upright(self) -> Array:
@@ -289,17 +289,17 @@ class DrawingBuilder:
         return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.with_visuals
 
     def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
-        """Draw a cylinder about an axis, in the axes of a node's cluster, through the node."""
+        """Draw a cylinder through a node about an axis, which is given in cluster axes."""
         place = self.places[end]
         at = place.local
-        if self.stage.is_flat:  # extends through all layers
+        if self.stage.is_flat:  # it extends through all layers
             height = 0.5 * max(self.layer) * self.pitch
             at, length = at + height * self.towards(place.cluster), 2.0 * height + 1.3 * self.w
         mesh = shapes.cylinder(radius, length).placed(at, shapes.axes_along(axis))
         self.solid(edge.name, place.cluster, mesh, JOINT)
 
     def mark(self, edge: BoundEdge) -> None:
-        """Label a joint, and draw a symbol of the ground if one of its bodies is the ground."""
+        """Label a joint; draw a ground symbol if one of its bodies is the ground."""
         one, two = self.places[edge.first], self.places[edge.second]
         self.label(edge.name, one.cluster, one.local)
         for place in (one, two):
@@ -307,7 +307,7 @@ class DrawingBuilder:
                 self.ground_symbol(edge.name, place)
 
     def ground_symbol(self, name: str, place: Place) -> None:
-        """Draw a symbol of the ground at a point, once."""
+        """Draw a ground symbol at a point, unless it has one."""
         if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
             place = self.places["ground"]  # bars connect the ground to the point
         if (at := tuple(place.local)) in self._grounded:
@@ -343,11 +343,11 @@ class DrawingBuilder:
             self._between.setdefault((first, second), []).append((name, mesh, color))
 
     def _add_struts(self, first: str, second: str, own: list[tuple[str, Mesh, Color]]) -> None:
-        """Add all struts between two nodes, with a symbol of the ground or a wall at their ends."""
+        """Add all struts between two nodes, with ground symbols or walls at their ends."""
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
         gaps = self.gap(first, second)
-        # The direction at the greatest length is the best defined; struts may shrink to a point.
+        # Struts may shrink to a point, so their direction is taken at the greatest length.
         gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)
@@ -356,7 +356,7 @@ class DrawingBuilder:
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind
-            # The shift at the first time is fixed in the clusters.
+            # In cluster axes, the shift remains that of the first time.
             ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
             side = axes[one.cluster, 0].T @ towards
             tracks = (one.cluster, two.cluster)
@@ -364,7 +364,7 @@ class DrawingBuilder:
             self.label(name, one.cluster, ends[0])
         # The wall is wide enough for all struts side by side.
         width = (2.9 * len(own) + 0.6) * self.w
-        # A strut whose direction changes ends at a symbol of the ground, else at a wall.
+        # A strut ends at a ground symbol if its direction changes, otherwise at a wall.
         is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
         for place in (one, two):
             if place.cluster == 0 and is_turning:

@@ -1,4 +1,4 @@
-"""Times of frames, and the state of a run at them.
+"""Frame times, and the coordinates of a run at these times.
 
 In: the points of a result. Out: coordinates at times that are evenly spaced. Between points each
 coordinate follows the polynomial that has its value, rate and acceleration at both ends, which the
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from cotree.spec import BuildSpec
     from cotree.watch.shapes import Array
 
-#: Largest number of frames of an animation, and of frames times bodies.
+#: Largest number of frames, and of frames times bodies, of an animation.
 MOST_FRAMES, MOST_POSES = 2000, 300_000
 _FEWEST = 100  # minimum limit of frames, even with many bodies
 
-# Runs with a duration between the first two, [s], are shown in real time; others take about as long
-# as the third.
+# Shortest and longest runs that are shown in real time, [s], and approximate duration of other
+# animations, [s].
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
 _PATIENCE = 86_400.0  # maximum duration of an animation, [s]
@@ -48,7 +48,7 @@ class WatchedModel(Protocol):
 
     @property
     def spec(self) -> BuildSpec:
-        """The specification, of which animations need the first graph."""
+        """The specification of the model, which provides the first graph."""
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
@@ -74,7 +74,7 @@ class Moments:
 def choose_frames(
     start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
 ) -> Moments:
-    """Space frames evenly from the start of a run to its end, [s].
+    """Return evenly spaced frame times from ``start`` to ``end`` of a run, [s].
 
     ``fps`` frames, 1 to 100, are shown each second. ``speed`` is the time of the run per time of
     the animation; by default it is 1 for a run of 2 to 30 s, else 1, 2 or 5 times a power of ten.
@@ -109,7 +109,7 @@ def coordinates_at(
     if len(t) == 1:
         return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
     way = 1.0 if t[-1] >= t[0] else -1.0
-    # Among several points at one time, the last one is that after all events.
+    # The last of several points at one time is the state after all events.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
     # Only the ends of intervals that contain a frame need accelerations.
@@ -118,11 +118,11 @@ def coordinates_at(
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
-    # Both sides of an event have the same time; in this empty interval, take the end.
+    # The points before and after an event have the same time; in this empty interval, take the end.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
-        # Interpolated quaternions leave the unit sphere by the error of the interpolation.
+        # Interpolation errors change the norm of quaternions.
         found[rows] /= np.linalg.norm(found[rows], axis=0)
     return found
 
@@ -132,7 +132,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
     when = np.concatenate([np.zeros(0), *(row.t for row in found)])
-    # ``way`` is the sign of time, since runs may go backwards.
+    # ``way`` is -1 for runs backwards in time, else 1.
     is_within = (way * when >= way * result.t[0]) & (way * when <= way * result.t[-1])
     if not is_within.any():
         return result.t, result.y, result.input_values
@@ -147,7 +147,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)
     own, of_events = result.input_values[:, is_own], result.input_values[:, near]
     u = np.concatenate([own, of_events, of_events], axis=1)
-    # A stable sort keeps the point before an event ahead of the one after it.
+    # A stable sort keeps the point before an event in front of the point after it.
     order = np.argsort(way * t, kind="stable")
     return t[order], y[:, order], u[:, order]
 
@@ -160,7 +160,7 @@ def _motion_at(
     values, speeds = y[:n], y[n : n + m]
     accelerations = np.zeros((m, len(t)))
     for k, when in enumerate(t):
-        # At a singular point the acceleration is undefined, and zero is used.
+        # At a singular point the acceleration is undefined, so zero is used.
         with suppress(Error):
             accelerations[:, k] = model.rhs(when, y[:, k], p, u[:, k])[n : n + m]
     motion = np.zeros((3, n, len(t)))
@@ -182,7 +182,7 @@ def _motion_at(
 
 
 def _quaternions(system: System) -> Iterator[slice]:
-    """Return the rows of each quaternion among the coordinates."""
+    """Yield the coordinate indices of each quaternion."""
     row = 0
     for steps in system.steps.values():
         for step in steps:
@@ -192,10 +192,10 @@ def _quaternions(system: System) -> Iterator[slice]:
 
 
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
-    """Interpolate with values, rates and accelerations at both ends, at parts x of steps h."""
+    """Interpolate values, rates and accelerations at both ends, at fractions x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
-    # Remainder of the Taylor polynomial of the first end at the second: of value, rate and
-    # acceleration, each times a power of h.
+    # Remainders, at the second end, of the Taylor polynomial of the first end: those of value, rate
+    # and acceleration, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
     bend = h**2 * (a1 - a0)

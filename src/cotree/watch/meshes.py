@@ -1,4 +1,4 @@
-"""Meshes of robots: files near the robot's file, read within limits, and coarsened.
+"""Robot meshes: search for their files, reading with limits on size, and coarsening.
 
 STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
 Files are untrusted: their sizes are bounded and every number is checked.
@@ -36,7 +36,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 class MeshError(Exception):
-    """A mesh that cannot be read, with the reason."""
+    """A mesh cannot be read; the message is the reason."""
 
 
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
@@ -45,7 +45,7 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
     Packages are looked up in the folder of the robot's file and the folders above it, then along
     ROS_PACKAGE_PATH. Unless ``trust_paths``, the file must be inside the folder of the robot's file
     or the package that it names: an untrusted file must not copy other files into an animation.
-    Raises MeshError if there is no such file, or it is elsewhere.
+    Raises MeshError if there is no such file or it is outside these folders.
     """
     scheme, _, rest = name.rpartition("://")
     # Other schemes could access a network.
@@ -76,7 +76,7 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
 
 
 def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
-    """List the folders that may be the package of a mesh, each with the file that it would be."""
+    """List candidates for a mesh's package folder, each with the path of the mesh in it."""
     package, _, inner = name.partition("/")
     above = beside.resolve().parents
     listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
@@ -90,9 +90,9 @@ def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read a mesh; MeshError if it cannot be read, or is too large."""
+    """Read a mesh; raise MeshError if it cannot be read or is too large."""
     try:
-        # The size is checked first, since the file is read whole.
+        # The size is checked first, since the whole file is read at once.
         if path.stat().st_size > LARGEST_FILE:
             raise MeshError(f"'{path.name}' has more than {LARGEST_FILE // 1_000_000} MB")
         data = path.read_bytes()
@@ -144,7 +144,7 @@ def _read_stl(data: bytes) -> Mesh:
 
 
 def _read_obj(text: str) -> Mesh:
-    """Read corners and faces of OBJ; faces with more corners become fans."""
+    """Read corners and faces of OBJ; faces with over three corners become triangle fans."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     for line in text.splitlines():
@@ -179,22 +179,22 @@ def _read_other(data: bytes, suffix: str) -> Mesh:
 
 
 def coarser(mesh: Mesh, most: int) -> Mesh:
-    """Coarsen a mesh below a number of triangles by merging corners that share a cell of a grid.
+    """Coarsen a mesh to about ``most`` triangles by merging corners in the same grid cell.
 
-    Cells grow until few enough triangles have three different corners; each takes the mean of its
-    corners' places (J. Rossignac and P. Borrel, Multi-resolution 3D approximations, 1993).
+    Cells grow until few enough triangles have corners in three different cells; merged corners are
+    at their mean position (J. Rossignac and P. Borrel, Multi-resolution 3D approximations, 1993).
     """
     low = mesh.points.min(axis=0)
     extent = float(np.ptp(mesh.points, axis=0).max()) or 1.0
     cells, n = 1000.0, len(mesh.faces)
     while n > most and cells > 2.0:
         keys = np.floor((mesh.points - low) / extent * cells).astype(np.int64)
-        # At most 1001 cells along each side make the numbers of cells distinct.
+        # Cell numbers are distinct, since each side has at most 1001 cells.
         _, place = np.unique(keys @ [1, 2000, 4_000_000], return_inverse=True)
         faces = place[mesh.faces]
         is_kept = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)
         n = int(np.count_nonzero(is_kept))
-        # The number of triangles of a surface is proportional to the square of the cells.
+        # The number of triangles is proportional to the square of the number of cells along a side.
         cells *= min(0.9, float(np.sqrt(most / max(n, 1))))
     if n == len(mesh.faces):
         return mesh
@@ -203,7 +203,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
     return Mesh(points, faces[is_kept])
 
 
-#: Largest number of triangles of all meshes of a robot; larger meshes are coarsened.
+#: Largest number of triangles in all meshes of a robot together; larger meshes are coarsened.
 MOST_FACES = 60_000
 
 _FEWEST = 200  # minimum number of triangles of one mesh
@@ -212,7 +212,7 @@ _FEWEST = 200  # minimum number of triangles of one mesh
 def visual_meshes(
     origin: Origin, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
-    """Return the shapes of each cluster, by the name of the node.
+    """Return, for each cluster, its visual shapes with the names of their nodes.
 
     Warns once if meshes are missing or cannot be read; their links are then drawn as bars.
     """
@@ -233,7 +233,7 @@ def visual_meshes(
         except MeshError as error:
             failed[visual.file] = str(error)
             continue
-        # From the visual to the node's axes, then to those of the cluster.
+        # Transform from visual axes to node axes, then to cluster axes.
         rows = rotation_rows(visual.rpy, 0.0)
         mesh = mesh.placed(np.array(visual.xyz), None if rows is None else np.array(rows))
         own = found.setdefault(place.cluster, [])
@@ -264,7 +264,7 @@ def _shape(visual: Visual, files: Mapping[str, Mesh]) -> Mesh:
 
 
 def _bounded(found: dict[int, list[tuple[str, Mesh]]]) -> dict[int, list[tuple[str, Mesh]]]:
-    """Share the triangle budget among the meshes in proportion to their sizes."""
+    """Coarsen meshes to a total number of triangles, in proportion to their sizes."""
     total = sum(len(mesh.faces) for own in found.values() for _, mesh in own)
     if total <= MOST_FACES:
         return found

@@ -1,4 +1,4 @@
-"""Frames as pictures: triangles with a depth buffer in numpy, and a GIF by Pillow."""
+"""Rendering of frames: triangles with a depth buffer in NumPy, and GIF files by Pillow."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
 Reach = tuple[float, float, float]
 
-_HALF_ANGLE = np.deg2rad(13.0)  # half of the vertical field of view in spatial scenes
-#: Size of the picture relative to its contents: room for a line of text at the top.
+_HALF_ANGLE = np.deg2rad(13.0)  # half of the vertical field of view in spatial scenes, [rad]
+#: Ratio of picture size to drawing size, with space for a line of text at the top.
 MARGIN = 1.14
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera, which projects points of the drawing onto the picture."""
+    """A camera that projects points of the drawing onto the picture."""
 
     axes: Array  # columns: directions to the right, upwards and towards the viewer
     centres: Array  # centre of the view in each frame, [m]
     half: tuple[float, float]  # half the width and height of the visible region there, [m]
-    #: Distance from the viewer to that point, [m]; infinite for a parallel projection, in a plane.
+    #: Distance from the viewer to the centre, [m]; infinite for the parallel projection of planes.
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
@@ -49,7 +49,7 @@ class Camera:
 
 
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
-    """Place the camera so that every frame shows all shapes at the same scale.
+    """Position the camera so that every frame shows all shapes at the same scale.
 
     ``aspect`` is width by height; None takes that of the mechanism in a plane, between 0.6 and 2,
     and 4:3 in space. The reach is half the extent to the right, upwards and towards the viewer,
@@ -71,7 +71,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     half = MARGIN * (max(above, right / aspect) or 1.0)
     if drawing.is_flat:
         return Camera(axes, centres, (half * aspect, half), np.inf), (right, above, ahead)
-    # The distance is such that the nearest side fits into the picture.
+    # At this distance, the nearest side fits into the picture.
     slope = float(np.tan(_HALF_ANGLE))
     distance = half / slope + ahead
     camera = Camera(axes, centres, (slope * distance * aspect, slope * distance), distance)
@@ -79,13 +79,13 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
 
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
-_FINER = 2  # painted pixels per pixel, in each direction
+_FINER = 2  # painted pixels per pixel of the picture, in each direction
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # light direction: right, up, towards the viewer
 _COLORS = 96  # colours of a GIF; more increase its size without visible difference
 
 
 class Painter:
-    """Painter of the frames of a drawing, in pixels; a height of None is that of the drawing."""
+    """A painter of frames of the given size, [px]; a height of None fits the drawing."""
 
     def __init__(self, drawing: Drawing, width: int, height: int | None) -> None:
         self.drawing = drawing
@@ -105,7 +105,7 @@ class Painter:
         from PIL import Image, ImageDraw
 
         width, height = (_FINER * n for n in self.size)
-        # The picture is reduced from twice its size, which smooths edges.
+        # The picture is painted at twice its size and reduced, which smooths edges.
         paper = Image.new("RGB", (width, height), _PAPER)
         pen = ImageDraw.Draw(paper)
         for ends in self._floor:
@@ -148,7 +148,7 @@ class Painter:
         return np.asarray((0.62 + 0.38 * lit)[:, None])
 
     def _write(self, draw: Any, frame: int) -> None:
-        """Write the time and the note."""
+        """Write the time and the note on the picture."""
         from PIL import ImageFont
 
         font = ImageFont.load_default(13)
@@ -165,7 +165,7 @@ class Painter:
 
 
 def decimals(times: Array) -> int:
-    """Return the number of decimals that distinguish the times of frames, at least two."""
+    """Return the number of decimals, at least two, that distinguish frame times."""
     step = abs(float(times[1] - times[0])) if len(times) > 1 else 1.0
     return max(2, min(12, int(np.ceil(-np.log10(max(step, 1e-12))))))
 
@@ -188,14 +188,14 @@ def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
 def _visible(
     pixels: Array, nearness: Array, faces: npt.NDArray[np.int64], width: int, height: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Find the pixels that faces cover, and the nearest face of each.
+    """Return the pixels that faces cover, and the nearest face at each pixel.
 
     Every row of pixels that a face crosses is filled between the edges of the face.
     """
     corners = pixels[faces]
     x, y = corners[:, :, 0], corners[:, :, 1]
     area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    # Pixel rows whose middles, at n + 1/2, lie within the triangle.
+    # Range of pixel rows whose centres, at n + 1/2, are within the triangle.
     top = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, height).astype(np.int64)
     bottom = np.clip(np.ceil(y.max(axis=1) - 0.5), 0, height).astype(np.int64)
     is_seen = (np.abs(area) > 1e-9) & np.isfinite(area)
@@ -203,7 +203,7 @@ def _visible(
     # One entry for each row that a face crosses, then one for each pixel of that row.
     face = np.repeat(np.arange(len(faces)), n_rows)
     row = np.arange(len(face)) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows) + top[face]
-    # Each edge bounds the row on one side; the inside is between the innermost cuts.
+    # Each edge cuts the row on one side; the inside is between the innermost cuts.
     low = np.zeros(len(face))
     high = np.full(len(face), float(width))
     for i in range(3):
@@ -235,10 +235,10 @@ def _visible(
 
 
 def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
-    """Paint a GIF that repeats.
+    """Return a GIF that repeats.
 
-    Sizes are in pixels; if the height is None, it follows from the drawing. Of more than ``most``
-    frames every second, third and so on is taken.
+    Sizes are in pixels; if the height is None, it follows from the drawing. If there are more than
+    ``most`` frames, only every second, third, ... is drawn.
     """
     from PIL import Image
 

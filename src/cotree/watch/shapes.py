@@ -1,4 +1,4 @@
-"""Shapes as triangles: boxes, cylinders, capsules, spheres, plates, rings, wheels, coils.
+"""Triangle meshes of boxes, cylinders, capsules, spheres, plates, rings, wheels and coils.
 
 Lengths are in metres. Shapes with an axis have it along z, and are centred at the origin; shapes
 between two points extend from zero to one along z.
@@ -24,25 +24,25 @@ _ROUND = 28  # number of sides of round shapes
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles, counter-clockwise from outside."""
+    """A mesh of triangles, counter-clockwise as seen from outside."""
 
     points: Array  # corner points of the mesh
     faces: Indices  # indices of corners, three per face
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:
-        """Rotate by a matrix, then translate."""
+        """Return the mesh rotated by ``axes``, then translated by ``position``."""
         turned = self.points if axes is None else self.points @ axes.T
         return Mesh(turned + position, self.faces)
 
     def scaled(self, factors: Sequence[float] | Array) -> Mesh:
-        """Scale along the axes; mirrored faces are reversed."""
+        """Return the mesh scaled along the axes; faces are reversed if it is mirrored."""
         factors = np.asarray(factors, dtype=float)
         faces = self.faces[:, ::-1] if np.prod(np.sign(factors)) < 0 else self.faces
         return Mesh(self.points * factors, faces)
 
 
 def joined(meshes: Iterable[Mesh]) -> Mesh:
-    """Make one mesh of several."""
+    """Combine several meshes into one."""
     points, faces, n = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for mesh in meshes:
         points.append(mesh.points)
@@ -52,7 +52,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(a: float, b: float, c: float) -> Mesh:
-    """Make a box about the origin, with lengths along x, y and z, [m]."""
+    """Make a box centred at the origin with the given lengths along x, y and z, [m]."""
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
     # Four corners each, counter-clockwise from outside; corners are numbered in binary by x, y, z.
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -61,7 +61,7 @@ def box(a: float, b: float, c: float) -> Mesh:
 
 
 def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
-    """Turn a profile of (radius, height) about z; upwards on the outside."""
+    """Rotate a profile of (radius, height) about z; it runs upwards on the outside."""
     angles = 2 * np.pi * np.arange(sides) / sides
     rows = [
         np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(sides, z)])
@@ -71,7 +71,7 @@ def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
     faces = []
     for i in range(len(profile) - 1):
         a, b = i * sides, (i + 1) * sides
-        # On the axis a ring is a point, and one of the two triangles is degenerate.
+        # On the axis a ring of corners is one point, so one of two triangles is degenerate.
         if profile[i][0] > 0.0:
             faces.append(np.column_stack([a + here, a + after, b + after]))
         if profile[i + 1][0] > 0.0:
@@ -105,7 +105,7 @@ def capsule(radius: float, length: float) -> Mesh:
 def plate(radius: float, length: float, thickness: float) -> Mesh:
     """Make a flat bar with round ends, long along z and thin along y.
 
-    ``length`` is the distance of the ends' centres, ``radius`` that of the ends.
+    ``length`` is the distance between the centres of the ends, ``radius`` is that of the ends.
     """
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)
@@ -116,7 +116,7 @@ def plate(radius: float, length: float, thickness: float) -> Mesh:
 
 
 def extruded(outline: Array, thickness: float) -> Mesh:
-    """Raise a convex outline of (x, z), counter-clockwise in that plane, to a plate along y."""
+    """Extrude a convex outline (x, z), counter-clockwise in this plane, along y to a plate."""
     n, h = len(outline), 0.5 * thickness
     side = [np.column_stack([outline[:, 0], np.full(n, y), outline[:, 1]]) for y in (h, -h)]
     here, after = np.arange(n), (np.arange(n) + 1) % n
@@ -137,7 +137,7 @@ def ring(radius: float, inner: float, length: float) -> Mesh:
 
 
 def wheel(radius: float, thickness: float) -> Mesh:
-    """Make a rim with spokes, which make its rotation visible."""
+    """Make a wheel with spokes, which make its rotation visible."""
     rim = ring(radius, 0.86 * radius, thickness)
     spoke = box(1.76 * radius, 0.1 * radius, 0.5 * thickness)
     angles = np.pi * np.arange(3) / 3
@@ -154,7 +154,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     turns, around = 9, 6
     n = 16 * turns
     u = np.linspace(0.0, 1.0, n + 1)
-    # Half a turn leads from the axis outwards, and back.
+    # The first and the last half turn connect the coil with the axis.
     away = radius * np.clip(2.0 * turns * np.minimum(u, 1.0 - u), 0.0, 1.0)
     angles = 2 * np.pi * turns * u
     path = np.column_stack([away * np.cos(angles), away * np.sin(angles), 0.1 + 0.8 * u])
@@ -162,7 +162,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.column_stack([tangent[:, 1], -tangent[:, 0], np.zeros(n + 1)])
     turn = 2 * np.pi * np.arange(around) / around
-    # The coil has length one and is stretched later, with the height of its wire.
+    # The coil has length one; stretching it later also stretches the height of its wire.
     up = np.array([0.0, 0.0, wire / length])
     rings = path[:, None] + wire * np.cos(turn)[:, None] * across[:, None]
     rings = rings + np.sin(turn)[:, None] * up
@@ -182,7 +182,7 @@ def piston(radius: float) -> Mesh:
 
 
 def about_z(angle: float) -> Array:
-    """Return the matrix of a turn about z."""
+    """Return the matrix of a rotation about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -1,7 +1,7 @@
-"""Setup of a drawing: directions, sizes, and the parts of each body.
+"""Preparation of a drawing: view directions, sizes, and poses of all clusters.
 
 In: the motion of the first graph and coordinates over time. Out: positions and axes of every
-cluster. Branch after branch is evaluated with arrays, in proportion to the size of the scene.
+cluster. Branches are evaluated one after another, with arrays over time.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
 VIEW = (-55.0, 22.0)
 
 _SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc", "rolling_ellipsoid")
-# Width of bars relative to the mechanism and to the length of bars, and minimum relative width.
+# Width of bars relative to the size of the mechanism and to their length, and minimum relative
+# width.
 _OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
-# Arms to a centre of mass are thin if they are shorter than this share of the longest arm.
+# Arms to a centre of mass are thin if shorter than this fraction of the longest arm.
 _SPUR = 0.75
 
 
@@ -42,7 +43,7 @@ class Stage:
     """Poses, directions and sizes for drawing."""
 
     poses: Poses  # poses of the clusters
-    places: Mapping[str, Place]  # places of the nodes
+    places: Mapping[str, Place]  # positions of the nodes in their clusters
     #: Vertical axis (upwards), and direction to the viewer.
     up: Array
     towards: Array
@@ -57,9 +58,9 @@ class Stage:
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
-    """Choose directions and sizes; ``view`` is azimuth and elevation of the viewer, [deg].
+    """Choose view directions and sizes; ``view`` is the viewer's azimuth and elevation, [deg].
 
-    Without it a plane is seen along its normal.
+    Without ``view``, planar scenes are seen along their normal.
     """
     system = first.system
     poses = values.poses()
@@ -109,7 +110,7 @@ def _shows(edge: BoundEdge) -> bool:
 
 
 def _up(gravity: Array, plane: str) -> Array:
-    """Return the coordinate axis opposite to gravity; without gravity z, or y in its plane."""
+    """Return the coordinate axis opposite to gravity; without gravity, z, or y in an xy plane."""
     allowed = [i for i in range(3) if "xyz"[i] != plane]
     i = max(allowed, key=lambda i: abs(float(gravity[i])))
     if gravity[i] == 0.0:
@@ -118,14 +119,14 @@ def _up(gravity: Array, plane: str) -> Array:
 
 
 def _plane_side(plane: str, up: Array) -> Array:
-    """Choose the side from which a plane is viewed, so that its other axis points to the right."""
+    """Return a plane's normal to the viewer that makes its other axis point to the right."""
     normal: Array = np.eye(3)["xyz".index(plane)]
     right = np.cross(up, normal)
     return normal if right.sum() > 0.0 else -normal
 
 
 def _direction(up: Array, view: tuple[float, float]) -> Array:
-    """Return a direction by azimuth and elevation about the axis that points up."""
+    """Return the direction with the given azimuth and elevation; ``up`` points upwards."""
     azimuth, elevation = np.deg2rad(view)
     i = int(np.argmax(np.abs(up)))
     ahead, left = np.eye(3)[(i + 1) % 3], np.cross(up, np.eye(3)[(i + 1) % 3])
@@ -134,7 +135,7 @@ def _direction(up: Array, view: tuple[float, float]) -> Array:
 
 
 def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
-    """Return the length of each arm within a cluster."""
+    """Return the lengths, by name, of arms within a cluster, [m]."""
     return {
         edge.name: float(np.linalg.norm(places[edge.second].local - places[edge.first].local))
         for edge in first.system.edges.values()
@@ -144,7 +145,7 @@ def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
 
 
 def _size(poses: Poses, places: Mapping[str, Place]) -> float:
-    """Return the largest extent of the nodes at one time, [m]; one if all nodes coincide."""
+    """Return the largest extent of the nodes at any time, [m], or one if all nodes coincide."""
     paths = np.stack([poses.of(place.cluster, place.local) for place in places.values()])
     moving = np.array([place.cluster != 0 for place in places.values()])
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
@@ -161,7 +162,7 @@ def _spurs(
     arms: Mapping[str, float],
     reach: Mapping[int, float],
 ) -> frozenset[str]:
-    """Find arms to nodes with a body only, in clusters with a longer arm."""
+    """Find short arms that lead only to a body's centre of mass, by name."""
     edges = first.system.edges
     uses = Counter(
         name
@@ -169,7 +170,7 @@ def _spurs(
         if edge.component.role not in (Role.BODY, Role.FORCE, Role.TORQUE)
         for name in (edge.first, edge.second)
     )
-    # Networks may act on nodes, too.
+    # Network edges may act on nodes, too.
     uses.update(n for edge in first.scene.edges.values() for e in edge.ports for n in e.acts_on)
     return frozenset(
         name
@@ -181,10 +182,10 @@ def _spurs(
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Origins and axes of the clusters over time; number 0 is the ground."""
+    """Origins and axes of the clusters over time; cluster 0 is the ground."""
 
     positions: Array  # positions of the origins, [m]
-    axes: Array  # rotations from each cluster's axes to the ground's
+    axes: Array  # rotations from cluster axes to ground axes
 
     def of(self, cluster: int, local: Array) -> Array:
         """Return the position of a point of a cluster over time, shape (n_times, 3)."""
@@ -193,15 +194,15 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A node: a point of its cluster, and its axes in the cluster's."""
+    """Position and orientation of a node in its cluster."""
 
     cluster: int
-    local: Array  # position in the cluster's frame, [m]
-    turn: Array  # rotation from the node's axes to the cluster's
+    local: Array  # position in cluster axes, [m]
+    turn: Array  # rotation from node axes to cluster axes
 
 
 class MotionValues:
-    """Values of nodes of the first graph over a run.
+    """Evaluation of nodes of the first graph over a run.
 
     ``times``, (n_times,), are in s, ``coordinates`` have shape (n_coordinates, n_times).
     """
@@ -219,7 +220,7 @@ class MotionValues:
         }
 
     def numbers(self, nodes: Sequence[Node]) -> Array:
-        """Evaluate nodes of parameters only, shape (n_nodes,)."""
+        """Evaluate nodes that depend on parameters only, shape (n_nodes,)."""
         return np.array(evaluate(nodes, self._fixed), dtype=float)
 
     def place(self, point: Point) -> Place:
@@ -228,16 +229,16 @@ class MotionValues:
         return Place(point.cluster, self.numbers(point.local), turn)
 
     def matrix(self, a: Matrix) -> Array:
-        """Evaluate a matrix of parameters only."""
+        """Evaluate a matrix that depends on parameters only."""
         return np.array([self.numbers(row) for row in a])
 
     def over_time(self, a: Vector) -> Array:
-        """Evaluate a vector of parameters and time, shape (n_times, 3)."""
+        """Evaluate a vector that depends on parameters and time, shape (n_times, 3)."""
         values = evaluate(a, self._moving, "array")
         return np.stack([self._over_time(value) for value in values], axis=-1)
 
     def _over_time(self, value: float | Array) -> Array:
-        # Values that depend only on parameters are one number for all times.
+        # Values that depend on parameters only are one number for all times.
         return np.broadcast_to(np.asarray(value, dtype=float), (self.n,))
 
     def poses(self) -> Poses:
@@ -246,7 +247,7 @@ class MotionValues:
         nodes: list[Node] = []
         for geometry in motion.geometry:
             child = geometry.branch.child
-            # Evaluate all nodes together, so that shared values are computed once.
+            # All nodes are evaluated together, so that shared values are computed once.
             nodes += geometry.offset
             for matrix in (motion.frames.rotations[child].matrix, motion.frames.steps[child]):
                 nodes += [entry for row in matrix or () for entry in row]
@@ -259,12 +260,11 @@ class MotionValues:
             return np.stack([self._over_time(next(rows)) for _ in range(k)], axis=-1)
 
         still = np.broadcast_to(np.eye(3), (self.n, 3, 3))
-        # Bases are the axes in which a cluster's vectors are resolved.
+        # A cluster's basis is the axes in which its vectors are resolved.
         origins, bases, axes = [np.zeros((self.n, 3))], [still], [still]
         for geometry in motion.geometry:
             branch = geometry.branch
-            # Across variables add along the branches (f-circuits): position of the parent and the
-            # offset.
+            # Across variables add up along branches (f-circuits): parent position plus offset.
             basis = bases[branch.parent]
             origins.append(origins[branch.parent] + (basis @ next_values(3)[:, :, None])[:, :, 0])
             own = next_values(9).reshape(self.n, 3, 3)
