@@ -1,1 +1,1 @@
-"""Design: parameters for which an objective is least, and states in which a model is at rest."""
+"""Design optimisation: choice of parameters that minimise an objective subject to constraints."""

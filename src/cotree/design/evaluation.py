@@ -1,10 +1,10 @@
-"""The objective and the constraints, with their gradients, from simulations of a model.
+"""Evaluation of objective and constraints, with their gradients, by simulation of a model.
 
-In: values and sensitivities on a fine grid of times. Out: the value at the peak. The time
-derivative of the output vanishes there, so the derivative of the peak with respect to a parameter
-is the sensitivity at the time of the peak. Between the grid points the output is interpolated by
-the polynomial through nine of them; if a polynomial of lower degree disagrees with it, a finer grid
-is requested. Interpolation windows end at events, where the output may have a kink or a jump.
+A peak value is found from values and sensitivities on a fine time grid. The time derivative of the
+output vanishes at the peak, so that the derivative of the peak value by a parameter is the
+sensitivity at that time. Between grid points the output is interpolated by the polynomial through
+nine points. If a polynomial of lower degree disagrees, a finer grid is requested. Interpolation
+windows end at events, where the output may have a kink or a jump.
 """
 
 from __future__ import annotations
@@ -28,29 +28,30 @@ if TYPE_CHECKING:
     from cotree.scene.settings import Settings
 
 
-#: Interpolation points on either side of the largest value, and their minimum number in total.
+#: Number of interpolation points on either side of the largest value, and the minimum total number.
 _REACH, _FEWEST = 4, 5
 
-#: Largest difference between the two interpolants, relative to the range of the output.
+#: Largest accepted difference between the two interpolants, relative to the range of the output.
 _AGREE = 1e-7
 
-#: Rounding errors of the interpolants, relative to the largest magnitude of the output.
+#: Rounding error of the interpolants, relative to the largest magnitude of the output.
 _ROUNDING = 1e-13
 
 
 class CoarseError(SolveError):
-    """The grid of times is too coarse for the output."""
+    """The time grid is too coarse to resolve the output."""
 
 
 def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, Array]:
-    """Find the maximum of an output and its derivatives, (n_parameters,).
+    """Return the maximum of an output and its derivatives by the parameters, (n_parameters,).
 
     ``t`` is equidistant, (n_t,), and ``slopes`` are the output's sensitivities, (n_parameters,
     n_t). Raises CoarseError if the grid does not resolve the output, SolveError if the peak is next
     to an event.
     """
     k = int(np.argmax(value))
-    # A maximum at an end of the run stays there, so its derivative is the sensitivity.
+    # A maximum at either end of the run stays there if parameters vary slightly, so that its
+    # derivative is the sensitivity.
     if k in (0, len(t) - 1):
         return float(value[k]), slopes[:, k].copy()
     before, after = events[events <= t[k]], events[events > t[k]]
@@ -62,9 +63,9 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
             f"the maximum lies next to an event at t = {t[k]:.6g}, where it is not differentiable"
         )
     step = t[k + 1] - t[k]
-    s = (t[low:high] - t[k]) / step  # distance from the largest value in grid steps
+    s = (t[low:high] - t[k]) / step  # time since the largest value, in grid steps
     at, top = _top(s, value[low:high])
-    # An output that is constant but for rounding has its maximum everywhere.
+    # The rounding error permits outputs that are constant up to rounding.
     allowed = _AGREE * float(np.ptp(value)) + _ROUNDING * float(np.max(np.abs(value)))
     inner = slice(1, -1)
     if abs(top - _top(s[inner], value[low:high][inner])[1]) > allowed:
@@ -75,7 +76,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
 
 
 def _top(s: Array, value: Array) -> tuple[float, float]:
-    """Find the maximum of the interpolating polynomial on [-1, 1]: where, and its value."""
+    """Return the position and the value of the interpolating polynomial's maximum on [-1, 1]."""
     polynomial = np.polynomial.Polynomial.fit(s, value, len(s) - 1, domain=[-1.0, 1.0])
     roots = polynomial.deriv().roots()
     near = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) <= 1.0)].real
@@ -86,39 +87,39 @@ def _top(s: Array, value: Array) -> tuple[float, float]:
 
 
 def _interpolated(s: Array, rows: Array, at: float) -> Array:
-    """Evaluate the Lagrange polynomials through rows of values at a point."""
+    """Evaluate the Lagrange polynomial through each row of values at the point ``at``."""
     weights = np.array(
         [np.prod([(at - b) / (a - b) for j, b in enumerate(s) if j != i]) for i, a in enumerate(s)]
     )
     return np.asarray(rows @ weights)
 
 
-#: Numbers of equidistant times at which peaks are searched for; the finer grid is used only if the
-#: coarse one does not resolve the output.
+#: Numbers of points of the coarse and of the fine time grid on which peaks are searched. The fine
+#: grid is used only if the coarse one does not resolve the output.
 _TIMES = (801, 12801)
 
-#: A trial is abandoned once it takes this many times the steps of the longest earlier run, and at
-#: least this many steps: near a configuration where a mechanism locks, the step size tends to zero.
+#: A run is stopped after this many times the number of steps of the longest previous run, but not
+#: before this many steps. The step size may tend to zero, for example where a mechanism locks.
 _STEPS, _FEWEST_STEPS = 50, 2000
 
-#: Quantities that remain well defined if an event ends the run early.
+#: Kinds of quantities that are defined even if an event ends the run early.
 _EARLY = ("start", "at", "time")
 
 
 class Point(NamedTuple):
-    """The objective and the constraints at one point of the design space."""
+    """Objective and constraints at one point in the design space."""
 
     objective: float  # value to be minimised: the mean over all runs
     gradient: Array  # derivatives of the objective with respect to the design variables
-    conditions: Array  # constraint values (left minus right side), run by run
+    conditions: Array  # constraint values (left minus right side) of all runs
     slopes: Array  # derivatives of the constraint values with respect to the design variables
 
 
 class Evaluation:
-    """Objective and constraints of a design, evaluated by simulation.
+    """Evaluates the objective and the constraints of a design by simulation.
 
-    ``model`` has the output or event in ``names`` for each quantity of the goals. ``over`` are the
-    design variables, in the order of the model's sensitivities, and ``runs`` the scenarios.
+    ``names`` maps each quantity in the goals to an output or event of ``model``. ``over`` are the
+    design variables, in the order of the model's sensitivities, and ``runs`` are the scenarios.
     """
 
     def __init__(
@@ -149,13 +150,13 @@ class Evaluation:
         return parameters, {n: v for n, v in values.items() if n not in parameters}
 
     def simulate(self, run: Settings, values: Mapping[str, float], t_eval: Any = None) -> Result:
-        """Simulate a scenario; raises SolveError if the integration fails."""
+        """Simulate a scenario; raise SolveError if the integration fails."""
         parameters, initial = self.split(values)
         self.n_runs += 1
         settings = dict(**run)
         if self._most_steps:
             settings["max_steps"] = min(run.max_steps or math.inf, self._most_steps)
-        with without_warnings():  # the optimiser chose the values of this trial
+        with without_warnings():  # the optimiser, not the user, chose these values
             result = self.model.simulate(
                 run.t_span,
                 t_eval,
@@ -170,9 +171,9 @@ class Evaluation:
         return result
 
     def at(self, values: Mapping[str, float]) -> Point:
-        """Evaluate the objective and all constraints at values of the design variables.
+        """Evaluate objective and constraints for the given values of the design variables.
 
-        Raises an Error if a run fails, or a value or derivative is not finite.
+        Raises an Error if a run fails, or if a value or derivative is not finite.
         """
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]
@@ -186,14 +187,14 @@ class Evaluation:
         )
 
     def _of_run(self, run: Settings, values: Mapping[str, float]) -> list[tuple[float, Array]]:
-        """Evaluate the objective and the constraints of one run, each with its gradient."""
+        """Evaluate objective and constraints in one run, each with its gradient."""
         quantities, slopes = self._quantities(run, values)
         n, found = len(self.goals.quantities), []
         numbers = [*quantities, *(values[name] for name in self.over)]
         texts = ["minimise", *(f"'{row.text}'" for row in self.goals.conditions)]
         for text, formula in zip(texts, self._formulas, strict=True):
             value, partial = formula.value(numbers)
-            # Total derivative: explicit dependence, and the chain rule through the quantities.
+            # Total derivative: explicit part, plus the chain rule for the quantities.
             total = np.array(partial[n:]) + np.array(partial[:n]) @ slopes
             if not (math.isfinite(value) and np.all(np.isfinite(total))):
                 raise SolveError(f"{text} has no finite value or derivative")
@@ -201,7 +202,7 @@ class Evaluation:
         return found
 
     def _quantities(self, run: Settings, values: Mapping[str, float]) -> tuple[list[float], Array]:
-        """Simulate one run, and return its quantities and their derivatives (design variables)."""
+        """Simulate one run; return its quantities and their derivatives by the design variables."""
         wanted = self.goals.quantities
         if not wanted:
             return [], np.zeros((0, len(self.over)))

@@ -1,13 +1,13 @@
 """Objectives and constraints of a design, parsed from text.
 
-In: texts in the grammar of expressions (:mod:`cotree.scene.expressions`), in which a few functions
+The texts follow the grammar of expressions (:mod:`cotree.scene.expressions`). A few functions
 denote quantities of a whole run: ``end(x)``, ``start(x)``, ``at(2.0, x)``, ``integral(x)``,
-``mean(x)``, ``maximum(x)``, ``minimum(x)`` and ``time(event)``. Out: these quantities, and formulas
-in terms of them. Nothing is evaluated as Python.
+``mean(x)``, ``maximum(x)``, ``minimum(x)`` and ``time(event)``. The results are these quantities
+and formulas that contain them. No text is executed as Python code.
 
-Expressions become outputs and integrals become states: an integral is the voltage of a capacitor of
-one farad, charged by a current source with the integrand as its current. Its sensitivities
-therefore follow from the sensitivity graphs, like those of any other state.
+Expressions become outputs, and integrals become states: each is the voltage of a capacitor of one
+farad, charged by a current equal to the integrand. Sensitivity graphs therefore provide its
+sensitivities, as for any other state.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Functions that denote a quantity of a run, with the number of their arguments.
+#: Functions that denote quantities of a run, with their numbers of arguments.
 QUANTITIES = {
     "end": 1,
     "start": 1,
@@ -45,16 +45,16 @@ QUANTITIES = {
     "time": 1,
 }
 
-#: Quantities that integrate over the run, so that jumps of the integrand are allowed.
+#: Quantities that are integrals over the run, whose integrands may jump.
 SUMMED = ("integral", "mean")
 
-#: Discontinuous functions, whose derivative is useless to a gradient-based search.
+#: Discontinuous functions, which a gradient-based search cannot use.
 _JUMPING = {"sign", "floor", "mod"}
 
-#: Prefix of placeholder names; scenes have only C identifiers, which lack this character.
+#: Prefix of placeholder names. Names in scenes are C identifiers, which cannot contain it.
 _MARK = "quantity_ö"
 
-_LONGEST = 4000  # maximum number of characters, as in expressions
+_LONGEST = 4000  # maximum number of characters of a goal, as for expressions
 _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.LtE: "<=",
     ast.Lt: "<=",
@@ -68,7 +68,7 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
 class Quantity:
     """A scalar quantity of a run."""
 
-    kind: str  # kind of the goal, a key of :data:`QUANTITIES`
+    kind: str  # name of the function, a key of :data:`QUANTITIES`
     text: str  # argument of the quantity: an expression, or for ``time`` the name of an event
     t: float = 0.0  # time of evaluation, for the kind ``at`` only, [s]
 
@@ -76,7 +76,7 @@ class Quantity:
 class Formula:
     """A differentiable function of quantities and design variables.
 
-    Placeholders stand for the quantities in its expression.
+    Placeholders represent the quantities in its expression.
     """
 
     def __init__(self, expression: Expression, n_quantities: int, over: Sequence[str]) -> None:
@@ -89,7 +89,7 @@ class Formula:
         self._slopes = adjoints([self._node], [dag.one], self._symbols)
 
     def value(self, numbers: Sequence[float]) -> tuple[float, list[float]]:
-        """Return the value and the derivatives at given quantities, then design variables."""
+        """Return value and derivatives, given the quantities followed by the design variables."""
         found = evaluate(
             [self._node, *self._slopes], dict(zip(self._symbols, numbers, strict=True))
         )
@@ -109,8 +109,8 @@ class Condition:
 class Goals:
     """The objective and the constraints of a design, parsed from text.
 
-    The names of ``parameters``, which are varied, denote them; any other name denotes the value at
-    the end of the run.
+    Names in ``parameters``, the design variables, denote their values. Any other name denotes the
+    value at the end of the run.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Goals:
             raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
 
     def _conditions(self, text: object) -> list[Condition]:
-        """Parse a constraint; a chain such as ``0 <= x <= 2`` makes two."""
+        """Parse a constraint; a chain such as ``0 <= x <= 2`` yields two conditions."""
         tree = self._read(text, "subject_to")
         if not isinstance(tree, ast.Compare):
             raise ExpressionError(
@@ -176,9 +176,9 @@ class Goals:
         return ast.Name(f"{_MARK}{self.quantities.index(quantity)}")
 
     def _marked(self, part: ast.expr, where: str) -> ast.expr | None:
-        """Return the placeholder of a quantity; None for other parts of a goal."""
+        """Return the placeholder if ``part`` is a quantity, else None."""
         if isinstance(part, (ast.Name, ast.Attribute)):
-            # Parameters of parts have dots in their names, just as variables do.
+            # Parameters of parts have dots in their names, as variables do.
             name = ast.unparse(part)
             return part if name == "pi" or name in self._varied else self._add("end", name)
         if not isinstance(part, ast.Call):
@@ -226,13 +226,13 @@ def _time(tree: ast.expr, where: str) -> float:
 
 
 def _called(part: ast.AST) -> str:
-    """Return the name of the function that a node calls, or an empty string."""
+    """Return the name of the function that a syntax tree calls, or an empty string."""
     is_call = isinstance(part, ast.Call) and isinstance(part.func, ast.Name)
     return part.func.id if is_call else ""  # type: ignore[attr-defined]
 
 
 def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> None:
-    """Refuse ``at(t, ...)`` with a time outside the run."""
+    """Raise an error for ``at(t, ...)`` with a time outside the run."""
     for quantity in quantities:
         if quantity.kind == "at" and not min(span) <= quantity.t <= max(span):
             raise ParameterError(
@@ -242,7 +242,7 @@ def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> No
 
 
 def scene_of(source: Any) -> SceneDescription:
-    """Return the scene of a model, or the scene itself."""
+    """Return the scene of a model, or the given scene itself."""
     if isinstance(source, Model):
         return source.spec.scene
     if not isinstance(source, Scene):
@@ -256,10 +256,10 @@ def scene_of(source: Any) -> SceneDescription:
 def variant_of(
     source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
 ) -> tuple[Model, dict[Quantity, str]]:
-    """Compile a scene with an output for each quantity; return the model and the names by quantity.
+    """Compile a scene with an output for each quantity; return the model and the output names.
 
-    The variant of a model keeps its tree and its compiler options. Sensitivities are to the design
-    variables: parameters and, by the names of states, initial values.
+    If a model is given, its tree and its compiler options are kept. Sensitivities are with respect
+    to the design variables: parameters, and initial values under the names of their states.
     """
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
@@ -282,12 +282,12 @@ def variant_of(
     try:
         return _compiled(source, changed, over), found
     except Error as error:
-        # Messages name the user's expressions, not the outputs made from them.
+        # Error messages quote the user's expressions instead of the outputs made from them.
         message = str(error)
         for (_, text), name in outputs.items():
             message = message.replace(f"output '{name}'", f"'{text}' in a goal")
         for is_summed, text in outputs:
-            # The integrand is a field of an edge, and errors in fields do not quote the expression.
+            # Errors in the integrand refer to a field of an edge and do not quote the expression.
             if is_summed and any(f"'{name}'" in message for name in parse(text, text).names):
                 message = re.sub(r"^.*? uses '", f"'{text}' in a goal uses '", message)
         raise type(error)(message) from None
@@ -298,7 +298,7 @@ def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Mo
     if isinstance(source, Model):
         return compile_spec(source.spec.of(changed, over))
     assert isinstance(changed, Scene)
-    with without_warnings():  # the caller rejects names that have no effect
+    with without_warnings():  # the caller reports design variables without effect
         return changed.compile(list(over))
 
 
@@ -313,7 +313,8 @@ def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None
                 f"integral({text}) needs a run from initial values, but this scene starts at its "
                 "operating point, where an integral over time has no steady value"
             )
-        # The integrand is not a current; a numerical factor, which may have any unit, hides that.
+        # The integrand need not be a current: the factor 1.0 may have any unit, which disables the
+        # check.
         current = f"1.0*({text})"
         scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=current)
         scene.edge(f"{name}c", "capacitor", f"{name}n", "ground", capacitance=1.0)

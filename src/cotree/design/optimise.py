@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.design.evaluation import Point
     from cotree.scene.settings import Settings, SettingsDict
 
-#: Keys of a scenario.
+#: Keys that a scenario may have.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")
 
 
@@ -56,11 +56,11 @@ def optimise(
     solver: str | None = None,
     **settings: Unpack[SettingsDict],
 ) -> Design:
-    """Choose parameters that minimise an objective subject to constraints.
+    """Find the parameters that minimise an objective subject to constraints.
 
     Objective and constraints are written in the grammar of expressions. The name of a varied
-    parameter stands for the parameter, any other name ``x`` for ``end(x)``, its value at the end of
-    the run. ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and
+    parameter denotes the parameter, any other name ``x`` denotes ``end(x)``, its value at the end
+    of the run. ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and
     ``mean(x)`` extend over the run, ``maximum(x)`` and ``minimum(x)`` are extremes over time, and
     ``time(EVENT)`` is the time at which an event first occurs. ``x`` is any expression of states,
     outputs, inputs, parameters and ``t``. Gradients are exact: the scene is compiled once with all
@@ -132,7 +132,7 @@ def optimise(
     tolerance = check_positive(tolerance, "tolerance")
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
     names = list(over) if isinstance(over, Mapping) else []
-    # Names with a dot may be states, which are known only after compilation.
+    # Names with a dot may be states, which are checked after compilation.
     own, after = (n for n in names if "." not in str(n)), ", which is not a parameter of the scene"
     check_known(own, described.parameters, "over names", after, ParameterError)
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
@@ -180,7 +180,7 @@ def optimise(
 def _scenarios(
     common: Settings, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
 ) -> list[Settings]:
-    """Merge the common settings with those of each scenario."""
+    """Combine the common settings with those of each scenario."""
     found = []
     if runs is not None and not isinstance(runs, Sequence):
         raise ParameterError(f"runs is {brief(repr(runs))}: give a list of mappings")
@@ -211,14 +211,14 @@ def _known(model: Model, common: Settings) -> dict[str, float]:
     known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
     try:
         start = scene_start(model.kernels).y
-    except Error:  # the nominal values need not be a feasible design
+    except Error:  # no initial state may exist for the nominal values
         start = model.kernels.initial(model.default_parameters)
     known |= dict(zip(model.states, map(float, start), strict=True))
     return {**known, **common.parameters, **common.initial}
 
 
 def _check_reach(evaluation: Evaluation) -> None:
-    """Refuse design variables on which no goal can depend."""
+    """Raise an error for design variables on which no goal can depend."""
     model, goals = evaluation.model, evaluation.goals
     written = goals.objective.names.union(*(row.excess.names for row in goals.conditions))
     for name in model.kernels.unreached:
@@ -229,11 +229,12 @@ def _check_reach(evaluation: Evaluation) -> None:
 
 
 def _check_objective(search: Search, start: Any) -> None:
-    """Refuse an objective that does not depend on any design variable."""
+    """Raise an error if the objective does not depend on any design variable."""
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
         return
-    # The gradient also vanishes if the start is an optimum, so a second point is tested.
+    # The gradient may also vanish because the start is an optimum, so that a second point is
+    # tested.
     second = search.point(np.asarray(start) * 0.9 + 0.037)
     if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{row.name}'" for row in search.space.rows)
@@ -251,7 +252,7 @@ def _design(
     n_failed: int,
     most: int,
 ) -> Design:
-    """Make the result from the best point of all searches."""
+    """Build the result from the best point of all searches."""
     search = searches[best]
     at = search.best
     assert at is not None
@@ -301,7 +302,7 @@ def _message(
     *,
     is_optimal: bool,
 ) -> str:
-    """Describe in sentences how the search ended."""
+    """Return sentences that describe how the search ended."""
     work = f"after {end.nit} iterations and {search.evaluation.n_runs} runs"
     missed = [row for row in conditions if not row.holds]
     assert search.best is not None

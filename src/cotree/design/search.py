@@ -1,7 +1,7 @@
-"""Gradient-based search for a design by SciPy, in scaled design variables, and its results.
+"""Gradient-based search for an optimal design by SciPy in scaled design variables.
 
-If the run of a trial point fails, the optimiser receives a penalty value, so that it rejects the
-step; the gradient is then that of the last point that could be evaluated.
+If the run at a trial point fails, the optimiser receives a penalty, so that it rejects the step,
+and the gradient of the last point that was evaluated successfully.
 """
 
 from __future__ import annotations
@@ -24,38 +24,37 @@ if TYPE_CHECKING:
     from cotree.results import Result
 
 
-#: Constraints are satisfied if they are violated by less than this, relative to their size at the
-#: start, and active if their distance is less than this. Bounds are active within this fraction of
-#: their distance.
+#: Tolerance of constraints and bounds. A constraint is satisfied if its violation, and active if
+#: its margin, is less than this multiple of its size at the start. A bound is active if the
+#: variable is closer to it than this fraction of the distance between both bounds.
 MET = 1e-6
 
-#: Largest optimality residual of an optimum. For a convex problem, the objective could decrease
-#: from there by at most this fraction, times the distance to the optimum in the scaled design
-#: variables.
+#: Largest optimality residual at which a point counts as optimal. In a convex problem the objective
+#: could decrease by at most this fraction, times the distance to the optimum in scaled variables.
 OPTIMAL = 1e-4
 
-#: The residual is relative to the objective or, if the minimum is zero, to this fraction of the
-#: gradient at the start.
+#: The residual is relative to the objective, or to this fraction of the initial gradient if that is
+#: larger.
 _LEAST_SIZE = 1e-3
 
-#: The penalty of a failed run, relative to the magnitude of the objective.
+#: Penalty for a failed run, relative to the magnitude of the objective.
 _PENALTY = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One trial point.
+    """One trial point of a search.
 
     Attributes
     ----------
     parameters : dict of str to float
         Values of the design variables.
     objective : float
-        The objective there; nan where the run failed.
+        Objective at this point; nan if the run failed.
     missed : float
-        Largest constraint violation, in the unit of the constraint; nan where the run failed.
+        Largest constraint violation, in the unit of the constraint; nan if the run failed.
     reason : str
-        Why the run failed; empty if it succeeded.
+        Reason why the run failed; empty if it succeeded.
     """
 
     parameters: dict[str, float]
@@ -65,7 +64,7 @@ class Trial:
 
 
 class Search:
-    """One search from one starting point over scaled design variables."""
+    """A search from one starting point in scaled design variables."""
 
     def __init__(self, evaluation: Evaluation, space: Space) -> None:
         self.evaluation, self.space = evaluation, space
@@ -77,12 +76,12 @@ class Search:
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
-        # At the start: the norm of the gradient, and the size of each constraint.
+        # Norm of the gradient and size of each constraint at the start.
         self._first_slope = 0.0
         self.sizes = np.ones(len(self.equalities))
 
     def values(self, v: Array) -> dict[str, float]:
-        """Convert normalised coordinates to values by name."""
+        """Convert normalised coordinates to design variables by name."""
         names = (row.name for row in self.space.rows)
         return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
@@ -116,7 +115,7 @@ class Search:
         return found
 
     def violations(self, point: Point) -> Array:
-        """Return the violation of each constraint, zero if it holds exactly."""
+        """Return the violation of each constraint; zero if the constraint holds."""
         excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
         return np.maximum(excess, 0.0)
 
@@ -125,17 +124,17 @@ class Search:
         return float(np.max(self.violations(point), initial=0.0))
 
     def known(self, v: Array) -> Point:
-        """Return the results of a point that has been evaluated successfully."""
+        """Return the stored results at a point that was evaluated successfully."""
         return self._known[v.tobytes()]
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Constraint violation of the best point, and its objective."""
+        """Constraint violation and objective at the best point."""
         assert self.best is not None
         return self._rank(self.known(self.best))
 
     def _keep(self, v: Array, found: Point) -> None:
-        """Keep the best point: least violation first; among feasible ones, the least objective."""
+        """Store a point if it is the best: least violation first, then least objective."""
         before = None if self.best is None else self._known[self.best.tobytes()]
         if before is None or self._rank(found) < self._rank(before):
             self.best = np.array(v, dtype=float)
@@ -145,7 +144,7 @@ class Search:
         return (0.0 if missed <= MET else missed, found.objective)
 
     def penalised(self, v: Array) -> Point:
-        """Evaluate a point; if its run fails, return the penalty instead."""
+        """Evaluate a point; if its run fails, return a penalty instead."""
         found = self.point(v)
         if not isinstance(found, Error):
             return found
@@ -156,13 +155,14 @@ class Search:
         return self._good._replace(objective=penalty)
 
     def run(self, start: Array, method: str, tolerance: float, most: int) -> Any:
-        """Search from a starting point."""
+        """Run SciPy's optimiser from a starting point and return its result."""
         from scipy.optimize import minimize
 
         first = self.point(start)
         if isinstance(first, Error):
             raise first
-        # Both methods stop on absolute changes of the objective, so it is scaled to order one.
+        # The methods of SciPy stop if absolute changes are small, so that the objective is scaled
+        # to order one.
         unit = max(abs(first.objective), float(np.linalg.norm(first.gradient)), 1e-300)
         return minimize(
             lambda v: self.penalised(v).objective / unit,
@@ -175,12 +175,12 @@ class Search:
         )
 
     def _constraints(self, method: str) -> Any:
-        """Return the constraints in the form that the method of SciPy expects."""
+        """Return the constraints in the form that SciPy's method expects."""
         equal = self.equalities
         if not equal.size:
             return ()
         if method == "slsqp":
-            # SLSQP expects inequalities in the form g >= 0.
+            # For SLSQP, inequalities have the form g >= 0.
             return [
                 {
                     "type": kind,
@@ -213,10 +213,10 @@ class Search:
         )
 
     def is_optimal(self, v: Array, end: Any) -> bool:
-        """Return whether a point meets the tolerance of optimality, or that of the search.
+        """Return whether a point is optimal within the tolerances of optimality or of the search.
 
-        A search may also end because the objective no longer changes, by less than the errors of
-        integration: the residual is then compared with the largest gradient encountered.
+        A search may end because changes of the objective are smaller than integration errors. The
+        residual is then compared with the largest gradient encountered.
         """
         if self.optimality(v) <= OPTIMAL:
             return True
@@ -224,14 +224,14 @@ class Search:
         return bool(end.success) and self._residual(v, self.known(v)) <= OPTIMAL * size
 
     def _residual(self, v: Array, found: Point) -> float:
-        """Return the norm of the part of the gradient that bounds and constraints do not balance.
+        """Return the norm of the gradient part that active bounds and constraints do not balance.
 
-        Nonnegative multipliers of the active bounds and constraints follow by least squares.
+        The nonnegative multipliers are computed by least squares.
         """
         from scipy.optimize import nnls
 
         columns: list[Array] = []
-        # At an active lower bound the objective may increase with the variable.
+        # Active lower bounds balance positive gradient components, and upper bounds negative ones.
         units = np.eye(len(v))
         columns += [*units[v - self.space.lower <= MET], *-units[self.space.upper - v <= MET]]
         for excess, slope, is_equal in zip(
@@ -256,17 +256,17 @@ def _options(method: str, tolerance: float, most: int) -> dict[str, float]:
 
 
 class Space:
-    """Normalised coordinates of the design variables: finite bounds are at 0 and 1.
+    """Normalised coordinates of the design variables, with finite bounds at 0 and 1.
 
-    Coordinates are linear in a variable or, on a logarithmic scale, in its logarithm. A variable
-    without two finite bounds has coordinate 0 at its initial guess.
+    A coordinate is linear in the variable or, on a logarithmic scale, in its logarithm. If a bound
+    is infinite, the coordinate is 0 at the initial guess.
 
     Attributes
     ----------
     rows : sequence of Estimated
         The design variables: parameters, and states, whose names denote their initial values.
     lower, upper : ndarray, shape (n,)
-        Coordinates of the bounds.
+        Bounds in normalised coordinates.
     """
 
     def __init__(self, rows: Sequence[Estimated]) -> None:
@@ -281,11 +281,11 @@ class Space:
         return np.asarray((theta - self._origin) / self._unit)
 
     def starts(self, n: int, seed: int | None) -> Array:
-        """Return starting points, (n, n_variables): the guess first, then random ones."""
+        """Return starting points, (n, n_variables): the initial guess first, then random points."""
         return self._normalised(spread_starts(self.rows, n, seed))
 
     def values(self, v: Array) -> Array:
-        """Convert coordinates to values, clipped to the bounds."""
+        """Convert coordinates to values of the design variables within their bounds."""
         with np.errstate(over="ignore"):
             values = self._scaled.values(self._origin + self._unit * v)
         return np.clip(values, [row.lower for row in self.rows], [row.upper for row in self.rows])
@@ -299,7 +299,7 @@ class Space:
 def read_variables(
     over: Any, known: Mapping[str, float], guess: Mapping[str, float]
 ) -> list[Estimated]:
-    """Read the design variables from ranges by name; guesses default to ``known`` values."""
+    """Read design variables from their ranges by name; guesses are ``known`` values by default."""
     if not isinstance(over, Mapping) or not over:
         raise ParameterError(
             'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
@@ -313,7 +313,7 @@ def read_variables(
 
 @dataclass(frozen=True)
 class ConditionValue:
-    """A constraint evaluated at the design.
+    """A constraint, evaluated for the optimal design.
 
     Attributes
     ----------
@@ -341,7 +341,7 @@ class ConditionValue:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Reported):
-    """The outcome of :func:`cotree.optimise`; a value by name is ``design["L"]``.
+    """The result of :func:`cotree.optimise`; ``design["L"]`` is the value of variable ``L``.
 
     Attributes
     ----------
@@ -392,7 +392,7 @@ class Design(Reported):
 
     @property
     def result(self) -> Result:
-        """The simulation of the design; with several scenarios, that of the first."""
+        """Simulation of the design in the first scenario."""
         return self.results[0]
 
     def __getitem__(self, name: str) -> float:

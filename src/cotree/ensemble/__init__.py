@@ -1,1 +1,1 @@
-"""Many runs of one model in one call: sweeps, Monte Carlo, starts of a fit."""
+"""Ensembles: many runs of one model in one call, for sweeps, Monte Carlo studies and fits."""

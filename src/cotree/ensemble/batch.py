@@ -1,14 +1,14 @@
-"""The members of a block, run in C.
+"""Execution of a block of ensemble members in C.
 
-In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from a common counter. The results
-of a member depend only on the plan and its row, not on the number of threads, the order of rows, or
-the other members.
+A ``Plan`` and the rows of the members yield a ``Block`` of results. Threads take members from a
+common counter. The results of a member depend only on the plan and its own row, not on the number
+of threads, the order of rows, or other members.
 
-Lanes run members in vectors: each worker calls the function ``lanes`` of ``cotree_batch.h`` instead
-of the loop over single members. It takes members with ``cotree_batch_take``, starts each with
-``prepare``, writes its points to ``values`` and its outcome to ``n_kept``, ``n_steps``, ``seconds``
-and ``ended``, and evaluates its outputs with ``finish``. Members that it leaves as
-``COTREE_MEMBER_LEFT`` are then run one at a time from the start.
+SIMD lanes run several members in one vector: each worker calls the function ``lanes`` of
+``cotree_batch.h`` instead of the loop over single members. It takes members with
+``cotree_batch_take``, starts each with ``prepare``, writes its points to ``values`` and its outcome
+to ``n_kept``, ``n_steps``, ``seconds`` and ``ended``, and evaluates its outputs with ``finish``.
+Members whose outcome is ``COTREE_MEMBER_LEFT`` are then run one at a time from the start.
 """
 
 from __future__ import annotations
@@ -59,21 +59,21 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# Outcomes of members in C; see cotree_batch.h.
+# Outcomes of members in C, as in cotree_batch.h.
 WAITS, DONE, STOPPED, FAILED, REFUSED, NO_OUTPUTS, STIFF = range(7)
-LEFT = 10  # a budget is exhausted if the value is between these two
+LEFT = 10  # values between STIFF and LEFT mean that a budget is exhausted
 
-# Lanes do not detect stiffness. After this many steps a member is left to a worker that does; most
-# members take fewer steps, and little of a stiff one is computed twice.
+# Number of steps after which a member leaves the SIMD lanes, which do not detect stiffness, and is
+# run alone with detection. Most members take fewer steps.
 _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
-# Outcome of members that Python ran one at a time.
+# Outcome of members that were run one at a time in Python.
 RERUN = 100
 
 
 @locked_cache
 def load_batch() -> LoadedLibrary:
-    """Build and load the loop over members, once."""
+    """Build and load the C loop over members, once."""
     library = build_engine(shared_code("batch"))
     if library is None:
         raise BuildError("no compiler can build the loop over members")
@@ -83,8 +83,8 @@ def load_batch() -> LoadedLibrary:
 class BlockInC(CObjects):
     """The members of a block, shared by the workers that run it.
 
-    ``ended`` has the outcome of each member in C; ``lanes`` is their library, or the reason why
-    they run without lanes.
+    ``ended`` contains the outcome of each member in C. ``lanes`` is the library of SIMD lanes, or
+    the reason why members run without them.
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
@@ -103,7 +103,7 @@ class BlockInC(CObjects):
         return int(self.library.lib.cotree_batch_most_threads())
 
     def stop(self) -> None:
-        """Interrupt running members and start no others."""
+        """Interrupt running members and do not start others."""
         self.batch.is_stopped = 1
 
     def fail(self, member: int, message: str) -> None:
@@ -112,9 +112,9 @@ class BlockInC(CObjects):
         self.results.fail(member, STATUS_FAILED, message)
 
     def rerun_single(self, member: int, method: str = "", note: str = "") -> None:
-        """Run a member by ``simulate``, with its own or another method.
+        """Run a member by ``simulate``, with the plan's or another method.
 
-        The note is the message of a successful run.
+        ``note`` becomes the message of a successful run.
         """
         plan = self.pattern.plan
         if method:
@@ -127,7 +127,7 @@ class BlockInC(CObjects):
     def check(self, member: int, problem: Problem) -> None:
         """Repeat a finished member as a single run if such a run would report a failure.
 
-        Its steps may be below the resolution of time, or its constraints may have drifted.
+        Its steps may be smaller than the resolution of time, or its constraints may have drifted.
         """
         if self.ended[member] in (DONE, STOPPED):
             run = check_time_resolution(problem, self._trajectory(member))
@@ -135,7 +135,7 @@ class BlockInC(CObjects):
                 self.rerun_single(member)
 
     def block(self, workers: Sequence[Worker]) -> Block:
-        """Return the results after all workers are done."""
+        """Return the results of the block after all workers have finished."""
         results, pattern, problem = self.results, self.pattern, self.pattern.problem
         is_done = (self.ended == DONE) | (self.ended == STOPPED)
         results.steps[is_done] = self.n_steps[is_done]
@@ -170,8 +170,8 @@ class BlockInC(CObjects):
     def _is_consistent(
         self, problem: Problem, run: Trajectory, constraints: Callable[[], HeldConstraints | None]
     ) -> bool:
-        """Return whether a run succeeded without drift of constraints."""
-        # Reactions that are not unique have no sensitivities.
+        """Return whether a run succeeded without constraint drift."""
+        # If constraints are redundant, reactions are not unique and have no sensitivities.
         is_exact, redundant = problem.n_sensitivities > 0 and bool(self.pattern.plan.outputs), 0
         if is_exact or check_constraint_drift(problem, run, 1).status != 0:
             redundant = redundancy(self.pattern.plan.model, constraints(), run)
@@ -180,7 +180,7 @@ class BlockInC(CObjects):
         )
 
     def requeue_rejected(self) -> bool:
-        """Requeue members that lanes rejected, for scalar runs; return whether there are any."""
+        """Requeue members that SIMD lanes left, for scalar runs; return whether there are any."""
         is_left = self.ended == LEFT
         if not is_left.any():
             return False
@@ -212,7 +212,7 @@ class BlockInC(CObjects):
         self._set_given()
 
     def _set_start(self) -> None:
-        """Set the tables and the function of starts."""
+        """Set the tables and the C function that compute the initial states of members."""
         starts, ffi, problem = self.pattern.starts, self.library.ffi, self.pattern.problem
         if starts is None:
             return
@@ -220,7 +220,7 @@ class BlockInC(CObjects):
         c.start_tables = ffi.cast("cotree_start_tables *", starts.address)
         c.find_start = ffi.cast(ffi.typeof(c.find_start), starts.function)
         if problem.singular is not None:
-            # The same as for a single run, see Job.begin and refusal.
+            # As for a single run, see Job.begin and refusal.
             is_own = self.pattern.row.family == "cotree" and self.pattern.row.implicit
             c.if_dependent = 2 if is_own else int(self.pattern.newton is None)
 
@@ -275,13 +275,14 @@ _NONE_LEFT, _AGAIN, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
 class Worker:
-    """Run members in the calling thread."""
+    """Runs members of a block in the thread that calls it."""
 
     def __init__(self, members: BlockInC) -> None:
         self._members, self._lib = members, members.library.lib
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
-        # The member prepared last, with its problem, and the job used for all prepared members.
+        # The member that was prepared last, with its problem, and the job that all prepared members
+        # use.
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
@@ -307,7 +308,8 @@ class Worker:
         self._width, self._at_once = 0, 0
         if problem.events is not None:
             self._width = 2 + m + 2 * problem.n_states
-            # Largest number of records of one step: C returns when there is no space for as many.
+            # Largest number of event records of one step. C returns to Python if there is space for
+            # fewer.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._grow_records()
 
@@ -330,11 +332,11 @@ class Worker:
         return True
 
     def event_records(self) -> FloatArray:
-        """Return the events of its members: member, event, time and its derivatives."""
+        """Return a row for each event: member, event, time and derivatives of the time."""
         return self._events[: int(self._worker.n_events)]
 
     def _prepare_member(self, member: int) -> None:
-        """Prepare a member: its start, its time events, its tolerances."""
+        """Prepare a member in Python: initial state, time events and tolerances."""
         c, members = self._worker, self._members
         try:
             with without_warnings():
@@ -344,7 +346,7 @@ class Worker:
             c.member = -1
             return
         if refusal(self._pattern.row.name, problem):
-            # A single run uses another method.
+            # A single run would use another method.
             members.rerun_single(member)
             c.member = -1
             return
@@ -365,7 +367,7 @@ class Worker:
         self._members.check(member, problem)
 
     def _resolve(self, member: int) -> None:
-        """Resolve a member that ended early."""
+        """Decide how to continue with a member that ended early."""
         members, ended = self._members, int(self._members.ended[member])
         if ended == STIFF and self._run_stiff(member):
             return
@@ -388,7 +390,7 @@ class Worker:
         members.results.fail(member, BUDGET_SPENT, message)
 
     def _last_point(self) -> FloatArray:
-        """Return the last point of the current member."""
+        """Return the state at the last point of the current member."""
         size = self._pattern.problem.size
         return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
 
@@ -396,12 +398,13 @@ class Worker:
         return self._prepared[1] if self._prepared is not None else self._problem(member)
 
     def _run_stiff(self, member: int) -> bool:
-        """Run a stiff member with another method; return True if it continues with the same one."""
+        """Run a stiff member with another method; return True if this method shall continue."""
         c, members = self._worker, self._members
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
-            # The check computes eigenvalues; the interval between checks doubles.
+            # The check computes eigenvalues, which is expensive, so that the interval between
+            # checks doubles.
             c.watched_from = 2 * int(job.n_steps)
             return True
         other = stiff_method(problem)
@@ -422,10 +425,10 @@ class Worker:
         return problem_of(plan, own.parameters, own.initial)
 
     def _grow_records(self) -> None:
-        """Enlarge the arrays of events; their contents are kept."""
+        """Enlarge the event arrays and keep their contents."""
         c = self._worker
         n_records = int(c.job.n_records)
-        # Both arrays grow together: the events of one member and those of all members.
+        # ``records`` has the events of the current member, ``events`` those of all members.
         most = max(4 * self._at_once, 2 * n_records)
         records = np.zeros((most, self._width))
         if "records" in self._kept:
@@ -438,7 +441,7 @@ class Worker:
         c.events, c.most_events = self._point("events", events), len(events)
 
     def _aligned(self, name: str, n_bytes: int) -> Any:
-        """Allocate memory aligned to 64 bytes, as vectors need."""
+        """Allocate memory with the alignment of 64 bytes that vectors need."""
         room = np.zeros(n_bytes // 8 + 8)
         first = -room.ctypes.data % 64 // 8
         return self._point(name, room[first:])
@@ -451,14 +454,14 @@ class Worker:
 # Interval between checks whether the ensemble is stopped, [s].
 _INTERVAL = 0.05
 
-# Patterns of plans, found when their first block is run.
+# Patterns by plan, determined when the first block of a plan is run.
 _patterns: weakref.WeakKeyDictionary[Plan, Pattern | NotBatchable] = weakref.WeakKeyDictionary()
 
 
 def run_block(
     plan: Plan, rows: FloatArray, *, threads: int | None = 1, stop: Event | None = None
 ) -> Block:
-    """Run some members of an ensemble.
+    """Run the members of an ensemble with the given rows.
 
     Returns
     -------
@@ -482,8 +485,8 @@ def run_block(
 def usable_cores() -> int:
     """Count the cores that this process may use.
 
-    It is limited by the affinity of the process and, on Linux, by the control group (containers),
-    whose limit is rounded to whole cores.
+    The number is limited by the process affinity and, on Linux, by the control group of a
+    container, whose limit is rounded down to whole cores.
     """
     try:
         cores = len(os.sched_getaffinity(0))
@@ -499,7 +502,7 @@ def usable_cores() -> int:
 
 
 def pattern_of(plan: Plan) -> Pattern | NotBatchable:
-    """Return what the members of a plan share, or why they run one by one in Python; cached."""
+    """Return the pattern of a plan, or the reason why its members run one by one; cached."""
     if plan not in _patterns:
         _patterns[plan] = find_pattern(plan)
     return _patterns[plan]
@@ -524,8 +527,8 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
             members.stop()
 
     halt_if_stopped()
-    # The calling thread also works: if it only waited, two threads could start on one core, and the
-    # system would move one of them some milliseconds later.
+    # The calling thread also runs members. If it only waited, two threads could start on one core,
+    # and the system would move one of them only after some milliseconds.
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:
         thread.start()

@@ -1,8 +1,7 @@
 """The results of an ensemble as an ``xarray.Dataset``.
 
-In: a plan, members and their results. Out: variables named as in results of single runs; they are
-views of the arrays in which blocks were collected. Attributes are texts and numbers only, for
-netCDF and Zarr.
+Variables have the same names as in results of single runs. They are views of the arrays in which
+blocks were collected. Attributes are only texts and numbers, as netCDF and Zarr require.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ _TAKEN = {MEMBER, TIME, PARAMETER, OCCURRENCE, "parameter_unit", *_PER_MEMBER}
 
 
 def check_xarray() -> Any:
-    """Return the module xarray."""
+    """Return the module xarray; raise an error if it is not installed."""
     try:
         import xarray
     except ImportError as error:
@@ -59,35 +58,35 @@ def check_xarray() -> Any:
 
 
 class DatasetSchema:
-    """The parts of a Dataset other than its results: dimensions, coordinates and attributes.
+    """Dimensions, coordinates and attributes of the Dataset of an ensemble.
 
     Attributes
     ----------
     dims, shape : tuple of str, tuple of int
-        The dimensions of members, and their lengths.
+        Dimensions over which members extend, and their lengths.
     """
 
     def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, Any]) -> None:
         self.plan, self.members = plan, members
         self._attributes = dict(attributes)
-        # The model with compiled gains for inputs, and the values of the scene's own parameters.
+        # Expressions of inputs, whose gains are parameters of the compiled model.
         self._expressions = self._attributes.pop("inputs", {})
         axes = tuple(self._column(name) for name in members.dimensions)
         self.dims = axes if members.is_grid else (MEMBER,)
         self.shape = members.shape
 
     def dataset(self, variables: Mapping[str, Any]) -> Any:
-        """Put variables into an ``xarray.Dataset``."""
+        """Build an ``xarray.Dataset`` from the variables."""
         own = _attributes(self.plan, self.members, self._expressions)
         return check_xarray().Dataset(variables, self._coordinates(), {**self._attributes, **own})
 
     def variables(self, shape: tuple[int, ...], block: Block) -> dict[str, Any]:
-        """Return the variables of some members: dimensions, values and attributes by name."""
+        """Return dimensions, values and attributes of each variable of a block, by name."""
         plan, dims, layout = self.plan, self.dims, self.plan.model.layout
         found: dict[str, Any] = {}
         n, n_y = len(plan.model.states), len(plan.outputs)
         n_s, n_t = plan.n_sensitivities, len(plan.settings.t_eval)
-        # Views: the sensitivities in z follow the states, ordered by parameter.
+        # These are views of z, which contains the states and then their sensitivities by parameter.
         y = block.z[:, :, :n].reshape(*shape, n_t, n)
         s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n)
         outputs = block.outputs.reshape(*shape, n_t, n_y)
@@ -115,14 +114,14 @@ class DatasetSchema:
         return found | self._events(shape, block.events)
 
     def _column(self, name: str) -> str:
-        """Return the name of the coordinate of a column; no variable has the same name."""
+        """Return a coordinate name for a column that differs from the names of all variables."""
         plan = self.plan
         if name in plan.model.states:
             return f"initial({name})"
         return f"parameter({name})" if name in _TAKEN or name in plan.outputs else name
 
     def _coordinates(self) -> dict[str, Any]:
-        """Return the coordinates of members, times and parameters."""
+        """Return the coordinates along the dimensions of members, times and parameters."""
         plan, members, layout = self.plan, self.members, self.plan.model.layout
         docs = {row.name: row.doc for row in (*layout.parameters, *layout.outputs)}
         about = {
@@ -149,7 +148,7 @@ class DatasetSchema:
         return found
 
     def _events(self, shape: tuple[int, ...], events: FloatArray) -> dict[str, Any]:
-        """Return counts and times of each event; times are padded with nan to the largest count."""
+        """Return the counts and times of each event as variables; missing times are nan."""
         found: dict[str, Any] = {}
         n_members, n_s, dims = int(np.prod(shape)), self.plan.n_sensitivities, self.dims
         names = [row.name for row in self.plan.model.layout.events]
@@ -158,7 +157,8 @@ class DatasetSchema:
         counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
         most = max((int(count.max(initial=0)) for count in counts), default=0)
         for name, mask, count in zip(names, own, counts, strict=True):
-            # Times are ordered by member: subtract the first index of each to number them.
+            # Events are ordered by member. Subtracting each member's first index numbers its
+            # events.
             starts = np.cumsum(count) - count
             member = members[mask]
             place = np.arange(len(member)) - starts[member]
@@ -176,7 +176,7 @@ class DatasetSchema:
 
 
 def _about(unit: str, name: str) -> dict[str, str]:
-    """Return the attributes of a variable; without units if they are unknown."""
+    """Return the attributes of a variable, without ``units`` if the unit is unknown."""
     return {"long_name": name} | ({"units": unit} if unit else {})
 
 
@@ -200,7 +200,7 @@ def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) ->
 
 
 def _of_lanes(plan: Plan, n_members: int) -> str:
-    """Describe whether members run side by side, or why not."""
+    """Return a sentence on whether members run in SIMD lanes and, if not, why."""
     found = pattern_of(plan)
     if isinstance(found, NotBatchable):
         return f"members run one after another, in Python: {found.why}"
@@ -215,16 +215,16 @@ def _of_lanes(plan: Plan, n_members: int) -> str:
 
 
 def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Return the arguments of the call as JSON values, without members and times.
+    """Return the arguments of the ensemble call, except members and times, as JSON values.
 
     Python functions are represented by their names.
     """
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     found = {name: plain(getattr(plan.settings, name)) for name in names}
     found["inputs"] = {**found["inputs"], **expressions}
-    # Members may use another method than the one chosen for all only if this attribute is set.
+    # "auto" means that stiff members may use another method than the one chosen for all.
     found["method"] = "auto" if plan.is_chosen else found["method"]
-    # Gains that members set have arbitrary default values.
+    # Parameters that members set are omitted, since their common values have no effect.
     shared = found["parameters"] or {}
     found["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
     return {**found, "sensitivities": plan.n_sensitivities > 0, "outputs": list(plan.outputs)}
@@ -243,12 +243,12 @@ def plain(value: Any) -> Any:
     return [plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
 
 
-#: Suffixes of the file formats that can be written.
+#: Suffixes of the supported file formats.
 SUFFIXES = (".nc", ".zarr", ".csv")
 
 
 def check_dataset_file(path: Path) -> None:
-    """Raise an error before the ensemble is run if a file cannot be written."""
+    """Check before the ensemble is run that its results can be written to a file."""
     suffix = check_suffix(path, SUFFIXES, "write")
     check_parent(path)
     if path.is_dir() and not (suffix == ".zarr" and _is_zarr(path)):
@@ -256,7 +256,7 @@ def check_dataset_file(path: Path) -> None:
 
 
 def write_dataset(dataset: Any, path: Path) -> None:
-    """Write a Dataset of an ensemble."""
+    """Write the Dataset of an ensemble to a file."""
     check_dataset_file(path)
     suffix = path.suffix.lower()
     if suffix == ".csv":
@@ -275,10 +275,10 @@ def write_dataset(dataset: Any, path: Path) -> None:
 
 
 def table_rows(dataset: Any) -> Iterator[list[Any]]:
-    """Yield the rows of a table: a title, then one for each member and time.
+    """Yield the rows of a table: column titles, then a row for each member and time.
 
-    Columns are the values that members set, the time, and all results with the titles of single
-    runs, including sensitivities. Missing values are empty.
+    Columns are the values that members set, the time, and all results including sensitivities, with
+    the same titles as for single runs. Missing values are empty.
     """
     dims = dataset["status"].dims
     columns = [name for name, row in dataset.coords.items() if set(row.dims) <= set(dims)]
@@ -295,7 +295,7 @@ def table_rows(dataset: Any) -> Iterator[list[Any]]:
 
 
 def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
-    """List all results over members and time, each of shape (n_members, n_t), with titles."""
+    """Return the titles and values of all results, each of shape (n_members, n_t)."""
     titles: list[str] = []
     values: list[Any] = []
     plain = [name for name, row in dataset.data_vars.items() if row.dims == (*dims, "time")]
@@ -313,19 +313,19 @@ def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
 
 
 def _flat(values: Any, n_last: int) -> Any:
-    """Combine the dimensions of members into one."""
+    """Flatten all dimensions over members to a single one."""
     return values.reshape(-1, *values.shape[values.ndim - n_last :])
 
 
 def _write_zarr(dataset: Any, path: Path) -> None:
-    """Write a folder next to the old one, then replace the old one."""
+    """Write a Zarr folder next to the old one, then replace the old one."""
     target = target_path(path)
     draft, old = (target.with_name(f".{target.name}.{os.getpid()}.{end}") for end in ("tmp", "old"))
     try:
-        # Zarr warns that the consolidated metadata of xarray are not part of its format.
+        # Suppress Zarr's warning that xarray's consolidated metadata are not part of its format.
         with without_warnings(message="Consolidated metadata"):
             dataset.to_zarr(draft, mode="w")
-        # Folders cannot be exchanged atomically: for a moment there is none.
+        # Folders cannot be exchanged atomically, so that for a moment neither exists.
         if target.exists():
             os.replace(target, old)
         os.replace(draft, target)
@@ -342,12 +342,12 @@ def _is_zarr(path: Path) -> bool:
 
 
 class Collected:
-    """Results of members in memory; nan for members that are not computed yet.
+    """Results in memory, with nan for members that are not computed yet.
 
     Attributes
     ----------
     reasons : Reasons
-        How many members were run, and why some of them failed.
+        Number of members that were run, and reasons of failures.
     """
 
     def __init__(self, schema: DatasetSchema, ranges: Iterable[tuple[int, int]]) -> None:
@@ -361,7 +361,7 @@ class Collected:
         return self._ranges
 
     def add_block(self, first: int, block: Block) -> None:
-        """Copy the results of some members; ``first`` is the number of the first of them."""
+        """Copy the results of a block; ``first`` is the index of its first member."""
         there, whole = slice(first, first + len(block.status)), self._whole
         for name in ("z", "outputs", "output_sensitivities", "status", "messages", "steps"):
             getattr(whole, name)[there] = getattr(block, name)
@@ -372,11 +372,11 @@ class Collected:
         self.reasons.add(first, block.status, block.messages)
 
     def wait(self, stop: Event) -> bool:
-        """Return whether members are still missing; a store waits for other processes."""
+        """Return whether members are missing; unlike a store, do not wait for other processes."""
         return False
 
     def close(self) -> None:
-        """Do nothing; a store closes its files."""
+        """Do nothing, since no files are open, unlike for a store."""
 
     def dataset(self) -> Any:
         """Return the results as an ``xarray.Dataset``."""
@@ -385,17 +385,17 @@ class Collected:
 
 
 def member_bytes(plan: Plan) -> int:
-    """Return the size of the results of one member in bytes, without events."""
+    """Return the size of one member's results without events, [byte]."""
     n_values = len(plan.model.states) + len(plan.model.layout.positions) + len(plan.outputs)
     return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + plan.n_sensitivities)
 
 
 def check_memory(n_bytes: int, n_members: int) -> None:
-    """Raise an error if the results exceed the memory of the machine."""
+    """Raise an error if the results would not fit in memory."""
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
-        return  # the operating system does not have this function
+        return  # the operating system does not report its memory
     if n_bytes > there:
         raise SolveError(
             f"the results of {n_members} members take {n_bytes / 2**30:.3g} GiB, and this machine "

@@ -1,9 +1,9 @@
-"""Blocks of members on an executor: pools of threads or processes, dask, MPI.
+"""Execution of blocks of members on an executor: thread or process pools, dask, MPI.
 
-In: a plan, rows, ranges of them, and an object with ``submit`` as in ``concurrent.futures``. Out:
-blocks as they finish, each once. The number of submitted blocks and their memory are bounded. If a
-worker dies, its blocks are run again, one at a time, so that a block that kills its worker affects
-no others. If the worker dies again, the members of the block fail.
+An executor is an object with ``submit`` as in ``concurrent.futures``. Each block is returned once,
+when it is finished. The number of submitted blocks and their memory are bounded. If a worker dies,
+its blocks are run again one at a time, so that a block that kills its worker does not affect
+others. If the worker dies again, the members of that block fail.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Number of plans that a worker caches if it serves several ensembles.
+# Number of plans that a worker caches, which matters if it serves several ensembles.
 _MOST_PLANS = 8
 
 _plans: dict[str, Plan] = {}
@@ -41,7 +41,7 @@ _loading = threading.RLock()
 
 @dataclass(frozen=True)
 class Parcel:
-    """A pickled plan; most blocks are sent with its hash only."""
+    """A pickled plan, or only its hash if workers already have the plan."""
 
     key: str  # hash of the plan's bytes
     data: bytes | None  # bytes of the plan; None if the workers should have it already
@@ -62,9 +62,10 @@ def parcel_of(plan: Plan) -> Parcel:
 def run_parcel(
     parcel: Parcel, rows: FloatArray, threads: int, attempt: int
 ) -> tuple[Block, float] | None:
-    """Run members in a worker; return their results and the time, or None for an unknown plan.
+    """Run members in a worker; return results and elapsed time, [s], or None if it lacks the plan.
 
-    ``attempt`` makes repeated calls differ: dask would return the first answer for equal arguments.
+    ``attempt`` makes repeated calls differ, because dask returns the earlier result for equal
+    arguments.
     """
     plan = _load(parcel)
     return None if plan is None else run_here(plan, rows, threads)
@@ -80,7 +81,7 @@ def run_here(
 
 
 def _load(parcel: Parcel) -> Plan | None:
-    """Return the plan of a parcel, unpickled by one thread while others wait."""
+    """Return the plan of a parcel; only one thread unpickles it while others wait."""
     with _loading:
         if parcel.key not in _plans:
             if parcel.data is None:
@@ -97,35 +98,36 @@ def _load(parcel: Parcel) -> Plan | None:
         return _plans[parcel.key]
 
 
-#: Blocks in flight per worker: one runs and one waits, so that the worker does not idle during the
-#: transfer of the result.
+#: Number of submitted blocks per worker: one runs and one waits, so that the worker is not idle
+#: while results are transferred.
 AHEAD = 2
 
-# If more workers than this die in a row, their blocks are not the cause.
+# If more workers than this die in succession, their blocks are not the cause.
 _MOST_DEATHS = 20
 
-# Interval between checks whether the ensemble is stopped, [s]; results are processed at once.
+# Longest wait for a result before checking whether the ensemble is stopped, [s].
 _PATIENCE = 0.1
 
-# Time for running blocks to finish after the ensemble is stopped, [s].
+# Time that running blocks have to finish after the ensemble is stopped, [s].
 _GRACE = 2.0
 
-# Interval between counts of workers, [s]: clusters grow and shrink.
+# Interval after which workers are counted again, [s], since clusters grow and shrink.
 _COUNTED_FOR = 5.0
 
-#: Target duration of a block, [s]. It bounds the delay of Ctrl-C and of the progress bar, and the
-#: work lost if a worker is killed. The overhead of a block is small in comparison.
+#: Target duration of a block, [s]. It limits the delay of Ctrl-C and of the progress bar, and the
+#: work lost if a worker is killed. The overhead of a block is small compared with it.
 PIECE = 0.3
 
-# Largest ratio of successive sizes: the time of the first block may include compilation.
+# Largest ratio of successive block sizes, since the time of the first block may include
+# compilation.
 _GROWTH = 8
 
-# Errors of executors about lost workers or messages, by name, since their packages are optional.
+# Names of errors that executors raise for lost workers or messages; their packages are optional.
 _LOST = {"KilledWorker", "CommClosedError", "FutureCancelledError", "FuturesCancelledError"}
 
 
 def read_executor(executor: Any) -> Any:
-    """Return the executor of an argument: an executor, a client of dask, or None."""
+    """Return the executor for an argument, which is an executor, a dask client, or None."""
     if executor is None:
         return None
     if hasattr(executor, "get_executor"):
@@ -140,7 +142,7 @@ def read_executor(executor: Any) -> Any:
 
 
 class AdaptiveRanges:
-    """Ranges of rows, sized by the time that previous ones took."""
+    """Iterator over ranges of rows, whose sizes adapt to the time that previous ranges took."""
 
     def __init__(self, n_members: int, most: int, least: int = 1) -> None:
         self._n, self._least, self._most = n_members, least, max(least, most)
@@ -154,30 +156,30 @@ class AdaptiveRanges:
         left = self._n - self._first
         if left <= 0:
             raise StopIteration
-        # At the end all workers shall finish at about the same time.
+        # The last ranges are smaller, so that all workers finish at about the same time.
         size = min(self._size, max(1, math.ceil(left / self.n_workers)))
         first, self._first = self._first, self._first + size
         return first, self._first
 
     def update(self, n_members: int, seconds: float) -> None:
-        """Update the range size from the time that one worker took for some members."""
+        """Update the range size from the time, [s], that one worker took for ``n_members``."""
         wanted = max(self._least, int(PIECE * n_members / max(seconds, 1e-9)))
         self._size = max(1, min(wanted, _GROWTH * n_members, self._most))
 
 
 @dataclass(frozen=True)
 class _Share:
-    """A range of rows in flight."""
+    """A range of rows that is submitted to the executor."""
 
     first: int
     end: int
     attempt: int = 0  # number of previous submissions
     with_plan: bool = False
-    has_lost: bool = False  # whether the worker of this call died
+    has_lost: bool = False  # whether a worker died while it ran this range
 
 
 class ExecutorRun:
-    """Ranges of rows in flight on an executor, and those to submit again.
+    """A run of all ranges on an executor, which submits ranges again if their worker died.
 
     A broken pool of processes is replaced by a new one of the same size.
     """
@@ -187,9 +189,10 @@ class ExecutorRun:
     ) -> None:
         self._executor, self._is_own, self._stop = executor, False, stop
         self._n_workers, self._counted = 1, -math.inf
-        self._deaths = 0  # deaths of workers since the last result
+        self._deaths = 0  # number of workers that died since the last result
         self._plan, self._rows, self._threads = plan, rows, threads
-        # Only threads of this process are known to share its memory; subclasses may not.
+        # Only this class certainly runs threads of this process, which share its memory. Subclasses
+        # may not.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether at least one worker has received the plan
@@ -198,7 +201,7 @@ class ExecutorRun:
         self._again: deque[_Share] = deque()
 
     def run(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
-        """Yield blocks as they finish; a replaced pool is shut down at the end."""
+        """Yield blocks as they finish, and finally shut down a pool that replaced a broken one."""
         try:
             yield from self._blocks(ranges)
         finally:
@@ -233,7 +236,7 @@ class ExecutorRun:
             yield share.first, block
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
-        """Submit ranges up to the limit; only one if it may have killed a worker."""
+        """Submit ranges up to the limit, but only one if it may have killed a worker."""
         n_workers = self._count()
         room = AHEAD * n_workers
         if hasattr(ranges, "n_workers"):
@@ -248,7 +251,8 @@ class ExecutorRun:
             try:
                 future = self._submit(share)
             except futures.BrokenExecutor:
-                # The pool broke in the meantime; the results of submitted ranges report it, too.
+                # The pool has broken. Futures of the ranges that were already submitted report
+                # this, too.
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue
@@ -261,7 +265,7 @@ class ExecutorRun:
             if self._parcel is None:
                 found = submit(run_here, self._plan, rows, self._threads, self._stop)
             else:
-                # Before the first result no worker has the plan.
+                # Until there is a result, workers may not have the plan.
                 is_sent = share.with_plan or not self._is_known
                 parcel = self._parcel if is_sent else replace(self._parcel, data=None)
                 found = submit(run_parcel, parcel, rows, self._threads, share.attempt)
@@ -276,7 +280,7 @@ class ExecutorRun:
         return sent
 
     def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
-        """Return the block of a range; None if it is submitted again or left out."""
+        """Return the block of a finished range; None if the range is submitted again or omitted."""
         error = futures.CancelledError() if future.cancelled() else future.exception()
         again = replace(share, with_plan=True, attempt=share.attempt + 1)
         if error is None:
@@ -286,7 +290,7 @@ class ExecutorRun:
                 self._again.appendleft(again)
             return found
         if self._stop.is_set() or isinstance(error, KeyboardInterrupt):
-            # A terminal sends Ctrl-C to all processes, including those of a pool.
+            # A terminal sends Ctrl-C to all processes, including pool workers.
             self._stop.set()
             return None
         if isinstance(error, ImportError):
@@ -314,7 +318,7 @@ class ExecutorRun:
         return block.finished(), 0.0
 
     def _renew(self, reason: str) -> None:
-        """Replace a broken pool; other ranges on the old one report its end, too."""
+        """Replace a broken pool once, although each range submitted to it reports the failure."""
         self._is_known, old = False, self._executor
         if not getattr(old, "_broken", True):
             return
@@ -344,7 +348,7 @@ class ExecutorRun:
         )
 
     def _count(self) -> int:
-        """Count the workers at intervals."""
+        """Return the number of workers, which is updated at intervals."""
         now = time.monotonic()
         if now - self._counted > _COUNTED_FOR:
             self._n_workers, self._counted = max(1, count_workers(self._executor)), now
@@ -352,7 +356,7 @@ class ExecutorRun:
 
 
 def count_workers(executor: Any) -> int:
-    """Count the workers of an executor; by default the processors of this machine."""
+    """Count the workers of an executor; if unknown, return the number of local processors."""
     client = getattr(executor, "_client", None)
     if client is not None:
         return int(sum(client.nthreads().values()))

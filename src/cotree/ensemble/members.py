@@ -1,7 +1,7 @@
-"""Members of an ensemble as given by users: tables, mappings, lists, grids and samples.
+"""Reading of ensemble members from tables, mappings, lists, grids and samples.
 
-In: any of these. Out: ``Members``: rows of finite numbers with the names of their columns and the
-dimensions of the results. Names are checked against a model later.
+The result is a ``Members`` object: rows of finite numbers, names of the columns and dimensions of
+the results. Names are checked against a model later.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ if TYPE_CHECKING:
 
 
 def column_values(values: Any, what: str) -> FloatArray:
-    """Read a number, or one number per member."""
+    """Convert a number, or a sequence with one number per member, to an array."""
     if hasattr(values, "magnitude"):
         raise ParameterError(f"{what} has units of its own: give plain numbers in SI units")
     try:
-        # Masked values are missing.
+        # Masked values count as missing.
         array = (
             np.ma.filled(np.ma.asarray(values, dtype=None), np.nan)
             if np.ma.isMA(values)
             else np.asarray(values)
         )
-    except ValueError:  # the rows have different lengths
+    except ValueError:  # nested sequences have different lengths
         raise ParameterError(f"{what} is no sequence of numbers") from None
     if array.ndim > 1:
         raise ParameterError(f"{what} has shape {array.shape}: give one value for each member")
     if array.ndim == 0:
         return np.array(check_number(array.item(), what))
     if array.dtype.kind not in "fiu":
-        # Check each value, so that the first invalid one can be named.
+        # Check each value, so that the message can quote the first invalid one.
         listed = [
             check_number(value, f"{what}, row {i},") for i, value in enumerate(array.tolist())
         ]
@@ -53,13 +53,13 @@ def column_values(values: Any, what: str) -> FloatArray:
     return numbers
 
 
-# Limit against mistakes: the rows of this many members alone take gigabytes.
+# Largest number of members of a grid, which guards against mistakes: the rows alone take gigabytes.
 _MOST = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The Cartesian product of axes; see :func:`grid`."""
+    """Members that form the Cartesian product of axes; see :func:`grid`."""
 
     axes: Mapping[str, FloatArray]  # values by axis, in the order of the dimensions of results
 
@@ -87,7 +87,7 @@ class Grid:
 
 
 def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
-    """Make members of all combinations of some values.
+    """Return members for all combinations of the given values.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     return made
 
 
-#: Name of the dimension of members that are not a grid.
+#: Name of the dimension over members that are not a grid.
 MEMBER = "member"
 
 _FORMS = (
@@ -152,23 +152,23 @@ _FORMS = (
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """Values that the members of an ensemble set."""
+    """Parameter and initial values of all members of an ensemble."""
 
     columns: tuple[str, ...]  # names of parameters, and of states with initial values
     rows: FloatArray  # values of the columns, one row for each member
-    #: Dimensions of the results with their coordinates; members are their product in the order of
-    #: the rows. It is ``member``, or the axes of a grid.
+    #: Coordinates by dimension of the results: either ``member`` alone or the axes of a grid, whose
+    #: combinations are in the order of the rows.
     dimensions: Mapping[str, npt.NDArray[Any]]
-    origin: Mapping[str, Any] = field(default_factory=dict)  # how a sample was drawn
+    origin: Mapping[str, Any] = field(default_factory=dict)  # description of a sample
     is_grid: bool = False  # whether the members are the product of their axes
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Lengths of the dimensions."""
+        """Lengths of the result dimensions."""
         return tuple(len(values) for values in self.dimensions.values())
 
     def described(self, i: int) -> str:
-        """Describe a member by its label and values."""
+        """Return a description of a member with its label and values."""
         values = ", ".join(
             f"{name} = {value:.6g}"
             for name, value in zip(self.columns, self.rows[i].tolist(), strict=True)
@@ -179,7 +179,7 @@ class Members:
 
 
 def read_members(given: Any) -> Members:
-    """Read members."""
+    """Convert any accepted form of members to a ``Members`` object."""
     if isinstance(given, Grid):
         return Members(given.names, given.rows(), given.axes, is_grid=True)
     if isinstance(given, Mapping) and not hasattr(given, "data_vars"):
@@ -204,7 +204,7 @@ def check_columns(
     parameters: Container[str],
     initial: Container[str],
 ) -> None:
-    """Raise an error if the model does not have a column, or the run sets it in another way."""
+    """Raise an error if a column is not in the model, or the run sets it in another way."""
     derived = {row.name: row.dependence for row in model.layout.derived}
     for name in columns:
         if name in parameters or name in initial:
@@ -226,7 +226,7 @@ def check_columns(
 
 
 def _from_frame(frame: Any) -> Members:
-    """Read a table of pandas or of another library with named columns."""
+    """Read members from a pandas table, or from another table with named columns."""
     names = list(frame.columns)
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -237,14 +237,14 @@ def _from_frame(frame: Any) -> Members:
 
 
 def _labels(index: Any) -> npt.NDArray[Any]:
-    """Read the labels of the rows of a table."""
+    """Return the row labels of a table."""
     if getattr(index, "nlevels", 1) > 1:
         raise ParameterError(
             "the index of members has several levels: call reset_index() to make them columns, or "
             "give a plain index"
         )
     labels = np.asarray(index)
-    if labels.dtype.kind in "OUS":  # files of results can only store texts
+    if labels.dtype.kind in "OUS":  # result files can store such labels only as texts
         labels = np.array([str(label) for label in labels], dtype=object)
     found, counts = np.unique(labels, return_counts=True)
     if len(found) < len(labels):
@@ -256,7 +256,7 @@ def _labels(index: Any) -> npt.NDArray[Any]:
 
 
 def _from_list(given: Sequence[Any]) -> Members:
-    """Read a list of mappings, one per member."""
+    """Read members from a list of mappings, one per member."""
     for i, row in enumerate(given):
         if not isinstance(row, Mapping):
             raise ParameterError(
@@ -281,7 +281,7 @@ def _from_columns(
     origin: Mapping[str, Any],
     n: int | None = None,
 ) -> Members:
-    """Combine columns; a single number applies to all members."""
+    """Combine columns to members; a single number applies to all members."""
     if not columns and n is None:
         raise ParameterError(f"members have no columns: {_FORMS}")
     read = {}

@@ -1,4 +1,4 @@
-"""Ensembles as a method of models: :meth:`cotree.Model.ensemble`."""
+"""Implementation of :meth:`cotree.Model.ensemble`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from cotree.spec import BuildSpec
 
 
-# HDF5 limits attributes to 64 KiB, and writing a large scene takes seconds.
+# Largest number of edges and of characters with which a scene is stored as an attribute. HDF5
+# limits attributes to 64 KiB, and writing a large scene takes seconds.
 _MOST_EDGES, _LONGEST_TEXT = 200, 2**15
 
 
@@ -48,7 +49,7 @@ def run_members(
     on_error: str = "keep",
     **settings: Unpack[SettingsDict],
 ) -> Any:
-    """Run many members, which differ in parameters and initial values.
+    """Run an ensemble, whose members differ in parameters and initial values.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ def run_members(
     >>> round(float(runs["j1.s"].sel(L=1.0, k=50, time=10)), 6)
     0.526045
     """
-    # Most programs run no ensembles.
+    # Imported here, since most programs run no ensembles.
     from cotree.ensemble.dataset import check_xarray
     from cotree.ensemble.members import read_members
     from cotree.ensemble.run import Execution, make_plan, run_ensemble
@@ -154,7 +155,7 @@ def run_members(
 
 
 class _Compiling(Protocol):
-    """A model that compiles expressions of inputs into another one."""
+    """A model that can compile expressions for inputs into a new model."""
 
     _defaults: Any
     kernels: CompiledModel
@@ -169,8 +170,8 @@ class _Compiling(Protocol):
 
 
 def _described(model: _Compiling) -> dict[str, str]:
-    """Return the text of the model's scene if it is short."""
-    # A scene with registered types cannot be written as TOML, and may not exist in another process.
+    """Return an attribute with the text of the model's scene, unless it is long."""
+    # A scene with user-registered types cannot be written as TOML.
     with contextlib.suppress(ModelError):
         text = _text_of(model.spec)
         return {"scene_toml": text} if 0 < len(text) <= _LONGEST_TEXT else {}
@@ -185,14 +186,14 @@ def _text_of(spec: BuildSpec) -> str:
 
 
 def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tuple[Any, Settings]:
-    """Return the model that has all columns, including gains of expressions, and its settings."""
+    """Return the model in which gains of input expressions are parameters, and its settings."""
     from cotree.ensemble.members import check_columns
 
     given, names = settings.parameters, model.parameters
     is_array = given is not None and not isinstance(given, Mapping)
     values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()
     shared = dict(zip(names, values, strict=True)) if is_array else dict(given or {})
-    # Gains have no values in the scene. They are set to values that do not depend on the order of
+    # Gains have no values in the scene, so they get values that do not depend on the order of
     # members.
     taken = {*names, *model.states, *model.inputs}
     gains = {
@@ -202,7 +203,7 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     }
     variant, rest = model._variant(replace(settings, parameters={**gains, **shared}))
     compiled = variant.kernels
-    # An array has a value for every parameter, including columns.
+    # An array has values for all parameters, including those that members set.
     check_columns(members.columns, compiled, () if is_array else shared, settings.initial)
     own = {name: value for name, value in gains.items() if name in compiled.parameters}
     return compiled, replace(rest, parameters={**own, **shared})

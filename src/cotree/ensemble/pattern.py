@@ -1,10 +1,10 @@
-"""The pattern of an ensemble: what its members share, and a template of their jobs in C.
+"""The pattern of an ensemble: data that all members share, with a template of their C jobs.
 
-In: a ``Plan``. Out: a ``Pattern``, or the reason why members must run one by one. It and the rows
-of a block determine parameters, initial values and tolerances of members.
+A ``Plan`` yields a ``Pattern``, or the reason why members must run one by one. The pattern and the
+rows of a block determine parameters, initial values and tolerances of the members.
 
-Lanes run members side by side in vectors. Their code is compiled for the first ensemble that uses
-it; otherwise there is a reason why members run one at a time.
+SIMD lanes run several members in one vector. Their code is compiled for the first ensemble that
+uses it. If members cannot use lanes, a sentence states the reason.
 """
 
 from __future__ import annotations
@@ -52,38 +52,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """The parts of a run that members share."""
+    """The data that all members of an ensemble share."""
 
     plan: Plan  # the plan, with the method already chosen
     row: Method
     engine: Engine
-    problem: Problem  # problem of a run with the default values of all columns
+    problem: Problem  # problem with the plan's own values for the columns that members set
     newton: Newton | None  # sparse factorisation for implicit methods in C
-    job: Job  # a job that has not started
-    signals: ReplacedInputs  # inputs that replace the scene's
-    starts: StartInC | None  # computes starts of members in C
-    #: Whether each member is prepared in Python: C cannot find its start, or its time events depend
-    #: on its values.
+    job: Job  # template for the jobs of members
+    signals: ReplacedInputs  # inputs that replace those of the scene
+    starts: StartInC | None  # C function for initial states of members
+    #: Whether each member is prepared in Python, because C cannot find its initial state or its
+    #: time events depend on its values.
     is_searched: bool
-    is_timed: bool  # whether rates depend on time, so that rounding errors of the time may matter
+    is_timed: bool  # whether rates depend on time, so that rounding errors of time may matter
     is_watched: bool  # whether members found to be stiff are repeated with another method
 
     def job_of(self, problem: Problem) -> Job:
-        """Create the job of a member; it can be restarted for others."""
+        """Create the job of a member, which can be restarted for other members."""
         is_extended = bool(self.job.job.is_extended)
         return Job(self.engine, self.row, problem, self.newton, is_extended=is_extended)
 
 
 @dataclass(frozen=True)
 class NotBatchable:
-    """A plan whose members run one by one, with the name of a method, and the reason."""
+    """A plan whose members must run one by one, with its method chosen, and the reason."""
 
     plan: Plan
     why: str
 
 
 def find_pattern(plan: Plan) -> Pattern | NotBatchable:
-    """Return what members share."""
+    """Return the pattern of a plan, or the reason why its members run one by one."""
     try:
         problem = problem_of(plan, plan.settings.parameters, plan.settings.initial)
         is_auto = plan.settings.method == "auto"
@@ -93,20 +93,20 @@ def find_pattern(plan: Plan) -> Pattern | NotBatchable:
         is_watched = (is_auto or plan.is_chosen) and row.family == "cotree" and not row.implicit
         found = _pattern(plan, row, problem, is_watched=is_watched)
     except Error as error:
-        # Default values may be refused although those of the members are valid.
+        # The plan's own values may be invalid although those of the members are valid.
         found = str(error)
     return NotBatchable(plan, found) if isinstance(found, str) else found
 
 
 def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
-    """Return the problem of one run, with the sensitivities of the plan."""
+    """Return the problem of one run for the given parameters and initial values."""
     problem = prepared(plan.model, plan.settings).run(parameters, initial)
     check_values(problem)
     return problem
 
 
 def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> Pattern | str:
-    """Return the pattern of a plan with a named method."""
+    """Return the pattern of a plan whose method is chosen, or the reason why there is none."""
     if not row.stepper:
         return f"'{row.name}' runs in Python"
     if problem.reach is not None:
@@ -141,18 +141,18 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
     """Return whether each member must be prepared in Python."""
-    # Tolerances of contents depend on the start.
+    # Tolerances of storage contents depend on the initial state.
     if plan.model.begins_at_rest or plan.model.layout.followers:
         return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
-    if problem.functions:  # an exception in a Python function would end all members
+    if problem.functions:  # otherwise an exception in a Python function would end all members
         return True
     return bool(_moving(plan) & set(plan.columns))
 
 
 def _moving(plan: Plan) -> set[str]:
-    """Name the parameters that determine time events and the longest step."""
+    """Return the names of parameters on which time events or the longest step depend."""
     program = plan.model.program
     stops = [stop for own in program.stops.values() for stop in own]
     nodes = [node for stop in stops for node in (stop.first, stop.period) if node is not None]
@@ -163,16 +163,16 @@ def _moving(plan: Plan) -> set[str]:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """Values of individual members."""
+    """Values that differ between members, as arrays."""
 
     p: FloatArray  # parameter values, shape (n_members, n_parameters)
     states: npt.NDArray[np.intc]  # indices of states with given initial values, shape (n_set,)
-    values: FloatArray  # the values, shape (n_members, n_set)
+    values: FloatArray  # initial values of these states, shape (n_members, n_set)
     is_refused: npt.NDArray[np.bool_]  # members whose values are not finite
 
 
 def own_values(pattern: Pattern, rows: FloatArray) -> Own:
-    """Return the values that members set."""
+    """Return the parameters and initial values of the members with the given rows."""
     plan, model = pattern.plan, pattern.plan.model
     shared = model.parameter_array(plan.settings.parameters)
     p = np.empty((len(rows), len(shared)))
@@ -186,7 +186,7 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
     for j, name in enumerate(plan.columns):
         if name in model.states:
             initial[name] = rows[:, j]
-        elif not is_slope(name):  # Python computes the starts, C only integrates
+        elif not is_slope(name):  # initial slopes are processed when Python prepares a member
             columns.append(j)
             places.append(model.parameters.index(name))
     p[:, places] = rows[:, columns]
@@ -199,10 +199,10 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
 
 
 def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return the absolute tolerances of members, of values and of quaternions, if they differ.
+    """Return absolute tolerances of values and of quaternions by member; None if they are equal.
 
-    Those of sensitivities are divided by the sizes of the parameters; see
-    :class:`cotree.solvers.problem.Tolerances`.
+    Tolerances of sensitivities are divided by the parameter magnitudes, which may differ between
+    members; see :class:`cotree.solvers.problem.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
     names = model.sensitivities[: problem.n_sensitivities]
@@ -219,38 +219,38 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
         scales[:, j] = np.where(size == 0.0, 1.0, size)
     own = replace(problem, scales=scales)
     _, atols = tested(pattern.row, own, is_extended=bool(pattern.job.job.is_extended))
-    # If sensitivities are not tested, their scales have no effect.
+    # If sensitivities are not in the error test, their scales have no effect.
     return (atols if atols.ndim > 1 else None), turn_tolerances(own)
 
 
-# Loaded lanes of models, by method, vectors and sensitivities; loaded by one thread at a time.
+# Loaded SIMD lanes by model, and by method, vectors and sensitivities. One thread loads at a time.
 _loaded: weakref.WeakKeyDictionary[CompiledModel, dict[tuple[Any, ...], LoadedLanes | str]] = (
     weakref.WeakKeyDictionary()
 )
 _building = threading.Lock()
 
-# A second vector is faster if the members of a vector integrate at most this many numbers.
+# Two interleaved vectors are faster if all members of one integrate at most this many numbers.
 _FEW = 48
 
-#: Permitted vector widths; 1 disables vectors.
+#: Permitted numbers of members per vector; 1 disables vectors.
 WIDTHS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedLanes:
-    """Lanes of a model."""
+    """Compiled SIMD lanes of a model."""
 
     n_lanes: int  # number of members integrated by one call
     n_bytes: int  # memory needed per worker, [byte]
     work: int  # address of the C function that integrates members
-    library: LoadedLibrary  # loaded library; the reference keeps its code in memory
+    library: LoadedLibrary  # reference that keeps the loaded code in memory
 
 
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:
-    """Find or build the lanes of a pattern, or return why its members use none.
+    """Return the SIMD lanes of a pattern, built if necessary, or the reason why there are none.
 
-    The choice depends only on the plan and the processor, not on the number of members, so that
-    results do not depend on the other members of a block.
+    The choice depends only on the plan and the processor, so that results of a member do not depend
+    on the other members of its block.
     """
     why = refusal_of(pattern)
     if why:
@@ -264,10 +264,10 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
 
 
 def refusal_of(pattern: Pattern) -> str:
-    """Return why members cannot run in lanes, or an empty string.
+    """Return the reason why members cannot run in SIMD lanes, or an empty string.
 
-    A reason has no capital and no full stop. Whether the compiler supports vectors is found by
-    building lanes.
+    The reason begins in lower case and has no full stop. Compiler support for vectors is not tested
+    here, but when lanes are built.
     """
     plan, problem = pattern.plan, pattern.problem
     if plan.lanes is not None and plan.lanes not in WIDTHS:
@@ -296,17 +296,17 @@ def refusal_of(pattern: Pattern) -> str:
 
 
 def _key(pattern: Pattern) -> tuple[str, Lanes, bool]:
-    """Return the parts of a pattern that determine the code of lanes."""
+    """Return the properties of a pattern that determine the code of its lanes."""
     lanes = lanes_of(cpu_features().split(), pattern.plan.lanes, pattern.problem.size)
     return pattern.row.name, lanes, pattern.problem.n_sensitivities > 0
 
 
 def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
-    """Choose the vectors for this processor."""
+    """Choose width and number of vectors for a processor with the given features."""
     machine, own = platform.machine().lower(), set(features)
     width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
     if machine in ("x86_64", "amd64"):
-        # Contraction to fused products depends on the processor, not on the width.
+        # Whether products are fused with sums depends on the processor, not on the width.
         is_fused = {"avx2", "fma"} <= own
         if is_fused and {"avx512f", "avx512dq", "avx512vl"} <= own:
             width, instructions = 8, ["avx512f", "avx512dq", "avx512vl"]
@@ -323,7 +323,7 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
 def _load(
     pattern: Pattern, method: str, lanes: Lanes, has_sensitivities: bool
 ) -> LoadedLanes | str:
-    """Build and load lanes."""
+    """Build and load SIMD lanes, or return the reason why that failed."""
     if find_toolchain() is None:
         return "no compiler is found"
     # Unrolled columns of maps become new nodes of the model's arena.

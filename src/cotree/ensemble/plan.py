@@ -1,8 +1,8 @@
-"""The data structures of an ensemble: the plan of all members, and the results of some of them.
+"""Data structures of an ensemble: the plan that all members share, and the results of a block.
 
-In: a model, settings of a run and the names of the values that differ between members. A member is
-a row of numbers. A block of rows is run from a ``Plan`` and these rows alone, in lanes, in threads
-or on another machine; its results are a ``Block``.
+A ``Plan`` consists of a model, the settings of a run and the names of the values that differ
+between members. A member is a row of these values. A plan and rows are sufficient to run a block,
+in SIMD lanes, in threads or on another machine. Its results are a ``Block``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, RunRecord
 
 
-#: Minimum number of members for compiling code with lanes, unless lanes are requested.
+#: Smallest number of members for which SIMD lanes are compiled without being requested.
 FEW = 100
 
 
@@ -34,7 +34,7 @@ class Plan:
     #: Names of the parameters and states whose values members set, in the order of a row.
     columns: tuple[str, ...]
     outputs: tuple[str, ...] = ()  # names of the outputs that are evaluated
-    #: Number of members per vector: 1 disables vectors, None selects the width of the processor.
+    #: Number of members per vector. 1 disables vectors; None selects the processor's vector width.
     lanes: int | None = None
     #: Whether the method was chosen automatically. A member that an explicit method finds stiff is
     #: then run again with a method for stiff problems.
@@ -54,30 +54,30 @@ NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 
 class Block:
-    """Results of some members, in the order of their rows; members are added in any order.
+    """Results of the members of a block, in the order of rows. Members may be added in any order.
 
     Attributes
     ----------
     z : ndarray, shape (n_members, n_t, n_states * (1 + n_sensitivities))
-        States, then their sensitivities parameter by parameter. All values of a member that failed
-        are nan, and those behind the end of one that an event stopped.
+        States, then their sensitivities parameter by parameter. Values are nan if the member
+        failed, and after the end of a member that an event stopped.
     outputs : ndarray, shape (n_members, n_t, n_outputs)
-        Outputs, likewise.
+        Outputs, with nan as above.
     output_sensitivities : ndarray, shape (n_members, n_t, n_sensitivities, n_outputs)
-        Their sensitivities.
+        Sensitivities of the outputs.
     status : ndarray of int8, shape (n_members,)
-        As of :class:`cotree.solvers.result.Trajectory`; -3 where the ensemble was stopped before
+        As in :class:`cotree.solvers.result.Trajectory`, or -3 if the ensemble was stopped before
         the member had run.
     messages : list of str
-        A sentence for each member that failed, was not run, or was run by another method; empty for
-        others.
+        A sentence for each member that failed, was not run, or was run by another method; else
+        empty.
     steps : ndarray of int64, shape (n_members,)
-        Accepted steps.
+        Number of accepted steps.
     seconds : ndarray, shape (n_members,)
-        Wall-clock time of each, [s]; members in the lanes of one vector share theirs.
+        Wall-clock time of each member, [s], which is divided among members that ran in one vector.
     events : ndarray, shape (n_events, 3 + n_sensitivities)
-        The place of the member in the block, the number of the event in ``model.layout.events``,
-        its time, [s], and the sensitivities of the time; by member, then by time.
+        Index of the member in the block, index of the event in ``model.layout.events``, its time,
+        [s], and the sensitivities of the time. Rows are sorted by member, then by time.
     """
 
     def __init__(self, plan: Plan, n_members: int) -> None:
@@ -91,7 +91,7 @@ class Block:
         self.steps = np.zeros(n_members, dtype=np.int64)
         self.seconds = np.zeros(n_members)
         self.events = np.zeros((0, 3 + m))
-        self._parts: list[FloatArray] = []  # events, until the block is finished
+        self._parts: list[FloatArray] = []  # event rows, joined when the block is finished
 
     def fail(self, member: int, status: int, message: str) -> None:
         """Add a failed member."""
@@ -99,7 +99,7 @@ class Block:
         self.status[member], self.messages[member] = status, message
 
     def succeed(self, members: npt.NDArray[np.bool_]) -> None:
-        """Mark members as successful; their values are already set."""
+        """Mark members as successful, whose values are already set."""
         self.status[members] = 0
         if members.all():
             self.messages = [""] * len(members)
@@ -108,13 +108,13 @@ class Block:
             self.messages[member] = ""
 
     def add_run(self, plan: Plan, member: int, run: RunRecord) -> None:
-        """Add a member from the record of its run."""
+        """Add the results of a member from the record of its run."""
         self.steps[member] = run.statistics.n_steps
         self.fail(member, run.status, run.message if run.status != 0 else "")
         if run.status != 0:
             return
         n, m = len(plan.model.states), plan.n_sensitivities
-        # If an event ends a run, its last point is that of the event, not an output time.
+        # If an event ends a run, the last point is the event instead of an output time.
         wanted = np.asarray(plan.settings.t_eval, dtype=float)
         k = min(len(run.t), len(wanted))
         reached = int(np.count_nonzero(run.t[:k] == wanted[:k]))
@@ -132,16 +132,16 @@ class Block:
             for name, times in run.events.items()
             for j, t in enumerate(times.t)
         ]
-        # Events are grouped by name; simultaneous ones keep the order of the model.
+        # The record groups events by name. Simultaneous events keep the order of the model.
         events = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
         self.add_events(events[np.argsort(events[:, 2], kind="stable")])
 
     def add_events(self, rows: FloatArray) -> None:
-        """Add events, ordered for each member."""
+        """Add event rows, which are in order of time for each member."""
         self._parts.append(rows)
 
     def finished(self) -> Block:
-        """Return the block; members that were not added are nan."""
+        """Complete and return the block; members that were not added are nan."""
         is_left = self.status == NOT_RUN
         if is_left.any():
             self._blank(is_left)

@@ -1,6 +1,6 @@
-"""Reasons of failed members, and how often each occurs.
+"""Reasons why members failed, and how often each occurred.
 
-In: the problem of a member, and its job in C at the point where the budget ended. Out: a sentence.
+If a budget is exhausted, a sentence is formed from the member's problem and the state of its C job.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
 
 
 class Reasons:
-    """Messages of failed members; mutable, bounded by the number of distinct messages.
+    """Counts of the distinct messages of failed members.
 
     Attributes
     ----------
     done : int
-        How many members were run.
+        Number of members that were run.
     failed : int
-        How many members failed.
+        Number of members that failed.
     first : (int, str) or None
-        The first of them by its number, and its sentence.
+        Index and message of the failed member with the lowest index.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Reasons:
         self._shown: dict[str, tuple[int, str]] = {}
 
     def add(self, first: int, status: npt.NDArray[np.int8], messages: Sequence[str]) -> None:
-        """Add some members; ``first`` is the number of the first of them."""
+        """Add the members of a block; ``first`` is the index of its first member."""
         self.done += int(np.count_nonzero(status != NOT_RUN))
         for i in np.flatnonzero((status != 0) & (status != NOT_RUN)).tolist():
             row = first + i, str(messages[i])
@@ -59,10 +59,10 @@ class Reasons:
             self.first = row if self.first is None else min(row, self.first)
 
     def summary(self, n_members: int) -> str:
-        """Describe how many members failed, and the most frequent reason; empty if none failed."""
+        """Return the number of failures and the most frequent reason as text; empty if none."""
         if not self.failed:
             return ""
-        # Among equally frequent reasons, take that of the first member.
+        # Of equally frequent reasons, take the one with the first member.
         reason, count = min(self._counts.items(), key=lambda row: (-row[1], self._shown[row[0]]))
         often = f", {count} of them for this reason" if count < self.failed else ""
         return (
@@ -71,14 +71,14 @@ class Reasons:
         )
 
 
-#: Exhausted budgets, as outcomes of members in C; see cotree_batch.h.
+#: Outcomes of members in C that exhausted a budget, as in cotree_batch.h.
 STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 
 
 def budget_message(
     problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
-    """Describe where a member stopped and which state grew."""
+    """Return a sentence on where a member exhausted its budget and which state grew."""
     settings = problem.settings
     if ended == EVENTS_SPENT:
         reason = events_spent(job.most_events)
@@ -89,7 +89,7 @@ def budget_message(
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
     assert settings.t_eval is not None  # settings of a plan always contain ``t_eval``
     t, z = settings.t_eval[: len(kept)], kept
-    # As in a single run, the last point is included in the test.
+    # As in a single run, the last point is also tested for growth.
     if not (len(t) and t[-1] == float(job.t)):
         t, z = np.append(t, float(job.t)), np.vstack([z, last])
     work = Statistics(method, 0, 0, 0, int(job.n_steps), 0.0)

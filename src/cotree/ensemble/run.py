@@ -1,8 +1,8 @@
-"""Execution of ensembles: blocks of members, run in this process or by an executor.
+"""Execution of ensembles by blocks of members, in this process or on an executor.
 
-In: a model, settings of a run, members. Out: a ``Plan``, blocks of rows, and an ``xarray.Dataset``
-of their results. Numbers depend only on the plan and on a member's own row, not on the sizes of
-blocks or on where they run.
+A model, the settings of a run and members yield a ``Plan``, whose results are collected in an
+``xarray.Dataset``. Results of a member depend only on the plan and on its own row, not on block
+sizes or on where blocks run.
 """
 
 from __future__ import annotations
@@ -51,31 +51,31 @@ if TYPE_CHECKING:
 
 
 class EnsembleProgress(CountingBar):
-    """Progress bar of members; disabled without a terminal and for short ensembles."""
+    """Progress bar over members, which is hidden without a terminal and for short ensembles."""
 
     def __init__(self, n: int, is_wanted: bool) -> None:
         super().__init__("members", n, is_wanted)
 
     def reached(self, done: int, failed: int) -> None:
-        """Update the numbers of finished and failed members."""
+        """Show the numbers of finished and failed members."""
         bad = f"{failed} failed, " if failed else ""
         self.count(done, lambda elapsed: f", {bad}{_rate(done / elapsed)}")
 
 
 def _rate(rate: float) -> str:
-    """Format a rate of members per second with about three digits."""
+    """Format a number of members per second with about three digits."""
     return f"{rate:,.0f}/s" if rate >= 100.0 else f"{rate:.3g}/s"
 
 
-# A trial is long enough above the first time, [s], and is stopped after the second time.
+# Minimum duration of a trial that measures speed, and duration after which a trial is stopped, [s].
 _ENOUGH, _TOO_LONG = 0.05, 1.0
 
-# Growth factor of the size of successive trials.
+# Largest ratio of the numbers of members in successive trials.
 _GROWTH = 64
 
 
 def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: int) -> int:
-    """Return how many members the threads run in ``piece`` seconds; at least one."""
+    """Return the number of members, at least one, that the threads run in ``piece`` seconds."""
     size = 1
     while True:
         stop = threading.Event()
@@ -85,7 +85,7 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
         limit.cancel()
         if np.any(block.status == NOT_RUN):
             return 1
-        # Times of members exclude compilation.
+        # Times of single members do not include compilation.
         seconds = max(float(block.seconds.sum()) / min(size, threads), 1e-9)
         if seconds >= _ENOUGH or size >= min(len(rows), most):
             return max(1, int(piece * size / seconds))
@@ -94,10 +94,10 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[threading.Event]:
-    """Return an event that Ctrl-C sets.
+    """Yield an event that Ctrl-C sets.
 
-    In threads other than the main one, which receive no signals, and in programs with their own
-    handler, nothing sets it; KeyboardInterrupt is then raised at any statement.
+    Outside the main thread, which alone receives signals, and in programs with their own handler,
+    nothing sets the event. KeyboardInterrupt may then be raised at any statement.
     """
     stop = threading.Event()
     is_main = threading.current_thread() is threading.main_thread()
@@ -117,16 +117,16 @@ def stopped_by_interrupt() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Members of the first block per thread, if the number of lanes is not given.
+# Number of members per thread in the first block if the number of lanes is not given.
 _LANES = 8
 
-# Maximum number of workers for which a store can write the blocks in time.
+# Maximum number of workers whose blocks a store can write as fast as they are computed.
 _MOST_QUICK = 8
 
-# Maximum size of the results of a block, [byte], in addition to the whole results.
+# Maximum size of the results of a block, [byte], which are in memory in addition to all results.
 _LARGEST_BLOCK = 2**26
 
-# Maximum size of the results of all blocks that an executor has in progress, [byte].
+# Maximum size of the results of all blocks submitted to an executor, [byte].
 _UNDER_WAY = 2**29
 
 
@@ -136,7 +136,7 @@ class MemberError(SolveError):
 
 @dataclass(frozen=True)
 class Execution:
-    """Execution of an ensemble: workers, store, errors; see :meth:`cotree.Model.ensemble`."""
+    """Options of execution: workers, store and errors; see :meth:`cotree.Model.ensemble`."""
 
     threads: int | None = None
     executor: Any = None
@@ -186,7 +186,7 @@ def run_ensemble(
                     break
                 _check(execution, members, done.reasons)
         except KeyboardInterrupt:
-            # With a custom handler KeyboardInterrupt is raised here; a second one propagates.
+            # With a custom handler, KeyboardInterrupt is raised here. A second one propagates.
             if stop.is_set():
                 raise
             stop.set()
@@ -217,7 +217,7 @@ def run_blocks(
 ) -> Generator[tuple[int, Block]]:
     """Run ranges of rows; yield each finished block with the index of its first row.
 
-    ``threads`` is the number of threads on this machine, or per worker of an executor.
+    ``threads`` is the number of threads in this process, or per worker of an executor.
     """
     if executor is not None:
         yield from ExecutorRun(executor, plan, rows, threads, stop).run(ranges)
@@ -233,9 +233,10 @@ def run_blocks(
 
 
 class BlockSizes:
-    """Sizes of blocks, from the time of previous ones or the size of their results.
+    """Determines block sizes from the time of previous blocks and the size of results.
 
-    ``threads`` share a block: as many as the process may use, or those of one worker.
+    ``threads`` is the number of threads that share a block: all of this process, or those of one
+    worker.
     """
 
     def __init__(self, plan: Plan, execution: Execution) -> None:
@@ -243,27 +244,28 @@ class BlockSizes:
         self.threads = execution.threads or (usable_cores() if self.executor is None else 1)
         most = _LARGEST_BLOCK
         if self.executor is not None:
-            # Workers together may be faster than this process can store their results.
+            # Workers may be faster than this process, so that finished blocks wait in memory.
             most = min(most, _UNDER_WAY // (AHEAD * count_workers(self.executor)))
         self._most = max(1, most // max(1, member_bytes(plan)))
-        # All lanes of all threads are occupied.
+        # A block occupies all lanes of all threads.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
 
     def size(self, plan: Plan, rows: FloatArray) -> int:
-        """Choose the size of stored blocks by trial runs, whose results are discarded."""
+        """Determine the size of stored blocks by trial runs, whose results are discarded."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
-        # So many workers together write as many files as a few with smaller blocks.
+        # Blocks take longer if there are many workers, so that the rate of written files is
+        # limited.
         piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 
     def spread(self, members_of_a_block: int, opened: contextlib.ExitStack) -> None:
-        """Run one block per thread if blocks have fewer members than there are threads."""
+        """Run blocks in parallel, one per thread, if they have fewer members than threads."""
         if self.executor is None and members_of_a_block < self.threads:
             self.executor = opened.enter_context(ThreadPoolExecutor(self.threads))
             self.threads = 1
 
     def ranges(self, n: int) -> AdaptiveRanges:
-        """Divide n members into blocks, sized by the time of previous ones."""
+        """Divide n members into blocks, whose sizes adapt to the time of previous blocks."""
         return AdaptiveRanges(n, self._most, self._least if self.executor is None else 1)
 
 
@@ -275,7 +277,7 @@ def make_plan(
     outputs: Sequence[str] | None,
     lanes: int | None,
 ) -> Plan:
-    """Check the data that members share, and choose their method."""
+    """Build the plan: check the data that members share, and choose the method."""
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
@@ -293,7 +295,7 @@ def check_count(value: object, name: str) -> None:
 
 
 def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the requested outputs; by default all."""
+    """Return the names of the requested outputs, by default of all."""
     if outputs is None:
         return model.outputs
     names = tuple(dict.fromkeys(check_names(outputs, "outputs")))

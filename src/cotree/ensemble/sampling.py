@@ -1,4 +1,4 @@
-"""Samples: members drawn from distributions, randomly or by low-discrepancy sequences."""
+"""Sampling of members from distributions, randomly or by low-discrepancy sequences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Names of distributions with the names of their arguments, for messages.
+#: Argument names of each distribution, for messages.
 KINDS: Mapping[str, tuple[str, ...]] = {
     "uniform": ("low", "high"),
     "loguniform": ("low", "high"),
@@ -37,7 +37,7 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 def read_distribution(
     given: Any, name: str, own: Callable[[], float]
 ) -> tuple[Callable[[Any], Any], list[Any]]:
-    """Return the quantile function of a distribution, and a description as JSON values."""
+    """Return the quantile function of a distribution and its description as JSON values."""
     if not isinstance(name, str):
         raise ParameterError(f"sample has the name {brief(repr(name))}: give it as text")
     what = f"the distribution of '{brief(name)}'"
@@ -115,7 +115,7 @@ def _described(given: Any) -> str:
     return f"{kind}{(*given.args, *given.kwds.items())}"
 
 
-#: Methods of drawing points of a unit cube.
+#: Methods of drawing points from the unit cube.
 METHODS = ("sobol", "latin", "halton", "random")
 
 # Maximum number of points of scipy's Sobol sequence.
@@ -124,7 +124,7 @@ _MOST = 2**30
 
 @dataclass(frozen=True, eq=False)
 class Samples(Mapping[str, "FloatArray"]):
-    """Members that were drawn; a mapping of names to arrays of shape (n,)."""
+    """Sampled members, a mapping of names to arrays of shape (n,)."""
 
     columns: Mapping[str, FloatArray]  # sampled values by name
     #: Method, seed and distributions of the sample; stored in the results.
@@ -215,7 +215,7 @@ def sample(
             f"the number of members is {brief(repr(n))}: give a whole number of at least 1"
         )
     check_choice(method, "the method of drawing", METHODS)
-    if seed is None:  # draw a seed, so that the sample can be repeated
+    if seed is None:  # choose a seed, so that the sample can be repeated
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     seed = check_whole(seed, "the seed")
     read = {
@@ -233,7 +233,7 @@ def sample(
 
 
 def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
-    """Return the value of a parameter, or of the start of a state, of a model or scene."""
+    """Return the value of a parameter, or the initial value of a state, in a model or scene."""
     if isinstance(source, SceneDescription):
         row = source.parameters.get(name)
         if row is not None and not row.is_derived:
@@ -252,26 +252,26 @@ def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
 
 
 def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatArray:
-    """Draw points of the open unit cube, shape (n, n_columns)."""
+    """Draw points from the open unit cube, shape (n, n_columns)."""
     from scipy.stats import qmc
 
     generator = np.random.default_rng(seed)
     if method == "random":
         points = generator.random((n, n_columns))
     elif method == "sobol":
-        # The next power of 2 of points, of which the first are taken: scipy warns for any other
-        # number.
+        # The number of points is rounded up to a power of 2, because SciPy warns otherwise, and
+        # surplus points are dropped.
         drawn = qmc.Sobol(n_columns, seed=generator).random_base2(max(0, int(n - 1).bit_length()))
         points = drawn[:n]
     else:
         kind = {"latin": qmc.LatinHypercube, "halton": qmc.Halton}[method]
         points = kind(n_columns, seed=generator).random(n)
-    # On its faces the quantiles of unbounded distributions are infinite.
+    # On the faces of the cube, quantiles of unbounded distributions are infinite.
     return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)
 
 
 def _finite(values: Any, name: str) -> FloatArray:
-    """Raise an error if quantiles of a distribution are not finite."""
+    """Return quantiles; raise an error if they are not finite."""
     found = np.asarray(values, dtype=float)
     if not np.isfinite(found).all():
         raise ParameterError(

@@ -1,10 +1,10 @@
-"""Results of an ensemble in a folder.
+"""Storage of ensemble results in a folder.
 
-``manifest.json`` identifies the ensemble and has the number of members of a block;
-``coordinates.npz`` has the coordinates of the Dataset. A block of members is a file of the folder
-``blocks``, an archive of numpy with an array for each variable, followed by a checksum. Files are
-written under another name and renamed. Several processes may write blocks of one store: each locks
-the blocks that it runs, and the system frees the locks of a process that dies.
+``manifest.json`` identifies the ensemble and states the number of members per block.
+``coordinates.npz`` contains the coordinates of the Dataset. Each block is a file in the folder
+``blocks``: a NumPy archive with an array for each variable, followed by a checksum. Files are
+written under a temporary name and then renamed. Several processes may write blocks of one store.
+Each locks the blocks that it runs, and the system releases the locks of a process that dies.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
     from filelock import BaseFileLock
 
-# Longer values of an identity, as of tables, are compared by their hash.
+# Values of an identity with more characters than this, such as tables, are compared by their hash.
 _LONGEST = 200
 
 
 def identity_of(plan: Plan) -> dict[str, Any]:
-    """Return the common data of all members of a plan, by name, as values of JSON.
+    """Return the data that identify an ensemble, by name, as JSON values.
 
-    The columns of members, and the times, are compared as coordinates of the results.
+    Members and times are not included, because they are compared as coordinates of the results.
     """
     model, settings = plan.model, plan.settings
     signals = read_signals(settings.inputs, model.inputs)
@@ -61,7 +61,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "scene": model.layout.name,
         "columns": list(plan.columns),
         **{name: plain(getattr(settings, name)) for name in (*SHARED, "initial")},
-        # Whether stiff members are run with another method.
+        # Whether another method may replace this one for stiff members.
         "method_is_chosen": plan.is_chosen,
         "t_span": plain(settings.t_span),
         "inputs": {name: _short(table) for name, table in tables.items()},
@@ -75,9 +75,9 @@ def identity_of(plan: Plan) -> dict[str, Any]:
 
 
 def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Describe the first difference; empty if there is none."""
+    """Return a description of the first difference, or an empty string if there is none."""
     for name, value in here.items():
-        # Values in the manifest have been converted to JSON.
+        # Values in the manifest were converted to JSON, so the same is done here.
         old, new = there.get(name), json.loads(json.dumps(value))
         if old == new:
             continue
@@ -107,7 +107,7 @@ def _digest(text: str) -> str:
 
 @cache
 def _engine() -> str:
-    """Hash the C text of the methods, which may differ between builds of one version."""
+    """Return a hash of the C sources of the methods, which may differ within one version."""
     found = hashlib.sha256()
     for path in sorted(path for path in template_folder().rglob("*") if path.is_file()):
         found.update(path.name.encode() + b"\0" + path.read_bytes())
@@ -118,7 +118,7 @@ _ONE_FILE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".zip")
 
 
 def read_path(store: Any) -> Path:
-    """Check the folder of a store; return its absolute path."""
+    """Check the path of a store, and return it as an absolute path."""
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StoreError(f"store is {brief(repr(store))}: give a folder, such as 'runs'")
     path = Path(store)
@@ -141,7 +141,7 @@ def read_path(store: Any) -> Path:
 
 @contextlib.contextmanager
 def store_errors(path: Path) -> Iterator[None]:
-    """Raise StoreError for an OSError of a read or a write."""
+    """Convert an OSError in reading or writing to a StoreError."""
     try:
         yield
     except OSError as error:
@@ -156,17 +156,17 @@ MANIFEST, COORDINATES, BLOCKS = "manifest.json", "coordinates.npz", "blocks"
 
 _DRAFT, _LOCK = ".partial", ".lock"
 
-# Size of a checksum in bytes.
+# Size of a checksum, [byte].
 _CHECK = 32
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays or lists of texts as an archive of numpy, followed by a checksum."""
+    """Write arrays or lists of texts to a NumPy archive, followed by a checksum."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, given in arrays.items():
             values = np.ascontiguousarray(given)
-            if values.dtype.kind == "O":  # object arrays hold texts of any length
+            if values.dtype.kind == "O":  # object arrays contain texts of any length
                 text = json.dumps(values.ravel().tolist())
                 values = np.frombuffer(text.encode(), dtype="S1")
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
@@ -179,11 +179,11 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
         draft.replace(path)
     except FileNotFoundError:
         if not path.exists():
-            raise  # on file systems without locks, another process has written the same block
+            raise  # else another process has written the same block, on a file system without locks
 
 
 def read_array(archive: Any, name: str) -> Any:
-    """Return an array of an open archive; texts as objects."""
+    """Return an array of an open archive; texts become an object array."""
     values = archive[name]
     if values.dtype.kind != "S":
         return values
@@ -191,7 +191,7 @@ def read_array(archive: Any, name: str) -> Any:
 
 
 def read_whole(path: Path) -> Any:
-    """Open an archive; None if it is missing or does not match its checksum."""
+    """Open an archive; return None if it is missing or does not match its checksum."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -221,19 +221,19 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def block_path(path: Path, first: int) -> Path:
-    """Return the file of the block with this first member."""
+    """Return the file path of the block that begins with member ``first``."""
     return path / BLOCKS / f"{first:010}.npz"
 
 
 class Store:
-    """The folder of an ensemble, open for writing.
+    """The result folder of an ensemble, open for writing.
 
     Attributes
     ----------
     reasons : Reasons
-        Number of stored members, and reasons of those that failed.
+        Number of stored members, and reasons of failures.
     members_of_a_block : int
-        The number of members of a block, but for the last one.
+        Number of members of each block except the last.
     """
 
     def __init__(self, store: Any, schema: DatasetSchema, size: Callable[[], int]) -> None:
@@ -250,7 +250,7 @@ class Store:
             self._find_blocks()
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """Lock and yield the ranges of members that are neither stored nor run elsewhere."""
+        """Yield the ranges of members that are neither stored nor run elsewhere, and lock each."""
         for first in list(self._missing):
             with store_errors(self.path):
                 if first in self._missing and self._lock(first) and not self._take_file(first):
@@ -264,7 +264,7 @@ class Store:
         return bool(self._missing) and not stop.is_set()
 
     def add_block(self, first: int, block: Block) -> None:
-        """Write a block while the next one is computed; an incomplete one is left out."""
+        """Write a block in the background; incomplete blocks are not written."""
         if np.any(block.status == NOT_RUN):
             return
         self._wait()
@@ -281,14 +281,14 @@ class Store:
                 self._unlock(first)
 
     def dataset(self) -> Any:
-        """Open the stored results; values are read on access."""
+        """Return the stored results as a Dataset, whose values are read on access."""
         from cotree.ensemble.store_backend import open_store
 
         with store_errors(self.path):
             return open_store(self.path)
 
     def _open(self, size: Callable[[], int]) -> int:
-        """Create the folder, or check that its ensemble is the same; return the size of a block."""
+        """Create the folder, or check that its ensemble is the same; return the block size."""
         is_new = self._is_empty()
         empty = self._schema.dataset({})
         coordinates = {name: row.values for name, row in empty.coords.items()}
@@ -311,18 +311,18 @@ class Store:
         return int(there["block"])
 
     def _is_empty(self) -> bool:
-        """Return whether the folder has no files except those of interrupted writes."""
+        """Return whether the folder is empty except for files of interrupted writes."""
         return not self.path.exists() or all(
             path.name.endswith((_DRAFT, _LOCK)) for path in self.path.iterdir()
         )
 
     @contextlib.contextmanager
     def _exclusive(self) -> Iterator[None]:
-        """Create the folder, and lock its manifest."""
+        """Create the folder, and hold a lock on its manifest."""
         import filelock
 
         if not ((self.path / MANIFEST).is_file() or self._is_empty()):
-            yield  # the directory is not a store; the caller reports the error
+            yield  # the folder is not a store, which the caller reports
             return
         self.path.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(self.path / f"{MANIFEST}{_LOCK}")
@@ -334,9 +334,9 @@ class Store:
             lock.release()
 
     def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
-        """Write the manifest."""
+        """Write manifest and coordinates of a new store."""
         schema = self._schema
-        # An empty block has all variables.
+        # An empty block defines all variables.
         rows = schema.variables((0,) * len(schema.dims), Block(schema.plan, 0))
         about = empty.to_dict(data=False)
         store = {
@@ -360,7 +360,7 @@ class Store:
     def _other_coordinate(
         self, there: Mapping[str, str], digests: Mapping[str, str], here: Mapping[str, Any]
     ) -> str:
-        """Return which coordinate differs from those of this call, and where."""
+        """Describe where the first differing coordinate differs from that of this call."""
         name = next(name for name in {**digests, **there} if digests.get(name) != there.get(name))
         archive, wanted = read_whole(self.path / COORDINATES), here.get(name)
         if archive is not None and name in there and wanted is not None:
@@ -372,12 +372,12 @@ class Store:
         return f"'{name}' has other values there and here"
 
     def _find_blocks(self) -> None:
-        """Count stored blocks, and remove damaged ones."""
+        """Count the members of stored blocks, and remove damaged blocks."""
         for first in list(self._missing):
             self._take_file(first)
 
     def _take_file(self, first: int) -> bool:
-        """Count the block with this first member; return False if it is missing or damaged."""
+        """Count the block that begins with ``first``; return False if it is missing or damaged."""
         file = block_path(self.path, first)
         archive = read_whole(file)
         if archive is None:
@@ -398,7 +398,7 @@ class Store:
         self._unlock(first)
 
     def _wait(self) -> None:
-        """Wait until a block is written; an error of its write is raised once."""
+        """Wait until the current block is written; raise the error if writing failed."""
         writing, self._writing = self._writing, None
         if writing is not None:
             with store_errors(self.path):
@@ -416,7 +416,7 @@ class Store:
         except filelock.Timeout:
             return False
         except NotImplementedError:
-            pass  # network file systems without locks: two processes may write the same block
+            pass  # a network file system without locks: two processes may write the same block
         self._locks[first] = lock
         return True
 
@@ -428,7 +428,7 @@ class Store:
             lock.release()
 
 
-# Interval between searches for blocks of other processes, [s].
+# Interval at which blocks of other processes are looked for, [s].
 _PATIENCE = 0.5
 
 

@@ -1,4 +1,4 @@
-"""Backend of xarray for stores of ensembles: ``xarray.open_dataset(FOLDER, engine="cotree")``."""
+"""xarray backend for ensemble stores: ``xarray.open_dataset(FOLDER, engine="cotree")``."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cotree.ensemble.dataset import OCCURRENCE
 from cotree.ensemble.plan import NOT_RUN, NOT_RUN_SENTENCE
 from cotree.ensemble.store import COORDINATES, MANIFEST, block_path, read_array, read_manifest
 
-# Values of members that were not run, by variable or by type.
+# Fill values for members that were not run, by variable or by type.
 _BLANKS = {"status": NOT_RUN, "message": NOT_RUN_SENTENCE, "seconds": 0.0}
 _BLANK_OF_KIND = {"i": 0, "f": np.nan}
 
 
 class StoreBackend(BackendEntrypoint):  # type: ignore[misc]
-    """Open stores lazily."""
+    """Backend that opens ensemble stores and reads values on access."""
 
     description = "Open stores of cotree's ensembles"
 
     def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None) -> Any:
-        """Return the Dataset of a folder; members that are missing are nan, with status -3."""
+        """Return the Dataset of a folder; missing members are nan with status -3."""
         return _lazy_dataset(Path(filename_or_obj)).drop_vars(drop_variables or [])
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
@@ -39,11 +39,11 @@ class StoreBackend(BackendEntrypoint):  # type: ignore[misc]
 
 
 def open_store(path: Path) -> Any:
-    """Return the Dataset of a store, with dask chunks if dask is installed."""
+    """Return the Dataset of a store, in dask chunks if dask is installed."""
     found = _lazy_dataset(path)
     has_dask = importlib.util.find_spec("dask") is not None
     for name, row in found.data_vars.items():
-        if row.dtype.kind == "O":  # dask warns when it writes texts to files
+        if row.dtype.kind == "O":  # dask would warn when it writes texts to files
             row.load()
         elif has_dask:
             found[name] = row.chunk(row.encoding["preferred_chunks"])
@@ -74,7 +74,7 @@ def _lazy_dataset(path: Path) -> Any:
 
 
 def _most_occurrences(path: Path, manifest: dict[str, Any]) -> int:
-    """Return the largest number of events of one kind in a member."""
+    """Return how often an event occurs at most in a single member."""
     rows = manifest["variables"].items()
     times = next((name for name, (dims, *_) in rows if dims[-1] == OCCURRENCE), None)
     most, files = 0, [] if times is None else sorted(block_path(path, 0).parent.glob("*.npz"))
@@ -85,7 +85,7 @@ def _most_occurrences(path: Path, manifest: dict[str, Any]) -> int:
 
 
 class _BlockArray(BackendArray):  # type: ignore[misc]
-    """A variable over all members; values are read from the files of blocks on access."""
+    """A variable over all members, whose values are read from block files on access."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class _BlockArray(BackendArray):  # type: ignore[misc]
         ]
 
     def _rows(self, first: int, rows: Any) -> Any:
-        """Return some rows of a block; blank if it is missing or has fewer events."""
+        """Return the given rows of a block; fill values replace missing blocks and events."""
         kind = self.dtype.kind
         blank = _BLANKS.get(self._name, _BLANK_OF_KIND.get(kind))
         found = np.full((len(rows), *self.shape[len(self._members) :]), blank, self.dtype)

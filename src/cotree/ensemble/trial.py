@@ -1,8 +1,8 @@
-"""Members that run one at a time, and trial runs before an ensemble.
+"""Execution of members one at a time, and trial runs before an ensemble.
 
-Methods of SciPy, and inputs sampled by Python functions, have no loop over members in C.
+SciPy methods, and inputs that are Python functions, require members to run one at a time.
 
-In: a model, settings and members. Out: settings with times and a method by name.
+Trial runs check the settings and choose the method of the ensemble.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:
-    """Run members one after another."""
+    """Run the members with the given rows one after another."""
     block = Block(plan, len(rows))
     for i, row in enumerate(rows.tolist()):
         if stop is not None and stop.is_set():
@@ -44,11 +44,11 @@ def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -
 
 
 def run_member(plan: Plan, row: Sequence[float], block: Block, member: int) -> None:
-    """Run one member by ``simulate``, and add it to a block."""
+    """Run one member by ``simulate``, and add its results to a block."""
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
-        with without_warnings():  # warnings are left out: error messages have the same text
+        with without_warnings():  # messages of results contain the same texts
             block.add_run(plan, member, simulate(plan.model, settings))
     except Error as error:
         block.fail(member, FAILED, str(error))
@@ -62,33 +62,34 @@ def settings_of(
     own = dict(zip(columns, row, strict=True))
     initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
-    # The same checks as for a single run, value by value.
+    # Values are checked one by one, as for a single run.
     for name in own.keys() - initial.keys():
         place = model.parameters.index(name)
         p[place] = model.parameter_array({name: own[name]})[place]
     return replace(settings, parameters=p, initial={**settings.initial, **initial})
 
 
-#: Number of evenly spaced output times of an ensemble for which none are given.
+#: Default number of evenly spaced output times of an ensemble.
 POINTS = 101
 
-# Number of steps of a trial in addition to those for the choice of the method.
+# Number of steps of a trial run after those that the choice of the method takes.
 _TRIAL_STEPS = 10
 
-# Method used if no trial succeeds: each member then reports the cause of its failure.
+# Method if no trial succeeds, with which each member then reports the reason of its failure.
 _OTHERWISE = "dop853"
 
-# Number of members that are tried if the run with the scene's values fails.
+# Number of members that are run on trial if the run with the scene's values fails.
 _TRIED = 3
 
 
 def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
-    """Try settings; return them with the name of a method.
+    """Check settings by trial runs, and return them with the chosen method.
 
-    Wrong settings raise before any member runs. The method ``auto`` is chosen once for all members,
-    from the first steps of runs with the values of the scene, and with those of the members that
-    have the smallest and the largest value of each column. If one of them is stiff, the method is
-    one for stiff problems. Members that become stiff later are detected when they run.
+    Invalid settings raise an error before any member runs. If the method is ``auto``, it is chosen
+    once for all members, from the first steps of trial runs: with the scene's values, and with the
+    members that have the smallest and the largest value of each column. If one of these is stiff,
+    the method is one for stiff problems. Members that become stiff later are detected when they
+    run.
     """
     settings = replace(settings, throw=False)
     if settings.method != "auto":
@@ -100,7 +101,7 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
         return settings
     runs = [base] if base else []
     for row in _extremes(members) if base else ():
-        # Members with refused values fail later, with a message.
+        # Members with invalid values fail later, with a message.
         with contextlib.suppress(Error), without_warnings():
             runs.append(simulate(model, settings_of(model, short, members.columns, row)))
     begun = [run.statistics.began_with or run.statistics.method for run in runs]
@@ -109,12 +110,12 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:
-    """Run with the scene's own values, or with those of the first members if these fail.
+    """Run with the scene's values or, if that fails, with those of the first members.
 
     Raises
     ------
     ModelError, SolveError
-        If all fail for the same reason, which is then in the settings.
+        If all runs fail for the same reason, so that the settings are invalid.
     """
     try:
         return _run_with_warnings(model, settings)
@@ -133,7 +134,7 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
 
 
 def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
-    """Run, and repeat warnings except that about the end of the trial."""
+    """Run once, and pass on all warnings except the one that the trial ended early."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulate(model, settings)
@@ -144,9 +145,10 @@ def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
 
 
 def _extremes(members: Members) -> list[list[float]]:
-    """Return the members with the smallest and the largest value of each column."""
+    """Return the rows of the members with the smallest and largest value of each column."""
     rows = members.rows
-    # Sorted, so that among equal values the choice does not depend on the order of members.
+    # Members are sorted first, so that the choice among equal values does not depend on their
+    # order.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
     places = {*np.argmin(ordered, axis=0).tolist(), *np.argmax(ordered, axis=0).tolist()}
     found: list[list[float]] = ordered[sorted(places)].tolist()

@@ -1,1 +1,1 @@
-"""Studies: many runs of one model."""
+"""Studies of accuracy and speed, with many runs of one model."""

@@ -1,7 +1,7 @@
-"""Errors of runs against a reference on which two methods agree.
+"""Errors of runs relative to a reference solution on which two methods agree.
 
-In: runs of several methods. Out: a ``Reference``: the solutions of two methods and their
-difference, below which errors cannot be measured.
+A ``Reference`` contains the solutions of two methods and their difference, which is the smallest
+error that can be measured.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Definition of an error, for tables and plots.
+#: Definition of errors, printed with tables and plots.
 ERROR = "largest |y - ref| / max(1, max |ref|)"
-#: Definition of an error relative to the magnitude of each quantity.
+#: Definition of errors relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# Relative errors are measurable if the two solutions of a reference differ by at most this
-# fraction.
+# The relative error of a quantity is measurable if the two solutions of the reference differ by at
+# most this fraction.
 _MEASURABLE = 1e-2
 
-# If two methods agree to this tolerance, no further method is run: it is below the errors for which
-# methods are recommended.
+# If two methods agree to this tolerance, which is below all errors of interest, no further method
+# is run.
 _ENOUGH = 1e-10
-# Largest difference of the two solutions of a reference.
+# Largest permitted difference between the two solutions of a reference.
 _TOO_FAR = 1e-6
 
-# Methods for the reference in order of preference: methods of high order from different families.
-# Only cvode, dop853 and rodas5 support events, constraints and algebraic unknowns.
+# Methods for the reference in order of preference, of high order and from different families. Only
+# cvode, dop853 and rodas5 support events, constraints and algebraic unknowns.
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
-# Relative tolerances of explicit methods of high order, and of the others, in which rounding errors
-# would dominate at the tighter one.
+# Relative tolerance of explicit methods of high order, and that of all other methods, whose
+# rounding errors would dominate at the tighter one.
 _TIGHTEST, _TIGHT = 1e-13, 1e-12
 
 
@@ -57,20 +57,20 @@ class Solution:
 
     method: str
     rtol: float  # relative tolerance of the run
-    y: Array  # states at the times
+    y: Array  # states at the points in time
     s: Array  # sensitivities of the states
 
     def distance(self, other: Solution | Result) -> tuple[float, float]:
-        """Return the error of another solution, of its states and of its sensitivities.
+        """Return the errors of the states and of the sensitivities of another solution.
 
-        They are max |y - ref| / max(1, max |ref|) over points and states, and the same over points,
-        states and parameters: max |ref| is that over the points, of each state and of each
-        sensitivity on its own. nan if there are none.
+        An error is the maximum of |y - ref| / max(1, max |ref|) over all points in time and all
+        states or sensitivities. max |ref| is taken over time, for each state and sensitivity on its
+        own. nan if there are none.
         """
         return _error(other.y, self.y), _error(other.s, self.s)
 
     def __str__(self) -> str:
-        """Return the method and its tolerance."""
+        """Return a text with the method and its tolerance."""
         return f"{self.method} at rtol {self.rtol:.0e}"
 
 
@@ -81,11 +81,11 @@ class Reference:
     Attributes
     ----------
     solution : Solution
-        The solution to which runs are compared.
+        The solution with which runs are compared.
     other : Solution
         The solution that confirms it.
     agreement_states, agreement_sensitivities : float
-        Their difference, below which errors cannot be measured.
+        Differences between both solutions, below which errors cannot be measured.
     """
 
     solution: Solution
@@ -95,22 +95,23 @@ class Reference:
 
     @property
     def agreement(self) -> float:
-        """Return the larger of the two agreements."""
+        """Return the larger of the differences in states and in sensitivities."""
         return worse(self.agreement_states, self.agreement_sensitivities)
 
     @property
     def own_agreement(self) -> float:
-        """Return the agreement relative to the magnitudes of quantities."""
+        """Return the largest difference relative to the magnitude of each quantity."""
         return worse(*self.own_distance(self.other))
 
     def own_distance(self, other: Solution | Result) -> tuple[float, float]:
-        """Return the error of a solution relative to the magnitude of each quantity.
+        """Return the errors of a solution relative to the magnitude of each quantity.
 
         Returns
         -------
         states, sensitivities : float
-            max |y - ref| / max |ref| over points and states, and the same of sensitivities, without
-            quantities on which both solutions disagree; nan if there are no others.
+            max |y - ref| / max |ref| over points and states, and likewise for sensitivities,
+            without quantities on which the two reference solutions disagree; nan if no quantities
+            remain.
         """
         return (
             _own_error(other.y, self.solution.y, self.other.y),
@@ -118,7 +119,7 @@ class Reference:
         )
 
     def summary(self) -> str:
-        """Return a sentence with the methods and their agreement."""
+        """Return a text that states both methods and how closely they agree."""
         sensitivities = (
             ""
             if math.isnan(self.agreement_sensitivities)
@@ -130,15 +131,15 @@ class Reference:
 
 
 def worse(*errors: float) -> float:
-    """Return the largest error that is not nan; nan if there is none."""
+    """Return the largest of the errors that are not nan; nan if all are."""
     return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
 
 def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
-    """Run methods at tight tolerances until two agree to 1e-10; else return the best pair.
+    """Run methods at tight tolerances until two agree to 1e-10; otherwise return the best pair.
 
-    ``run(method, rtol)`` returns a result at the points to compare. If ``is_stiff``, implicit
-    methods are run first.
+    ``run(method, rtol)`` returns a result at the points in time to compare. If ``is_stiff``,
+    implicit methods are run first.
     """
     solutions: list[Solution] = []
     pairs: list[Reference] = []
@@ -172,7 +173,7 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
 
 
 def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
-    """Pair each earlier solution, whose method ranks higher, with a new one."""
+    """Pair each earlier solution, whose method is preferred, with the new solution ``found``."""
     for solution in earlier:
         # Errors are relative to the earlier solution.
         pair = Reference(solution, found, *solution.distance(found))
@@ -181,7 +182,7 @@ def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
 
 
 def starts_implicit(method: str) -> bool:
-    """Return whether a method that was chosen for a problem is implicit."""
+    """Return whether the method that was chosen for a problem is implicit."""
     return method in METHODS and METHODS[method].implicit
 
 
@@ -202,26 +203,26 @@ def _own_error(found: Array, reference: Array, other: Array) -> float:
 
 
 def _error(found: Array, reference: Array) -> float:
-    """Return the largest difference, scaled by rows; the last axis is the points."""
+    """Return the largest difference, scaled for each quantity; the last axis is time."""
     if reference.size == 0:
         return math.nan
-    # Quantities below one are compared absolutely.
+    # For quantities below one, the difference is absolute.
     scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
     largest = float(np.max(np.abs(found - reference) / scale))
-    # The error of values that are not finite is infinite.
+    # Values that are not finite have an infinite error.
     return largest if math.isfinite(largest) else math.inf
 
 
-# Times with a smaller relative difference count as equal: compilers and memory layout have effects
-# of this size.
+# Run times with a smaller relative difference count as equal, since compilers and memory layout
+# have effects of this size.
 _LEAST_GAIN = 0.1
-# Minimum times with a larger ratio differ in spite of noise.
+# Run times with a larger relative difference count as different, whatever the noise.
 _MOST = 1.0
 
 
 @dataclass(eq=False)
 class BenchRow:
-    """One method at one tolerance.
+    """Results of a bench for one method at one tolerance.
 
     Attributes
     ----------
@@ -230,7 +231,8 @@ class BenchRow:
     rtol, atol : float
         Its tolerances.
     times : list of float
-        Elapsed times of runs, [s]; empty if the run failed, or another method replaced this one.
+        Elapsed times of runs, [s]; empty if the first run failed or another method replaced this
+        one.
     first : float
         Elapsed time of the first run, [s].
     error_states, error_sensitivities : float
@@ -240,7 +242,7 @@ class BenchRow:
     statistics : Statistics or None
         Numbers of steps and evaluations; None if the run could not start.
     status : int
-        0 for success, else negative, as in a result.
+        0 for success, else negative, as in results of runs.
     message : str
         The solver's report, or the reason why there is no run.
     """
@@ -260,24 +262,25 @@ class BenchRow:
 
     @property
     def seconds(self) -> float:
-        """Median of the times, [s]; nan if there are none."""
+        """Median of the elapsed times, [s]; nan if there are none."""
         return statistics.median(self.times) if self.times else math.nan
 
     @property
     def least(self) -> float:
-        """The shortest of the times, [s]; nan if there are none."""
+        """Minimum of the elapsed times, [s]; nan if there are none."""
         return min(self.times, default=math.nan)
 
     @property
     def noise(self) -> float:
-        """Lower quartile of the times relative to the least, minus one."""
-        # Disturbances only make runs longer, so that short runs show the accuracy of the minimum.
+        """Lower quartile of the elapsed times divided by their minimum, minus one."""
+        # Disturbances only make runs longer, so that the shortest runs show how accurate the
+        # minimum is.
         times, n = sorted(self.times), len(self.times)
         return times[max(1, n // 4) if n > 1 else 0] / times[0] - 1.0 if times else math.nan
 
     @property
     def n_runs(self) -> int:
-        """Number of runs that the median is taken of."""
+        """Number of runs from which the median is computed."""
         return len(self.times)
 
     @property
@@ -287,44 +290,44 @@ class BenchRow:
 
     @property
     def error(self) -> float:
-        """Return the larger of both errors."""
+        """Return the larger of the errors of states and sensitivities."""
         return worse(self.error_states, self.error_sensitivities)
 
     @property
     def own_error(self) -> float:
-        """Return the larger of both errors relative to the magnitudes of quantities."""
+        """Return the larger of both errors relative to the magnitude of each quantity."""
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property
     def substitute(self) -> str:
-        """Return the method that replaced the one of the row; empty if none did."""
+        """Return the method that replaced this row's method, or an empty string."""
         ran = self.method if self.statistics is None else self.statistics.method
         return "" if ran == self.method else ran
 
     @property
     def note(self) -> str:
-        """Return why there are no numbers or times; empty if the row is complete."""
+        """Return the reason why the row has no errors or times; empty if it is complete."""
         if not self.success:
             return self.message
         return f"{self.substitute} stood in: not timed" if self.substitute else ""
 
     @property
     def spread(self) -> float:
-        """Return the median of the times relative to the least, minus one."""
+        """Return the median of the elapsed times divided by their minimum, minus one."""
         return self.seconds / self.least - 1.0
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Return the fastest row and those within its noise, one of each method, in their order.
+    """Return the fastest row and those that are as fast within the noise, one for each method.
 
-    Least times that differ by less than a tenth, or by less than the noise of either, are equal.
+    Minimum times count as equal if they differ by less than a tenth or by less than the noise.
     """
     best_of: dict[str, BenchRow] = {}
     for row in rows:
         held = best_of.get(row.method)
         if held is None or row.least < held.least:
             best_of[row.method] = row
-    # Disturbances only make runs longer, so that minimum times are compared.
+    # Minimum times are compared, because disturbances only make runs longer.
     best = min(best_of.values(), key=lambda row: row.least, default=None)
     if best is None:
         return ()

@@ -1,7 +1,6 @@
-"""Speed against error of every method at every tolerance, on one scene.
+"""Benchmark of methods on one scene: time and error of every method at every tolerance.
 
-In: a scene, or a compiled model. Out: a :class:`BenchReport`: time and error of each method at each
-tolerance, and the recommended methods.
+The result for a scene or a compiled model is a :class:`BenchReport`, which also recommends methods.
 """
 
 from __future__ import annotations
@@ -53,11 +52,11 @@ def time_in_rounds(
     spent: Callable[[], float] = time.process_time,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Run each row once in each round, and append the time of a success; the first row rotates.
+    """Run all rows once per round, beginning with a different row, and append times of successes.
 
     A row whose times sum to more than ``longest`` seconds is omitted from further rounds. No run
-    begins after the processor time ``until``, so that other processes do not change the number of
-    rounds. ``tell`` is called with the number of each round.
+    begins after ``until``, which is a processor time, so that the number of rounds does not depend
+    on other processes. ``tell`` is called with the number of each round.
     """
     for k in range(repeats):
         tell(k)
@@ -82,7 +81,7 @@ def machine(backend: str) -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        # The only version of SUNDIALS that engines can load
+        # Engines can load only this version of SUNDIALS.
         "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
         "system": f"{platform.system()} {platform.machine()}",
         "processor": processor_name(),
@@ -93,35 +92,35 @@ def machine(backend: str) -> dict[str, str]:
 
 
 def machine_load() -> str:
-    """Return the mean load of the last minute; "unknown" on Windows."""
+    """Return the mean processor load in the last minute; "unknown" on Windows."""
     return f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
 
 
 if TYPE_CHECKING:
     Progress = Callable[[str, float], None]
 
-#: Default relative tolerances.
+#: Default relative tolerances of a bench.
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 N_POINTS = 101
 # Default time limit of a run, [s].
 _TIME_LIMIT = 5.0
-# The same ratio as that of the default tolerances of runs.
+# Ratio of relative to absolute tolerance, the same as for the default tolerances of runs.
 _RTOL_PER_ATOL = 100.0
-# Time limit of the reference, which has tight tolerances, relative to that of a run.
+# Time limit of a reference run, which has tight tolerances, relative to that of other runs.
 _PATIENCE = 12.0
-# Tolerances of the first run of each method, which builds its engine.
+# Tolerances of the run of each method that builds its engine.
 _LOOSE = (1e-3, 1e-5)
-#: Default processor time of all runs, without compilation and reference, [s].
+#: Default budget: processor time of all runs, without compilation and reference, [s].
 BUDGET = 20.0
 #: Budget, tolerances and numbers of runs of a quick bench.
 QUICK_BUDGET, QUICK_TOLERANCES, QUICK_REPEATS = 4.0, (1e-3, 1e-6, 1e-9), 9
-# Fraction of the budget for the first run of each row.
+# Fraction of the budget for the first runs of all rows.
 _TRIES = 0.6
 # Runs shorter than this, [s], are repeated this many times in the first round.
 _SHORT, _TRIES_OF_SHORT = 0.02, 3
-# Fractions of the progress bar: engines and the reference, and first runs.
+# Fractions of the progress bar for building engines and the reference, and for first runs.
 _TO_BUILD, _TO_TRY = 0.2, 0.5
-# Rows slower by this factor than a row of equal accuracy are timed last.
+# Rows that are slower by this factor than a row of at least equal accuracy are timed last.
 _FAR = 3.0
 # Status of a run that exceeded its time limit.
 _SPENT = -2
@@ -141,7 +140,7 @@ def bench(
     progress: Progress | None = None,
     **settings: Unpack[SettingsDict],
 ) -> BenchReport:
-    """Measure speed against error of every method at every tolerance.
+    """Measure time and error of every method at every tolerance.
 
     Parameters
     ----------
@@ -222,7 +221,7 @@ def bench(
     tell = progress or (lambda text, share: None)
     load_before = machine_load()
     model = _model(source, sensitivities, tree)
-    with without_warnings(category=RuntimeWarning):  # the rows contain the messages of their runs
+    with without_warnings(category=RuntimeWarning):  # rows contain the messages of runs
         own = {**settings, "parameters": dict(values or {})}
         runner = _Runs(model, t_end, own, limit)
         expected = _warm_up(runner, names, tell)
@@ -250,7 +249,7 @@ def bench(
 
 
 class _Runs:
-    """Runs of one model over the same points."""
+    """Runs one model with any method at the same points in time."""
 
     def __init__(
         self, model: Model, t_end: float | None, settings: dict[str, Any], time_limit: float
@@ -260,7 +259,7 @@ class _Runs:
                 f"'{model.kernels.layout.name}' has no states: there is nothing to integrate"
             )
         self.model, self.settings, self.time_limit = model, settings, time_limit
-        # A run at loose tolerances gives the end time and the method chosen for the scene.
+        # A run at loose tolerances determines the end time and the method chosen for the scene.
         probe = model.simulate(
             None if t_end is None else (0.0, t_end),
             method="auto",
@@ -272,7 +271,7 @@ class _Runs:
         )
         self.t_end = float(probe.t[-1])
         self.is_stiff = starts_implicit(probe.statistics.method)
-        # The same points for all methods, so that errors are compared without interpolation.
+        # All methods use the same points in time, so that errors do not include interpolation.
         self.points: npt.NDArray[np.float64] = np.linspace(0.0, self.t_end, N_POINTS)
 
     def run(self, method: str, rtol: float, atol: float, patience: float = 1.0) -> Result:
@@ -294,7 +293,7 @@ class _Runs:
 
 
 def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str, float]:
-    """Run each method once, which builds its engine; return the times, [s]."""
+    """Run each method once to build its engine; return the elapsed times, [s]."""
     seconds = {}
     for k, method in enumerate(methods):
         tell(f"building {method}", _TO_BUILD * k / len(methods))
@@ -311,12 +310,12 @@ def _try_all(
     until: float,
     tell: Progress,
 ) -> None:
-    """Run each row once, fast methods first; omit tighter tolerances of slow methods."""
+    """Run each row once, with fast methods first and without tight tolerances of slow methods."""
     waiting = {
         method: sorted((t for t in trials if t.method == method), key=lambda trial: -trial.rtol)
         for method in dict.fromkeys(trial.method for trial in trials)
     }
-    # The expected time of a run is that of the same method at the previous, looser tolerance.
+    # The expected time of a run is the time of the same method at the previous, looser tolerance.
     n_tried = 0
     while any(waiting.values()):
         method = min((m for m in waiting if waiting[m]), key=lambda m: expected[m])
@@ -353,7 +352,7 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
         own = reference.own_distance(result)
         trial.own_error_states, trial.own_error_sensitivities = own
-    # One time of a short run is not accurate enough to find the fastest rows.
+    # A single measurement of a short run is not accurate enough to find the fastest rows.
     for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
@@ -365,7 +364,7 @@ def _timed(runner: _Runs, trial: BenchRow) -> tuple[Result | None, float]:
 
 
 def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
-    """Run a trial; the message of an exception becomes that of the trial."""
+    """Run a row; store the message of an exception in the row, and return None."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
     except (Error, ArithmeticError, ValueError, RuntimeError) as error:
@@ -376,12 +375,12 @@ def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
 def _time_all(
     runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
-    """Time the successful rows: those that may be recommended first, then the others."""
+    """Time the successful rows repeatedly: first those that may be recommended, then the others."""
 
     def run(trial: BenchRow) -> bool:
         result = _attempt(runner, trial)
         if result is not None and not result.success and not trial.times:
-            # The first run was barely within the time limit.
+            # The first run was barely within the time limit, and this one exceeds it.
             trial.status, trial.message = result.status, result.message
         return result is not None and result.success
 
@@ -407,7 +406,7 @@ def _time_all(
 
 
 def _contenders(trials: Sequence[BenchRow]) -> list[BenchRow]:
-    """List the trials that are not far slower than another one of at least equal accuracy."""
+    """Return the rows that are not much slower than another row of at least equal accuracy."""
 
     def error(row: BenchRow) -> float:
         known = worse(row.error, row.own_error)
@@ -437,7 +436,7 @@ def _model(
 
 
 def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
-    """Return both tolerances."""
+    """Return relative and absolute tolerance of an entry of ``tolerances``, and check them."""
     try:
         rtol, atol = entry if isinstance(entry, tuple) else (entry, entry / _RTOL_PER_ATOL)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Results of a bench: rows of methods and tolerances, as a table, as JSON and as a plot."""
+"""Results of a bench, as a table, as JSON and as a plot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: Errors for which methods are recommended.
 TARGETS = (1e-3, 1e-6, 1e-9)
 
-# Entries of a row in JSON, in addition to its statistics.
+# Attributes of a row that are written to JSON in addition to its statistics.
 _OF_ROW = (
     *("method", "rtol", "atol", "seconds", "least", "noise", "n_runs", "error_states"),
     *("error_sensitivities", "own_error_states", "own_error_sensitivities", "status", "message"),
@@ -35,7 +35,7 @@ _OF_ROW = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BenchReport(Reported):
-    """Speed against error of methods on one scene.
+    """Times and errors of methods on one scene.
 
     Attributes
     ----------
@@ -71,18 +71,18 @@ class BenchReport(Reported):
         return f"<BenchReport of {self.scene}: {len(self.rows)} runs; print(report) for the table>"
 
     def recommended(self, target: float) -> BenchRow | None:
-        """Return the fastest run whose error, of states and sensitivities, is at most ``target``.
+        """Return the fastest row whose errors of states and sensitivities are at most ``target``.
 
-        Of tied methods it is the first in the table; :meth:`tied` returns all. None if no run has
-        this accuracy, or the reference is less accurate.
+        If several methods are equally fast, it is the first in the table; :meth:`tied` returns all.
+        None if no row has this accuracy, or if the reference is less accurate.
         """
         return next(iter(self.tied(target)), None)
 
     def tied(self, target: float) -> tuple[BenchRow, ...]:
-        """Return the fastest runs whose error is at most ``target``, one of each method.
+        """Return the fastest rows whose errors are at most ``target``, one for each method.
 
-        Their times differ by less than the noise. Errors relative to the magnitude of each quantity
-        must not exceed the target either, if the reference has this accuracy.
+        Their times differ by less than the noise. If the reference is accurate enough, errors
+        relative to the magnitude of each quantity must not exceed the target either.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class BenchReport(Reported):
         )
 
     def judges_own(self, target: float) -> bool:
-        """Return whether the reference resolves a relative error of each quantity."""
+        """Return whether the reference is accurate enough for relative errors of ``target``."""
         return self.reference.own_agreement <= target
 
     def report(self) -> Report:
@@ -135,7 +135,7 @@ class BenchReport(Reported):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the trajectories as numbers, texts, lists and dicts for JSON."""
+        """Return all data except the trajectories as JSON-compatible values."""
         pair = self.reference
         found: dict[str, Any] = json_values(
             {
@@ -173,12 +173,12 @@ class BenchReport(Reported):
         return found
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write ``to_dict()`` to a file; raise SceneError if it cannot be written."""
+        """Write the result of ``to_dict()`` to a file; raise SceneError if that fails."""
         with atomic_write(path) as draft:
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
-        """Plot time over error, with a curve for each method."""
+        """Plot elapsed time over error, with a curve for each method."""
         return plot_bench(self)
 
     def _cells(self, row: BenchRow) -> list[str]:
@@ -216,14 +216,14 @@ class BenchReport(Reported):
 
 
 def _shown(error: float, agreement: float) -> str:
-    """Return an error as text, or an upper bound if the reference does not resolve it."""
+    """Return an error as text, with its upper bound if it is too small for the reference."""
     if math.isnan(error):
         return "-"
     return f"< {agreement:.1e}" if error < agreement else f"{error:.1e}"
 
 
 def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | None:
-    """Return the recommended method and those that are tied with it."""
+    """Return the recommended method and all others that are as fast."""
     if not tied:
         return None
     first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)
@@ -234,10 +234,10 @@ _MARKERS = "osD^v<>Ph*X"
 
 
 def plot_bench(report: BenchReport) -> Figure:
-    """Plot seconds over error, of states and of sensitivities.
+    """Plot elapsed time over the errors of states and of sensitivities.
 
-    Errors below the accuracy of the reference are open markers at the border of a grey region. Rows
-    without a time or an error are left out.
+    Errors below the accuracy of the reference are drawn as open markers at the border of a grey
+    region. Rows without a time or an error are omitted.
     """
     sensitivities, rows, reference = report.sensitivities, report.rows, report.reference
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
@@ -272,14 +272,14 @@ def _draw_methods(
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
-        # Error, duration, and whether the error is below the accuracy of the reference.
+        # Error, elapsed time, and whether the error is below the accuracy of the reference.
         found = [
             (max(error(row), agreement), row.seconds, error(row) < agreement)
             for row in rows
             if row.method == method and math.isfinite(error(row)) and math.isfinite(row.seconds)
         ]
         style: dict[str, Any] = {"color": color, "marker": _MARKERS[k % len(_MARKERS)], "ms": 5}
-        # A method without points also has an entry in the legend.
+        # Methods without points also have an entry in the legend.
         label = method if found else f"{method}: no run"
         ax.plot([x for x, _, _ in found], [y for _, y, _ in found], lw=1.4, label=label, **style)
         hidden = [(x, y) for x, y, is_below in found if is_below]
@@ -290,7 +290,7 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-        # The span would extend the limits, so these are read first.
+        # The axis limits are read first, because the grey region would extend them.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)
