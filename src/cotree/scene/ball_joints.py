@@ -1,7 +1,7 @@
-"""Dampers and smooth friction on spherical joints.
+"""Dampers and smooth friction that act on spherical joints.
 
-A spherical joint has no angle. A component with the law f(w) of an angular velocity acts on it with
-the torque f(|w|) w/|w|, whose components along the axes of the first node have a port each.
+A spherical joint has no angle. A component with a law f(w) of angular velocity acts on it with the
+torque f(|w|) w/|w|. Each component of this torque along an axis of the first node has a port.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NAMES = ("turn1", "turn2", "turn3")
 
 
 def with_ball_joints(scene: _Scene) -> _Scene:
-    """Replace the ports of dampers on spherical joints by three each."""
+    """Replace each port of a damper on a spherical joint by three ports."""
     made = scene
     for port in scalar_ports(scene).values():
         joint = scene.edges.get(port.ends.acts_on[0]) if len(port.ends.acts_on) == 1 else None
@@ -47,7 +47,7 @@ def with_ball_joints(scene: _Scene) -> _Scene:
 
 
 def _turns(terminal: Terminal) -> tuple[Terminal, ...]:
-    """Make the ports of the components of the torque."""
+    """Return the ports of the three torque components."""
 
     def law_of(name: str) -> Law:
         return Law.formed_by(lambda: component(name))

@@ -1,8 +1,8 @@
-"""Rewriting of jumps and branches in registered laws as modes and events.
+"""Replacement of jumps and branches in registered laws by modes and events.
 
-In: an edge of a scalar component whose law contains ``sign``, ``floor`` or comparisons of
-variables. Out: the same edge; its law has one more field for each of them, which holds a mode.
-Kinks of a ``Piecewise`` become events, too, so that each smooth branch is integrated by itself.
+If the law of a scalar component contains ``sign``, ``floor`` or comparisons of variables, the edge
+is replaced by one whose law has an additional field for each of them, which contains a mode. The
+kinks of a ``Piecewise`` also become events, so that each smooth branch is integrated separately.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def jumps_in(tree: ast.expr) -> list[ast.expr]:
-    """List the signs and the comparisons of two values in a tree."""
+    """List the signs, and the comparisons of two values, in a tree."""
     return [
         node
         for node in ast.walk(tree)
@@ -50,7 +50,7 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
 
 
 def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
-    """Return the switching function of a sign or comparison, and whether it holds above zero."""
+    """Return the switching function of a sign or comparison, and whether it is true above zero."""
     if isinstance(part, ast.Compare):
         is_larger, _ = COMPARISONS[type(part.ops[0])]
         return fill("a - b", part.left, part.comparators[0]), is_larger
@@ -59,7 +59,7 @@ def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
 
 
 def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast.expr], Node]:
-    """Return a function that forms nodes of trees in one arena, where equal values are one node."""
+    """Return a function that turns trees into nodes of one arena, which shares equal nodes."""
     dag = Dag()
     symbols = {
         name: dag.symbol(PARAMETER if name in parameters else STATE, i)
@@ -69,20 +69,20 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
 
 
 def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
-    """Return whether an expression is continuous at every jump of one of its parts.
+    """Return whether an expression is continuous wherever the given part of it jumps.
 
-    The part jumps at the zero of its argument. Both values of the whole are compared there, for all
-    values of the parameters; see :func:`cotree.dag.continuity.agree_at`.
+    The part jumps where its argument is zero. There, the values of the whole expression for both
+    sides are compared, for all parameter values; see :func:`cotree.dag.continuity.agree_at`.
     """
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
-        # For equal numbers, the comparison folds to the value on one side: >= is true, > is false.
+        # For equal numbers, a comparison folds to its value on one side: >= is true, > is false.
         same = ast.Constant(0.5)
         kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
         sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
     else:
-        # A sign jumps from -1 to 1; its value 0 between them occurs at the event only.
+        # A sign jumps from -1 to 1; its value 0 occurs only at the event itself.
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_with(whole, part, side)) for side in sides)
@@ -92,10 +92,11 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
 
 
 def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) -> ast.expr:
-    """Return a branch whose roots that end at a boundary have values beyond it.
+    """Return a branch in which roots that end at its boundary are defined beyond it.
 
-    A step holds the branch on which it begins, and evaluates it slightly beyond the boundary.
-    There the argument of such a root is zero: ``sqrt(x - b)`` becomes ``sqrt(max(x - b, 0))``.
+    A step stays on the branch on which it begins, and so evaluates it slightly beyond the boundary,
+    where the argument of the root would be negative: ``sqrt(x - b)`` becomes ``sqrt(max(x - b,
+    0))``.
     """
     ends = _vanishing(boundary, parameters)
 
@@ -111,7 +112,7 @@ def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) ->
 
 
 def _vanishing(boundary: ast.expr, parameters: Container[str]) -> Callable[[ast.expr], bool]:
-    """Return a function that decides whether a tree is zero where a boundary is zero."""
+    """Return a function that checks whether a tree is zero wherever a boundary is zero."""
 
     def vanishes_there(tree: ast.expr) -> bool:
         lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
@@ -129,47 +130,46 @@ def _is_whole(power: ast.expr) -> bool:
 
 
 def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
-    """Copy a tree with one part replaced; the part is that object, not an equal one."""
+    """Copy a tree with one part replaced; the part is identified as an object, not by its value."""
     return map_tree(whole, lambda own: by if own is part else None)
 
 
-#: Callback that receives the tree of a jump and a description of its owner, and returns the name of
-#: the mode that replaces it, or the unchanged tree.
+#: Callback that receives the tree of a jump and a description of its owner. It returns the name of
+#: the mode that replaces the jump, or the unchanged tree.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
 
-#: Laws whose kinks are jumps of a capacity or inertance; these become events, too.
+#: Laws whose kinks are jumps of a capacity or inertance, and therefore become events.
 _OF_RATES = ("storage", "content")
 
 
 def branches(law: Law | None) -> bool:
-    """Return whether a law jumps or branches anywhere."""
+    """Return whether a law contains jumps or branches."""
     import sympy
 
-    # Absolute values, maxima and minima are not among these: they have kinks, but no jumps.
+    # Absolute values, maxima and minima are not included: they have kinks, but no jumps.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
     return law is not None and law.expression.has(*kinds)
 
 
 def may_branch(edge: Edge) -> bool:
-    """Return whether an edge has a registered law that branches; cotree's own laws do not jump."""
+    """Return whether an edge has a registered law with branches; built-in laws do not jump."""
     component = edge.component
     laws = [component.law, *(getattr(port, name) for port in component.ports for name in _LAWS)]
     return component.name not in OWN and any(branches(law) for law in laws)
 
 
 def check_located(edge: Edge, parameters: Container[str]) -> None:
-    """Raise if the law of a registered force element jumps, since no event locates the jump."""
+    """Raise if the law of a registered force element jumps, since no event can locate the jump."""
     law = edge.component.law
     if edge.component.name in OWN or law is None or not branches(law):
         return
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
-    # No event locates jumps in the law of a force element. Kinks need no event, since the
-    # sensitivities of the states are continuous there.
+    # Kinks need no event, since the sensitivities of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     parts = [] if tree is None else jumps_in(tree)
-    # A floor jumps at all integers; substituting zero does not prove continuity.
+    # A floor jumps at all integers, so that a test at zero does not prove continuity.
     is_certain = tree is not None and not any(
         isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
     )
@@ -185,7 +185,7 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
 
 
 def check_contents(scene: SceneDescription, edge: Edge) -> None:
-    """Raise if the content of a storage jumps, since its rate would be an impulse."""
+    """Raise if the content law of a storage jumps, since its rate would be an impulse."""
     for i, port in enumerate(edge.component.ports):
         if port.content is None:
             continue
@@ -193,15 +193,15 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         time, seen = dag.symbol("t", 0), dict[str, Node]()
 
         def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
-            # In expressions a parameter hides an output of the same name.
+            # In expressions a parameter takes precedence over an output of the same name.
             if name in scene.outputs and name not in scene.parameters:
                 return scene.outputs[name].lower(dag, resolve)
-            # Outputs are replaced by their expressions. Names other than time and parameters are
-            # variables.
+            # Outputs are replaced by their expressions. All other names except time and parameters
+            # are variables.
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
-        # Time is one symbol in all expressions.
+        # All expressions share one symbol for time.
         seen["t"] = time
         trees = {name: own[name] for name in port.content.arguments if name not in edge.fields}
         given = {name: Expression.of_tree(tree) for name, tree in trees.items()}
@@ -223,8 +223,8 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
 def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> Edge:
     """Replace the jumps in the laws of a scalar component by modes.
 
-    ``rewrite`` returns the tree that replaces a jump: a mode, or the jump itself. ``parameters`` do
-    not change during a run.
+    ``rewrite`` returns the tree that replaces a jump: a mode, or the jump itself. ``parameters``
+    are the names that are constant during a run.
     """
     fields: dict[str, Expression] = {}
     ports = []
@@ -246,19 +246,19 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
         ports.append(replace(port, **changed))
     if not fields:
         return edge
-    # The modes enter the laws as fields of the edge, which need not be constant.
+    # The laws contain the modes as fields of the edge, which may vary during a run.
     rows = tuple(Field(name, "", "", required=True, constant=False) for name in fields)
     component = replace(edge.component, ports=tuple(ports), fields=(*edge.component.fields, *rows))
     return replace(edge, component=component, fields={**edge.fields, **fields})
 
 
 def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
-    """Return the names of the arguments of a port's law in expressions."""
+    """Return the trees of the names that are arguments of a port's law."""
     found: dict[str, ast.expr] = {"t": ast.Name("t")}
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
         for quantity, symbol in (("across", row.across_symbol), ("through", row.through_symbol)):
-            # Results, events and fields use the names ``edge.symbol`` or ``edge.port.symbol``.
+            # Results, events and fields have the names ``edge.symbol`` or ``edge.port.symbol``.
             own = _dotted(edge.name, other.port, symbol)
             if other is port:
                 found[quantity] = own
@@ -269,7 +269,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
         found["stretch"] = _dotted(edge.name, port.port, integral.name)
     ends = edge.ports[place]
     for name, node in (("potential_head", ends.head), ("potential_tail", ends.tail)):
-        # Potentials are measured from the ground.
+        # Node potentials are relative to the ground.
         symbol = DOMAINS[port.domain].across_symbol
         found[name] = ast.Constant(0.0) if node == "ground" else _dotted(node, "", symbol)
     for name, value in edge.fields.items():
@@ -291,7 +291,7 @@ def _branched(
     kept: set[Any],
     parameters: Container[str],
 ) -> Law:
-    """Rewrite one law; add its new arguments to the fields."""
+    """Replace the jumps in one law, and add its new arguments to the fields."""
     import sympy
 
     where = f"the law of edge '{edge.name}'"
@@ -304,17 +304,17 @@ def _branched(
         ]
         if not found:
             return Law.of(whole)
-        # From the inside out, in a reproducible order.
+        # Inner jumps come first, in a reproducible order.
         atom = min(found, key=lambda item: (sympy.count_ops(item), str(item)))
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
         mode = None if tree is None else rewrite(tree, where)
-        # A comparison is returned as ``mode > 0.5``; the field is the mode alone.
+        # ``rewrite`` returns a comparison as ``mode > 0.5``; the field contains only the mode.
         mode = mode.left if isinstance(mode, ast.Compare) else mode
         if not isinstance(mode, ast.Name):
-            kept.add(atom)  # function of parameters, of known times, or of unnamed values
+            kept.add(atom)  # depends only on parameters, known times or unnamed values
             continue
-        # A jump that occurs in several laws of the edge is one mode and one field.
+        # A jump that occurs in several laws of an edge has one mode and one field.
         name = next((n for n, value in fields.items() if value.text == mode.id), "")
         if not name:
             name = f"jump_{len(fields)}"
@@ -325,7 +325,7 @@ def _branched(
         symbol = sympy.Symbol(name, real=True)
         if isinstance(atom, sympy.core.relational.Relational):
             holds = symbol > sympy.Rational(1, 2)
-            # Comparisons with the mode jump only at events.
+            # Comparisons with a mode jump only at events.
             kept |= {holds, holds.negated}
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:
@@ -335,7 +335,7 @@ def _branched(
 def _clipped_law(
     whole: Any, names: Mapping[str, ast.expr], kept: set[Any], parameters: Container[str]
 ) -> Any:
-    """Clip the roots in the branches of a law that end where one of its comparisons jumps."""
+    """Clip the roots in a law's branches that end where one of its comparisons jumps."""
     import sympy
 
     relations = whole.atoms(sympy.core.relational.Relational) - kept
@@ -359,7 +359,7 @@ def _clipped_law(
 
 
 def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
-    """List the signs and comparisons of a law at which the whole law is continuous."""
+    """List the signs and comparisons at which a law as a whole is continuous."""
     import sympy
 
     whole = plain_jumps(law.expression)
@@ -375,7 +375,7 @@ def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]
 
 
 def plain_jumps(expression: Any) -> Any:
-    """Write a law with signs, floors and comparisons as its only jumps."""
+    """Return a law in which signs, floors and comparisons are the only jumps."""
     import sympy
 
     return (
@@ -385,7 +385,7 @@ def plain_jumps(expression: Any) -> Any:
     )
 
 
-#: Operations of SymPy by the names of their classes.
+#: SymPy operations by class name, as expressions of their arguments.
 _FORMS = {
     **{"StrictLessThan": "a < b", "LessThan": "a <= b"},
     **{"StrictGreaterThan": "a > b", "GreaterThan": "a >= b"},
@@ -395,12 +395,12 @@ _FORMS = {
 
 
 def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Return a SymPy expression as a tree of the expression grammar; None if it has none."""
+    """Return a SymPy expression as a tree of the expression grammar, or None if impossible."""
     import sympy
 
     if expression.is_Symbol:
         return names.get(expression.name)
-    # SymPy's numbers include rationals, pi and roots: all of them become one float.
+    # Numbers in SymPy include rationals, pi and roots; each is converted to a float.
     if getattr(expression, "is_number", False):
         return number_tree(float(expression))
     if isinstance(expression, sympy.Piecewise):
@@ -414,17 +414,17 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
         return ast.BoolOp(ast.And() if kind == "And" else ast.Or(), trees)
     if kind in _FORMS:
         form = _FORMS[kind]
-        # Sums, products, maxima and minima may have many arguments.
+        # Sums, products, maxima and minima may have any number of arguments.
         return reduce(partial(fill, form), trees) if len(trees) > 2 else fill(form, *trees)
-    # Unknown functions have no form in the grammar.
+    # Other functions do not exist in the grammar.
     if FUNCTIONS.get(kind) != len(trees):
         return None
     return ast.Call(ast.Name(kind), trees, [])
 
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Write branches as nested conditionals."""
-    # The last branch is unconditional. The earlier ones are nested around it, the first one
+    """Return branches as nested conditionals."""
+    # The last branch is unconditional. The earlier branches are wrapped around it, the first one
     # outermost.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):

@@ -1,11 +1,11 @@
-"""Checks of a scene: units of its variables, dimensions of its expressions, impossible inertias.
+"""Checks of a scene: units of variables, dimensions of expressions, impossible inertias.
 
-Unknown dimensions stay unknown: a number in a product may have any unit, so that such a product is
-not judged unless numbers are declared to be dimensionless.
+An unknown dimension remains unknown: a number in a product may have any unit, so that the product
+is not checked unless numbers are declared to be dimensionless.
 
 The moments of inertia of a body are sums over its mass, so that no principal moment exceeds the sum
-of the other two. Equations can be formed and solved for other values, too; therefore a violation is
-reported as a finding, not an error.
+of the two others. Equations can be solved even if this is violated; therefore a violation is
+reported as a finding, not as an error.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
 
-#: Callback that returns the dimension of a name; None if it is unknown.
+#: Callback that returns the dimension of a name, or None if it is unknown.
 Known = Callable[[str], "Dimension | None"]
 
 _NONE = read_unit("1").dimension
 _ANGLE = read_unit("rad").dimension
 _OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
 _KEEPING = {"abs", "floor", "min", "max", "mod"}
-#: Dimensionless constants in formulas of physics, as in m*v**2/2.
+#: Numbers that are dimensionless in formulas of physics, as in m*v**2/2.
 _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
 
 _XYZ = "xyz"
 
-#: Variables of a node, with their units; components in ground axes.
+#: Variables of a node with their units; components are in ground axes.
 NODE_VARIABLES: dict[str, str] = {
     **dict.fromkeys(_XYZ, "m"),
     **{f"v{i}": "m/s" for i in _XYZ},
@@ -56,7 +56,7 @@ NODE_VARIABLES: dict[str, str] = {
     **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
 }
 
-#: Variables of a joint, a constraint or a force element: on its second node, in ground axes.
+#: Variables of a joint, constraint or force element, on its second node in ground axes.
 EDGE_VARIABLES: dict[str, str] = {
     **{f"f{i}": "N" for i in _XYZ},
     **{f"t{i}": "N m" for i in _XYZ},
@@ -67,7 +67,7 @@ ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
 
 
 def observed_unit(name: str) -> str:
-    """Return the unit of an observable name; "" if it has none."""
+    """Return the unit of an observable name, or "" if there is none."""
     variable = split_name(name)[1]
     return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
@@ -80,7 +80,7 @@ class VariableUnits:
         self._of_component: dict[int, dict[str, str]] = {}  # by identity of the component
 
     def __call__(self, name: str) -> str:
-        """Return the unit of ``edge.variable`` or ``node.variable``; "" if it has none."""
+        """Return the unit of ``edge.variable`` or ``node.variable``, or "" if there is none."""
         edge = self._scene.edges.get(owner_among(name, self._scene.edges))
         own = self._units(edge.component) if edge is not None else {}
         rest = name[len(edge.name) + 1 :] if edge is not None else ""
@@ -95,7 +95,7 @@ class VariableUnits:
 
     @cached_property
     def _across(self) -> dict[str, str]:
-        """Units of the across variables of all nodes of scalar networks, by ``node.symbol``."""
+        """Units of node potentials in all scalar networks, by ``node.symbol``."""
         found: dict[str, str] = {}
         for edge in self._scene.edges.values():
             for port, ends in zip(edge.component.ports, edge.ports, strict=True):
@@ -106,10 +106,10 @@ class VariableUnits:
 
 
 class Dimensions:
-    """Dimension of an expression, with the contradictions found in it.
+    """Determines the dimension of an expression, and records contradictions in it.
 
-    ``known`` returns the dimension of a name. With ``with_plain_numbers`` small numbers such as 2
-    and 0.5 have no unit; otherwise a number may have any.
+    ``known`` returns the dimension of a name. With ``with_plain_numbers``, small numbers such as 2
+    and 0.5 are dimensionless; otherwise a number may have any unit.
     """
 
     def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
@@ -117,7 +117,7 @@ class Dimensions:
         self.faults: list[str] = []
 
     def of(self, tree: ast.expr) -> Dimension | None:
-        """Find the dimension of a checked tree; None if it is unknown."""
+        """Return the dimension of a checked tree, or None if it is unknown."""
         match tree:
             case ast.Constant(value=value):
                 is_plain = self._with_plain and value in _PLAIN
@@ -146,13 +146,13 @@ class Dimensions:
             case ast.Call(func=called, args=args) if table_of(called):
                 for arg in args:
                     self.of(arg)
-                return None  # a table has no unit to check
+                return None  # the unit of a table is not known
             case ast.Call(func=ast.Name(id=function), args=args):
                 return self._call(function, args)
         return None
 
     def _alike(self, trees: list[ast.expr]) -> Dimension | None:
-        """Return the common dimension of some trees; record a contradiction if they differ."""
+        """Return the common dimension of the given trees; record a contradiction if they differ."""
         found: Dimension | None = None
         first: ast.expr | None = None
         for tree in trees:
@@ -199,13 +199,13 @@ class Dimensions:
 
 
 def dimension_of_unit(text: str) -> Dimension | None:
-    """Return the dimension of the unit of a field or result; None if it states no unit."""
+    """Return the dimension of a field's or result's unit, or None if there is no unit."""
     unit = stated_unit(text)
     return None if unit is None else unit.dimension
 
 
 def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
-    """List the values that a scene states for an edge: name, unit, and each expression."""
+    """List the values that a scene states for an edge, as name, unit and expression."""
     for row in edge.component.fields:
         if row.unit and row.shape is not Shape.EXPRESSION and row.name not in _DIRECTIONS:
             for entry in entries(edge.fields.get(row.name)):
@@ -221,7 +221,7 @@ _DIRECTIONS = frozenset({"axis", "axis2", "normal"})
 
 
 def check_scene_units(scene: SceneDescription) -> None:
-    """Raise if a field consists of one parameter or input of another dimension."""
+    """Raise if a field consists of a single parameter or input with another dimension."""
     units = stated_units(scene)
     if not units:
         return
@@ -235,14 +235,14 @@ def check_scene_units(scene: SceneDescription) -> None:
 
 
 def stated_units(scene: SceneDescription) -> dict[str, str]:
-    """Return the units of the parameters and inputs that state one."""
+    """Return the stated units of parameters and inputs."""
     rows: Mapping[str, str] = {n: row.unit for n, row in scene.inputs.items()}
     rows = {**rows, **{n: row.unit for n, row in scene.parameters.items()}}
     return {name: unit for name, unit in rows.items() if unit.strip()}
 
 
 def single_name(value: Expression) -> str:
-    """Return the name of which an expression consists, up to its sign; otherwise ""."""
+    """Return the name if an expression is a single name, possibly with a sign; otherwise ""."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
     name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
     return name if type(value) is Expression else ""
@@ -255,21 +255,21 @@ def _number(tree: ast.expr) -> float | None:
     return float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
 
 
-# Thin rods and plates are at the limit; their moments may be rounded to six digits.
+# Relative tolerance of the triangle inequality, for moments of thin bodies rounded to six digits.
 _WRITTEN = 2e-5
 
-# Bodies below this fraction of the mass of the heaviest body are affected by rounding errors of
-# forces.
+# Rounding errors of forces affect bodies whose mass is below this fraction of the heaviest body's
+# mass.
 _TINY = 1e-8
 
-#: Negative principal moments above minus this fraction of their sum are rounding errors.
+#: Principal moments between minus this fraction of their sum and zero are rounding errors.
 ROUNDING = 1e-12
 
 
 def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """Return the bodies whose mass is far below that of the heaviest, with a sentence each.
+    """List the bodies whose mass is far below that of the heaviest body, each with a message.
 
-    The rounding errors of balanced forces accelerate such bodies, which makes steps short.
+    Rounding errors of balanced forces accelerate such bodies, so that steps become short.
     """
     values = parameter_values(scene.parameters)
     dag = Dag()
@@ -294,15 +294,15 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
-    """Return the sentences of :func:`inertia_faults`."""
+    """List the messages of :func:`inertia_faults`."""
     return (fault for _, fault in inertia_faults(scene))
 
 
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """Return bodies with negative principal moments, or that violate the triangle inequality.
+    """List bodies with negative principal moments, or that violate the triangle inequality.
 
-    Each comes with a sentence. In a planar scene, which reads only the moment about one axis, only
-    negative ones are returned.
+    Each is returned with a message. In a planar scene, which uses only the moment about one axis,
+    only negative moments are reported.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():
@@ -311,7 +311,7 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
             # Eigenvalues are in ascending order. If only one entry of a tensor is nonzero, the
-            # others are omitted on purpose.
+            # others were omitted on purpose.
             least, middle, largest = np.linalg.eigvalsh(tensor)
             is_negative = least < -ROUNDING * np.trace(tensor)
             if is_negative:
@@ -334,13 +334,13 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
-    """Evaluate a tensor, or three principal values, at the parameters' values."""
-    # If parameters are constants, expressions fold to numbers.
+    """Evaluate a tensor, or three principal moments, at the parameters' values."""
+    # If all parameters are constants, expressions are folded to numbers.
     dag, values = Dag(), parameter_values(scene.parameters)
 
     def number(entry: Expression) -> float:
         node = entry.lower(dag, lambda name: dag.constant(values[name]))
-        assert node.value is not None  # the expression contains only numbers
+        assert node.value is not None  # the expression contains no variables
         return node.value
 
     rows = [number(row) if isinstance(row, Expression) else [*map(number, row)] for row in field]  # type: ignore[union-attr]

@@ -1,7 +1,7 @@
-"""A method of scenes for each built-in component.
+"""One method of scenes for each built-in component.
 
-Types and docstrings for editors and type checkers are in ``component_methods.pyi``, which the build
-writes, see :mod:`cotree.scene.usage_text`.
+The file ``component_methods.pyi`` contains types and docstrings for editors and type checkers. The
+build writes it, see :mod:`cotree.scene.usage_text`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class ComponentMethod:
-    """The method of one component, created at its first use."""
+    """The method of one component, which is created when it is first used."""
 
-    # Describing ninety components would take longer than reading a scene.
+    # Creating all ninety methods would take longer than reading a scene.
     def __init__(self, type: str) -> None:
         self.type = type
 
@@ -34,23 +34,22 @@ class ComponentMethod:
 class ComponentMethods:
     """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
 
-    Each stands for a call of :meth:`cotree.Scene.edge` with the name of the component. Fields take
-    numbers in SI, names of parameters, expressions in quotes, and values with a unit, as in
-    ``{"value": 35, "unit": "mm"}``. Types that :func:`cotree.register_component` made are added by
-    that method itself.
+    Each calls :meth:`cotree.Scene.edge` with the component's name. Fields accept numbers in SI,
+    names of parameters, expressions in quotes, and values with a unit, as in ``{"value": 35,
+    "unit": "mm"}``. :func:`cotree.register_component` adds the methods of the types that it
+    registers.
     """
 
 
 for _type in sorted(OWN):
-    # Component methods must not hide other methods. This assertion checks the table of names at
-    # import.
+    # Component methods must not hide other methods; this assertion checks all names at import.
     assert not hasattr(ComponentMethods, _type)
     setattr(ComponentMethods, _type, ComponentMethod(_type))
 
 
 @lru_cache(maxsize=256)
 def _function(type: str) -> Callable[..., None]:
-    """Make the function that adds an edge of a type."""
+    """Return the function that adds an edge of the given type."""
     from cotree.scene.usage_text import docstring_of, usage_of
 
     def add(
@@ -61,7 +60,7 @@ def _function(type: str) -> Callable[..., None]:
         initial: Mapping[str, Any] | None = None,
         **fields: Any,
     ) -> None:
-        # Arguments that are None are omitted; the table defines the defaults.
+        # Arguments that are None are omitted, so that defaults apply.
         given = {key: value for key, value in fields.items() if value is not None}
         scene.edge(name, type, *nodes, initial=initial, **given)
 
@@ -73,7 +72,7 @@ def _function(type: str) -> Callable[..., None]:
 
 
 def _signature(usage: Usage) -> inspect.Signature:
-    """Form the signature that help and notebooks show."""
+    """Return the signature that help() and notebooks show."""
     alone, keyword = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.KEYWORD_ONLY
     needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
     rows = [inspect.Parameter(name, alone) for name in ("scene", "name", *needed)]

@@ -1,4 +1,4 @@
-"""Data of a scene: the statements of a user, each checked when it is made."""
+"""The data of a scene: a user's statements, each checked when it is made."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ __all__ = [
 ]
 
 
-#: Tables of a scene to which a part adds rows.
+#: Tables of a scene to which parts add rows.
 TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
-#: A bound for untrusted input: edges of a scene, and declarations added by parts.
+#: Largest number of edges, and of declarations from parts, which bounds untrusted input.
 LARGEST_SCENE = 250_000
 
 _PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
 
-#: Rules of the linter by name, with what each finds. 'refused' cannot be allowed.
+#: Rules of the linter with descriptions of their findings; 'refused' cannot be allowed.
 RULES: dict[str, str] = {
     "refused": "the scene cannot be formed, or has no consistent start",
     "unused-parameter": "no expression of the scene uses a parameter",
@@ -55,12 +55,12 @@ RULES: dict[str, str] = {
 
 
 def check_allowed(entries: object) -> tuple[str, ...]:
-    """Check a list of allowed findings: ``rule`` or ``rule:name``.
+    """Check a list of allowed findings, each ``rule`` or ``rule:name``.
 
     Raises
     ------
     SceneError
-        If it is not a list of texts, or one does not begin with the name of a rule.
+        If it is not a list of strings, or an entry does not begin with the name of a rule.
     """
     if not isinstance(entries, (list, tuple)) or not all(isinstance(e, str) for e in entries):
         raise SceneError("allow must be a list of texts: ['unused-parameter:L']")
@@ -77,7 +77,7 @@ def check_allowed(entries: object) -> tuple[str, ...]:
 
 
 def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
-    """Return whether a finding is allowed."""
+    """Return whether the entries allow a finding."""
     return any(entry in (rule, f"{rule}:{name}") for entry in entries)
 
 
@@ -85,9 +85,9 @@ def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
 class SceneDescription(Reported):
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
-    Every method checks its arguments before it stores them, so that a description always consists
-    of accepted names and parsed expressions; properties of the whole scene are checked when the
-    equations are formed.
+    Each method checks its arguments before it stores them, so that a description contains only
+    valid names and parsed expressions. Properties of the whole scene are checked when equations are
+    formed.
     """
 
     name: str
@@ -100,13 +100,13 @@ class SceneDescription(Reported):
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
     parts: dict[str, Part] = field(default_factory=dict)
-    ports: tuple[str, ...] = ()  # nodes at which an outer scene may connect this scene as a part
+    ports: tuple[str, ...] = ()  # nodes to which an outer scene may connect if this scene is a part
     defaults: Simulation = field(default_factory=Simulation)
-    origin: Origin | None = None  # data from the file of another tool
+    origin: Origin | None = None  # data from another tool's file
     allowed: tuple[str, ...] = ()  # rules of the linter whose findings are accepted
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
-        # Not a dataclass, whose constructor would accept unchecked tables.
+        # This is no dataclass, since a dataclass would accept unchecked tables.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.edges = Listing(*_PARAMETER), Listing(*_EDGE)
@@ -114,9 +114,9 @@ class SceneDescription(Reported):
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
         self.parts, self.ports = {}, ()
-        self.members: dict[str, Part] = {}  # all parts by name, including those of arrays
-        self.connected: set[str] = set()  # nodes to which parts are connected
-        # File and section that were read; not part of the scene's content.
+        self.members: dict[str, Part] = {}  # all parts by name, including each part of an array
+        self.connected: set[str] = set()  # nodes that parts connect
+        # File and section from which the scene was read, which are not part of its content.
         self.file = self.section = ""
 
     def __repr__(self) -> str:
@@ -124,7 +124,7 @@ class SceneDescription(Reported):
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Names of the nodes, the reference first, then in order of appearance."""
+        """Names of the nodes: the reference, then all others in order of appearance."""
         # A dict removes duplicates and keeps the order of appearance.
         seen = dict.fromkeys(["ground"])
         for edge in self.edges.values():
@@ -133,7 +133,7 @@ class SceneDescription(Reported):
 
     @property
     def mechanics(self) -> SceneDescription:
-        """The multibody part: the same scene without its scalar networks."""
+        """The multibody part: the scene without its scalar networks."""
         # Tables other than edges are shared with the whole scene, so that names in expressions keep
         # their meaning.
         part = SceneDescription(self.name)
@@ -156,7 +156,7 @@ class SceneDescription(Reported):
 
     @property
     def headline(self) -> str:
-        """The scene in one line: its name, and the numbers of its parts."""
+        """The scene in one line: its name, and the numbers of nodes, edges and other items."""
         counts = {
             "node": len(self.nodes),
             "edge": len(self.edges),
@@ -174,7 +174,7 @@ class SceneDescription(Reported):
     def report(self) -> Report:
         """Build the report: edges, parts, parameters and expressions, and notes on its file.
 
-        Declarations within parts are counted in the line of the part, not listed.
+        The declarations of a part are counted in the part's line, not listed.
         """
         edges = []
         for edge in self.edges.values():
@@ -219,12 +219,13 @@ class SceneDescription(Reported):
         name : str
             Its name in expressions.
         value : float or str
-            Its value, finite; or an expression of other parameters, which it is then derived from.
+            Its value: a finite number, or an expression of other parameters from which it is
+            derived.
         unit, doc : str
             The unit of the value, which is converted to SI (``1000, unit="mm"`` is 1 m), and its
-            meaning. Runs give values in SI.
+            meaning. Values that a run changes are in SI.
         tunable : bool
-            False folds the value into the generated code as a number.
+            If False, the value becomes a fixed number in the generated code.
 
         Raises
         ------
@@ -241,19 +242,19 @@ class SceneDescription(Reported):
     def set(
         self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
     ) -> None:
-        """Change the value of a parameter or an input; its documentation and order are kept.
+        """Change the value of a parameter or input, and keep its description and order.
 
-        Compiled models keep the previous value; a single run takes others by
+        Compiled models keep the previous value. To change the value for a single run, use
         ``simulate(parameters={"L": 2.0})``.
 
         Parameters
         ----------
         name : str
-            A parameter or an input of the scene.
+            The name of a parameter or input of the scene.
         value : float, str or (times, values)
-            As of :meth:`parameter` and :meth:`input`.
+            The value, as for :meth:`parameter` and :meth:`input`.
         unit : str
-            Its unit; by default that of the parameter or input, in SI.
+            The unit of the value; by default the SI unit of the parameter or input.
 
         Raises
         ------
@@ -291,18 +292,18 @@ class SceneDescription(Reported):
         unit: str = "",
         doc: str = "",
     ) -> None:
-        """Declare an input: a signal of time that a run may replace.
+        """Declare an input: a signal over time that a run may replace.
 
         Parameters
         ----------
         name : str
             Its name in expressions.
         value : float, str or (times, values)
-            A number, an expression of ``t`` and parameters, or a table that is linear between
-            its times and constant outside them.
+            A number, an expression of ``t`` and parameters, or a table; its values are interpolated
+            linearly, and are constant before the first and after the last time.
         unit, doc : str
-            The unit of the value, which is converted to SI, and its meaning. Runs give values in
-            SI, and so do expressions.
+            The unit of the value, which is converted to SI, and its meaning. Expressions, and
+            values that a run gives, are in SI.
 
         Raises
         ------
@@ -326,28 +327,27 @@ class SceneDescription(Reported):
         Parameters
         ----------
         name : str
-            Its name; coordinates are called ``name.coordinate``.
+            Its name; its coordinates have names such as ``name.coordinate``.
         type : str
             A component type, see :data:`cotree.components.COMPONENTS`.
-        *nodes : str
-            Names of its nodes. Of multibody and one-dimensional mechanical components, from the
-            first to the second: across variables are second minus first. For electrical, hydraulic
-            and thermal components the plus node, then the minus node: the across variable is that
-            of the plus node less that of the minus node, and the through variable flows from plus
-            to minus inside. Forces of multibody components act on the second node; in
-            one-dimensional components through is positive if the component absorbs power.
-            ``nodes=[...]`` is accepted too, as in scene files.
+        Names of its nodes. For multibody and one-dimensional mechanical components, the first and
+        the second node: across variables are those of the second node minus those of the first. For
+        electrical, hydraulic and thermal components, the plus node and the minus node: the across
+        variable is the difference plus minus minus, and the through variable flows from plus to
+        minus inside the component. Forces of multibody components act on the second node; in one-
+        dimensional components the through variable is positive if the component absorbs power. As
+        in scene files, ``nodes=[...]`` is also accepted.
         initial : mapping, optional
-            Initial values of its coordinates and their rates, numbers or expressions of parameters.
+            Initial values of coordinates and their rates: numbers or expressions of parameters.
         **fields
-            Fields of the component: numbers, expressions, or lists of them, in SI;
-            ``{"value": 20, "unit": "mm"}`` in other units; the two nodes of each port if it has
-            several.
+            Fields of the component: numbers, expressions, or lists of them, in SI; values in other
+            units as ``{"value": 20, "unit": "mm"}``; if there are several ports, the two nodes of
+            each port.
 
         Raises
         ------
         SceneError, ExpressionError, UnitError
-            If a name, field or value is not accepted.
+            If a name, field or value is invalid.
         """
         self._check_new("edge", name, self.members if name in self.members else self.edges)
         if len(self.edges) >= LARGEST_SCENE:
@@ -372,12 +372,12 @@ class SceneDescription(Reported):
         self.edges[name] = made
 
     def port(self, *nodes: str) -> None:
-        """Declare nodes to be ports: if this scene is a part, the outer scene must connect them.
+        """Declare nodes as ports: if this scene is a part, the outer scene must connect them.
 
         Raises
         ------
         SceneError
-            If a name is not allowed.
+            If a name is invalid.
         """
         for node in nodes:
             if check_path("node", node) == "ground":
@@ -391,9 +391,9 @@ class SceneDescription(Reported):
         Raises
         ------
         SceneError, ExpressionError
-            If the name is not allowed or taken, or the expression is not accepted.
+            If the name is invalid or taken, or the expression is invalid.
         """
-        # An output may have the name of a parameter; expressions then use the parameter.
+        # An output may share its name with a parameter; expressions then use the parameter.
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 
@@ -404,14 +404,14 @@ class SceneDescription(Reported):
         Parameters
         ----------
         name, doc : str
-            Its name in expressions and results, and its meaning, for people.
+            Its name in expressions and results, and its meaning as text.
         initial : float or str
-            Its value at the start, a number or an expression of parameters.
+            Its initial value: a number or an expression of parameters.
 
         Raises
         ------
         SceneError, ExpressionError
-            If the name is not allowed or taken, or the value is not accepted.
+            If the name is invalid or taken, or the value is invalid.
         """
         from cotree.scene.events import Mode
 
@@ -430,25 +430,27 @@ class SceneDescription(Reported):
         stop: bool = False,
         impact: Mapping[str, float | str] | None = None,
     ) -> None:
-        """Declare an event at a zero crossing of an expression.
+        """Declare an event that occurs when an expression crosses zero.
 
         Parameters
         ----------
         name, when : str
-            Its name in results, and an expression of outputs and of what outputs may use.
+            Its name in results, and its condition: an expression of outputs and of all that outputs
+            may use.
         direction : int
             -1 for downward crossings, 1 for upward ones, 0 for both.
         set : mapping of str to float or str, optional
-            New values of states and modes: expressions of the values before.
+            New values of states and modes: expressions of their previous values.
         stop : bool
-            Whether the event is terminal: it ends the run.
+            Whether the event ends the run.
         impact : mapping, optional
-            ``{"restitution": e}``: an impulse makes the rate of ``when`` -e times what it was.
+            ``{"restitution": e}``: an impulse changes the rate of ``when`` to -e times its previous
+            value.
 
         Raises
         ------
         SceneError, ExpressionError
-            If the name is not allowed or taken, or a field is not accepted.
+            If the name is invalid or taken, or a field is invalid.
         """
         from cotree.scene.events import make_event
 
@@ -456,23 +458,23 @@ class SceneDescription(Reported):
         self.events[name] = make_event(name, when, direction, set or {}, stop, impact)
 
     def simulation(self, **settings: Any) -> None:
-        """Set the defaults of a run: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
+        """Set the defaults of runs: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
 
-        They are ``t_end``, [s]; ``start``, "initial values" or "operating point", at which an
-        electrical network is in steady state: no current flows into capacitors, no voltage is
-        across inductors; ``held``, nodes and the voltages at which they are held during the search
-        for that point; and method, tolerances, budgets and others of
+        ``t_end`` is the end time, [s]. ``start`` is "initial values" or "operating point", the
+        steady state of an electrical network: no current flows through capacitors, and inductors
+        have no voltage. ``held`` contains nodes and the voltages at which they are held while this
+        point is computed. Method, tolerances, budgets and all other settings are those of
         :class:`cotree.Settings`.
 
         Raises
         ------
         SceneError, ExpressionError
-            If a setting is unknown or has no sensible value.
+            If a setting is unknown or its value is invalid.
         """
         self.defaults = with_settings(self.defaults, settings)
 
     def allow(self, *entries: str) -> None:
-        """Declare allowed findings of the linter: ``rule`` or ``rule:name``.
+        """Allow findings of the linter, each stated as ``rule`` or ``rule:name``.
 
         Raises
         ------
@@ -490,7 +492,7 @@ class SceneDescription(Reported):
             own: Mapping[str, object] = {}
             if kind in ("parameter", "input"):
                 own = self.parameters if kind == "parameter" else self.inputs
-            # A second declaration of a name in a loaded scene is probably meant to set its value.
+            # If a loaded scene already declares the name, the user probably means to set its value.
             cure = f'; scene.set("{name}", ...) changes its value' if name in own else ""
             raise SceneError(
                 f"the name of {kind} '{name}' is taken: every {kind} needs its own{cure}"
@@ -501,7 +503,7 @@ class SceneDescription(Reported):
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 
 _VECTORS = ("size", "xyz", "rpy")
-_LARGEST = 1e300  # limit of numbers that scale drawings
+_LARGEST = 1e300  # largest scale factor or coordinate in drawings
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -511,10 +513,10 @@ class Visual:
 
     node: str  # node to which the shape is attached
     shape: str  # kind of shape: ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
-    #: Box: lengths along x, y, z; cylinder and capsule: radius, radius, length; sphere: the radius
-    #: three times, [m]; mesh: scale factors.
+    #: Box: lengths along x, y and z; cylinder and capsule: radius, radius, length; sphere: three
+    #: times the radius, [m]; mesh: scale factors.
     size: tuple[float, float, float]
-    file: str = ""  # file name of a mesh, as written; only animations open it
+    file: str = ""  # name of the mesh file as written, which only animations open
     #: Position in the node's axes, [m], and roll, pitch and yaw, [rad].
     xyz: tuple[float, float, float] = _ZERO
     rpy: tuple[float, float, float] = _ZERO
@@ -522,16 +524,16 @@ class Visual:
 
 @dataclass(frozen=True)
 class Origin:
-    """Data of another tool's file besides the edges of a scene.
+    """Data in another tool's file in addition to the edges of a scene.
 
     Attributes
     ----------
     file : str
-        The file.
+        The path of the file.
     notes : tuple of str
-        Items that were not read or were renamed, one sentence each.
+        Items that were not read, or that were renamed; one sentence each.
     names : mapping of (str, str) to str
-        Names in the scene, by kind and name in the file; only those that differ.
+        Names in the scene, by kind and name in the file, if they differ.
     visuals : tuple of Visual
         Shapes of the bodies.
     """
@@ -543,10 +545,10 @@ class Origin:
 
 
 def origin_table(origin: Origin) -> dict[str, Any]:
-    """Return the table of an origin: ``file``, ``notes``, ``names``, ``visuals``."""
+    """Return the table of an origin with ``file``, ``notes``, ``names`` and ``visuals``."""
     names: dict[str, dict[str, str]] = {}
     for (kind, old), new in origin.names.items():
-        # TOML keys cannot be pairs: tables by kind contain tables by old name.
+        # TOML keys cannot be pairs, so each kind has a table that maps old names to new ones.
         names.setdefault(kind, {})[old] = new
     table: dict[str, Any] = {"file": origin.file, "notes": list(origin.notes), "names": names}
     visuals = [
@@ -558,7 +560,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
     """Check the table of an origin in a scene file."""
-    # The table may be hand-written, or come from an untrusted source.
+    # The table may be written by hand or come from an untrusted source.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
     if not _is_list_of_texts(notes):
@@ -611,7 +613,7 @@ def _three(value: object, where: str) -> tuple[float, float, float]:
 
 
 def _is_number(value: object) -> bool:
-    # Python's booleans are numbers; as a coordinate they are a mistake.
+    # In Python booleans are numbers, but not valid coordinates.
     is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
     return is_real and abs(value) <= _LARGEST  # type: ignore[arg-type]
 

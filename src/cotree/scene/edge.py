@@ -1,4 +1,4 @@
-"""Edges of a scene: components between nodes, created from statements and checked."""
+"""Edges of a scene: components between nodes, created from checked statements."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Edge:
-    """A component between its nodes, with its fields and initial values.
+    """A component between nodes, with fields and initial values.
 
     Attributes
     ----------
@@ -28,14 +28,14 @@ class Edge:
     component : Component
         Its component type.
     nodes : tuple of str
-        Its nodes: two, except for scalar components with several ports, or on a joint.
+        Its nodes: two, unless it is a scalar component with several ports or acts on a joint.
     fields, initial : mapping
-        Values of its fields, and initial values, by name.
+        Its fields and its initial values, by name.
     ports : tuple of PortEnds
-        Of a scalar component: the end nodes of each port's edge.
+        For a scalar component: the end nodes of each port's edge.
     statement : mapping
-        The original statement, as the table of a scene file: the component's type, the nodes as
-        listed, the fields as given. The rest of an edge follows from this.
+        The original statement, as in a scene file: component type, listed nodes, stated fields. All
+        other attributes follow from it.
     """
 
     name: str
@@ -51,11 +51,11 @@ class Edge:
         return f"<Edge {name}: {kind} {nodes}{', ' + fields if fields else ''}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Laws of components are functions, which cannot be pickled; the statement can be.
+        # Laws of components are functions, which cannot be pickled, but the statement can.
         return _edge_again, (self.name, dict(self.statement))
 
     def in_mechanics(self) -> Edge | None:
-        """Return the edge's multibody component, its contact shapes, or None."""
+        """Return the edge's part in the multibody system: itself, its contact shapes, or None."""
         if self.component.role is not Role.NETWORK:
             return self
         geometry = self.component.geometry
@@ -66,14 +66,14 @@ class Edge:
 
     @property
     def law_fields(self) -> Mapping[str, FieldValue]:
-        """The fields that laws take: all but contact shapes."""
+        """The fields that are arguments of laws: all except contact shapes."""
         geometry = self.component.geometry
         if geometry is None:
             return self.fields
         return {name: value for name, value in self.fields.items() if not geometry.field(name)}
 
     def cells(self) -> tuple[str, str, str, str]:
-        """Return the row of a table: name, type, nodes and fields, as stated."""
+        """Return the cells of a table row: name, type, nodes and fields, as stated."""
         known = {"type", "nodes", "initial"}
         fields = ", ".join(f"{k}={_plain(v)}" for k, v in self.statement.items() if k not in known)
         between = " → " if len(self.nodes) == 2 else ", "
@@ -81,7 +81,7 @@ class Edge:
 
 
 def _plain(value: object) -> str:
-    """Write a value of a field without quotes."""
+    """Return the value of a field as text without quotes."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_plain, value))}]"
     if isinstance(value, dict):
@@ -92,8 +92,8 @@ def _plain(value: object) -> str:
 def make_edge(
     name: str, type: str, nodes: Sequence[str], initial: Any, fields: Mapping[str, Any]
 ) -> Edge:
-    """Make an edge from a statement; see :meth:`SceneDescription.edge`."""
-    # The type is read from a file and may be of any kind.
+    """Create an edge from a statement; see :meth:`SceneDescription.edge`."""
+    # The type was read from a file and may be any object.
     component = COMPONENTS.get(type) if isinstance(type, str) else None
     if component is None:
         from cotree.scene.usage_text import proposed_types
@@ -101,12 +101,12 @@ def make_edge(
         hint = proposed_types(type)
         raise SceneError(f"edge '{name}' has the unknown type '{brief(type)}'{hint}")
     listed: Sequence[object] = nodes
-    # Lists are copied, so that later changes to them do not affect the scene.
+    # Copy lists, so that later changes to them do not affect the scene.
     given: Mapping[str, Any] = plain(fields)
     first: Any = {} if initial is None else plain(initial)
     statement = edge_statement(type, nodes, given, first)
-    # Adapt the component first, since this determines the ports. Then append the thermal port, so
-    # that ``check_ports`` finds it last; all entries except nodes are fields.
+    # Adapt the component first, since this determines its ports. Then append the thermal port, so
+    # that it is the last one in ``check_ports``. All remaining entries are fields.
     if component.adapt is not None:
         component, listed, given = component.adapt(name, nodes, given)
     component = check_heat(name, component, given)
@@ -123,7 +123,7 @@ def make_edge(
 
 
 def _edge_again(name: str, statement: Mapping[str, Any]) -> Edge:
-    """Make an edge from its statement when it is unpickled."""
+    """Create an edge from its statement after unpickling."""
     fields = dict(statement)
     type, nodes = fields.pop("type"), fields.pop("nodes", ())
     return make_edge(name, type, nodes, fields.pop("initial", None), fields)

@@ -1,7 +1,7 @@
-"""Modes and events of a scene, checked one statement at a time.
+"""Modes and events of a scene, each checked when it is stated.
 
-A mode is a number that only events change. An event takes place at a zero crossing of an
-expression; it sets states and modes, applies an impulse, or ends the run.
+A mode is a number that only events change. An event occurs when an expression crosses zero; it sets
+states and modes, applies an impulse, or ends the run.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Mode:
     name : str
         Its name in expressions and results.
     initial : Expression
-        Its value at the start, of parameters. A mode that represents a jump inside an expression
-        starts at the value of the jumping function, an expression of the states.
+        Its initial value, a function of parameters. For a mode that represents a jump inside an
+        expression, this is the initial value of the jumping function, an expression of the states.
     doc : str
-        Its meaning, for people.
+        Its meaning, as text.
     is_jump : bool
         Whether it represents such a jump.
     """
@@ -43,26 +43,26 @@ class Mode:
 
 
 class ModePart(IntEnum):
-    """Roles of events whose modes are chosen together, numbered as in ``cotree_jumps.h``."""
+    """Roles of events whose modes are selected together, numbered as in ``cotree_jumps.h``."""
 
     NONE = 0  # selects no mode
     SLIP = 2  # slip rate times the mode
-    FORWARD_LIMIT = 3  # forward limit: distance of the friction force to it
-    BACKWARD_LIMIT = 4  # distance of the friction force to its backward limit
+    FORWARD_LIMIT = 3  # forward limit: distance of the friction force from it
+    BACKWARD_LIMIT = 4  # backward limit: distance of the friction force from it
     ENGAGED = 5  # engaged: positive while a clutch is engaged
-    TURN = 6  # angle by which the direction of sliding on a plane may still turn
-    FIRST_IMPULSE = 7  # components of the friction impulse on a plane
+    TURN = 6  # angle by which the sliding direction on a plane may still turn
+    FIRST_IMPULSE = 7  # first impulse: components of the friction impulse on a plane start here
     SECOND_IMPULSE = 8
-    LOAD = 9  # load times the sign that the laws of its losses assume
-    UPPER_GAP = 10  # upper gap: distance to a rigid stop at its upper limit
-    LOWER_GAP = 11  # gap of a rigid stop at its lower limit
+    LOAD = 9  # load times the sign that is assumed in the laws of its losses
+    UPPER_GAP = 10  # upper gap: distance from a rigid stop's upper limit
+    LOWER_GAP = 11  # lower gap: distance from a rigid stop's lower limit
     FORCE = 12  # force: contact force of a closed stop, positive away from the limit
     REBOUND = 13  # rebound: rebound speed minus the rest threshold
 
 
 @dataclass(frozen=True)
 class Event:
-    """An event at a zero crossing of an expression.
+    """An event that occurs when an expression crosses zero.
 
     Attributes
     ----------
@@ -73,15 +73,15 @@ class Event:
     direction : int
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to Expression
-        New values of states and modes, as functions of the values before.
+        New values of states and modes, as functions of their previous values.
     is_terminal : bool
-        Whether the run ends there.
+        Whether the run ends at the event.
     restitution : Expression or None
-        Of an impact: the rate of ``when`` after it over that before, with its sign changed.
+        For an impact: minus the rate of ``when`` after it, divided by the rate before it.
     is_jump : bool
         Whether it represents a jump inside an expression.
     part : ModePart
-        Role of its function for an edge with dry friction, or for a rigid stop.
+        Role of the event for an edge with dry friction or a rigid stop.
     """
 
     name: str
@@ -95,8 +95,8 @@ class Event:
 
     @property
     def expressions(self) -> tuple[Expression, ...]:
-        """Every expression of the event."""
-        # The condition is first: ``event_expressions`` relies on this.
+        """All expressions of the event."""
+        # The condition comes first, as ``event_expressions`` requires.
         own = (self.when, *self.set.values())
         return own if self.restitution is None else (*own, self.restitution)
 
@@ -104,10 +104,10 @@ class Event:
 def make_event(
     name: object, when: object, direction: object, values: object, stop: object, impact: object
 ) -> Event:
-    """Check an event; see :meth:`SceneDescription.event`."""
+    """Create a checked event; see :meth:`SceneDescription.event`."""
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
-    # True equals 1 in Python, but is no direction.
+    # In Python True equals 1, but it is not a direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
             f"direction of {whose} is {brief(direction)}: give -1 (downwards), 1 (upwards) or 0 "
@@ -117,7 +117,7 @@ def make_event(
         raise SceneError(f"stop of {whose} must be true or false")
     if not isinstance(values, Mapping):
         raise SceneError(f"set of {whose} must be a table of states and modes")
-    # Keys are strings in TOML, but may be of any type in Python.
+    # TOML keys are strings, but Python keys may be of any type.
     for target in values:
         if not isinstance(target, str):
             raise SceneError(f"set of {whose} holds {brief(target)}: give names in quotes")
@@ -143,10 +143,10 @@ def _restitution(impact: object, whose: str) -> Expression | None:
 
 
 def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
-    """List the expressions of events in one fixed order: every ``when``, then the others."""
+    """List the expressions of events in a fixed order: all conditions, then all others."""
     listed = tuple(events)
     return (
-        # Conditions are first, so that the event functions form one block of these results.
+        # Conditions come first, so that the event functions form one block of the results.
         *(event.when for event in listed),
         *(value for event in listed for value in event.expressions[1:]),
     )

@@ -1,16 +1,17 @@
-"""Expression strings: parsed by a small grammar, never evaluated as Python.
+"""Expressions as text: parsed according to a small grammar, never evaluated as Python.
 
-Keywords such as ``in`` and ``not`` may be names before a dot: a letter follows, which occurs
-nowhere else in the grammar. Such a name is marked before parsing, and the mark is removed again.
+Python keywords such as ``in`` and ``not`` may be names before a dot. Before parsing, such a name is
+marked by an appended letter that occurs nowhere else in the grammar; afterwards the mark is
+removed.
 
-Expressions are parsed deep inside the fields of edges, events and parts. The tables that they may
-call are therefore a context of all parsing during a method of their scene. A call is bound to its
-table once: the name of the function contains it, also after rewriting the tree.
+Expressions are parsed deep inside fields of edges, events and parts. Therefore the tables that they
+may call are a context for all parsing in a method of their scene. When a call is parsed, its
+function name stores the table, so that the call is bound to it even if the tree is rewritten.
 
-An expression may contain numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also of
-parts as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions of :data:`FUNCTIONS`, and
-``where(condition, value, otherwise)`` with comparisons joined by ``and``, ``or`` and ``not``. It is
-checked when a scene is made and turned into nodes later.
+An expression may contain numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also
+inside parts such as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions in
+:data:`FUNCTIONS`, and ``where(condition, value, otherwise)``, whose comparisons may be joined by
+``and``, ``or`` and ``not``. It is checked when a scene is made, and turned into nodes later.
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ _MARK = "_ö"
 
 
 def read_tree(text: str) -> ast.expr:
-    """Parse a text; the tree may still contain what the grammar of expressions refuses."""
+    """Parse a text; the resulting tree has not yet been checked against the grammar."""
     marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
     try:
-        # Python's parser would read leading spaces as indentation.
+        # Python's parser would interpret leading spaces as indentation.
         with without_warnings(category=SyntaxWarning):  # such text is rejected later
             tree = ast.parse(marked, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -54,7 +55,7 @@ def read_tree(text: str) -> ast.expr:
             case ast.Attribute():
                 node.attr = node.attr.removesuffix(_MARK)
             case ast.Call(func=ast.Name(id="min" | "max") as extreme, args=args):
-                while len(args) > 2:  # of two at a time
+                while len(args) > 2:  # combine two at a time
                     args[:2] = [ast.Call(extreme, args[:2], [])]
     return tree
 
@@ -63,7 +64,7 @@ _Method = TypeVar("_Method", bound="Callable[..., Any]")
 
 
 class Callee(Protocol):
-    """A function that an expression may call besides those of the grammar."""
+    """A function that expressions may call in addition to those of the grammar."""
 
     @property
     def n_arguments(self) -> int:
@@ -72,11 +73,11 @@ class Callee(Protocol):
 
     @property
     def names(self) -> frozenset[str]:
-        """Parameters on which its values depend."""
+        """Parameters on which the values of the function depend."""
         ...
 
     def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
-        """Return the node of its value."""
+        """Return the node of the function's value."""
         ...
 
 
@@ -85,13 +86,13 @@ _NONE: Mapping[str, Callee] = {}
 
 
 def known_tables() -> Mapping[str, Callee]:
-    """Return the tables that expressions may call at present."""
+    """Return the tables that expressions may currently call."""
     return _KNOWN.get(_NONE)
 
 
 @contextmanager
 def table_scope(tables: Mapping[str, Callee]) -> Iterator[None]:
-    """Allow expressions parsed in a ``with`` block to call these tables, and no others."""
+    """Allow expressions that are parsed in a ``with`` block to call only the given tables."""
     token = _KNOWN.set(tables)
     try:
         yield
@@ -100,7 +101,7 @@ def table_scope(tables: Mapping[str, Callee]) -> Iterator[None]:
 
 
 def may_call_tables(method: _Method) -> _Method:
-    """Allow expressions parsed by a method to call the scene's tables."""
+    """Allow expressions that a method parses to call the scene's tables."""
 
     @wraps(method)
     def in_scope(self: Any, *args: Any, **more: Any) -> Any:
@@ -111,12 +112,12 @@ def may_call_tables(method: _Method) -> _Method:
 
 
 def calls_table(text: str, tables: Mapping[str, Callee]) -> bool:
-    """Return whether a text may call one of some tables."""
+    """Return whether a text may call one of the given tables."""
     return "(" in text and any(name in text for name in tables)
 
 
 def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
-    """Bind the calls of tables in a tree that has just been parsed."""
+    """Bind the table calls in a newly parsed tree to the given tables."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and (table := tables.get(ast.unparse(node.func))):
             node.func = name_of(ast.unparse(node.func), table)
@@ -124,7 +125,7 @@ def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
 
 
 def name_of(name: str, table: Callee) -> ast.Name:
-    """Return the function name by which a tree calls a table."""
+    """Return the function name with which a tree calls a table."""
     made = ast.Name(name)
     made.table = table  # type: ignore[attr-defined]
     return made
@@ -140,9 +141,9 @@ def has_table(tree: ast.expr) -> bool:
     return any(isinstance(node, ast.Name) and table_of(node) for node in ast.walk(tree))
 
 
-_DEEPEST = 100  # maximum nesting
+_DEEPEST = 100  # maximum nesting depth of an expression
 
-#: Functions by name, with their number of arguments.
+#: Functions by name, with their numbers of arguments.
 FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
     **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor", "erf"), 1),
@@ -152,7 +153,7 @@ FUNCTIONS: dict[str, int] = {
 #: Name of the conditional function ``where(condition, then, else)``.
 WHERE = "where"
 
-#: Comparisons: whether the left side is the larger one, and whether equality is accepted.
+#: Comparisons: whether the left side must be the larger one, and whether equality is accepted.
 COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
     ast.Lt: (False, False),
     ast.LtE: (False, True),
@@ -165,15 +166,15 @@ OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 
 
 def shown(value: object) -> str:
-    """Return a value for a message, shortened."""
+    """Return a value as text for a message, shortened if necessary."""
     try:
         return brief(repr(value))
-    except ValueError:  # Python does not print integers of thousands of digits
+    except ValueError:  # Python refuses to print integers of thousands of digits
         return "an integer of thousands of digits"
 
 
 def finite(value: object) -> float | None:
-    """Return a finite float, or None."""
+    """Return a value as a finite float, or None if that is impossible."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:
@@ -184,10 +185,10 @@ def finite(value: object) -> float | None:
 
 
 def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Check a tree against the grammar and collect its names; raise for everything else."""
+    """Check a tree against the grammar and collect its names; raise if anything else occurs."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only the node types listed here are accepted; all other Python syntax is rejected and never
+    # Only the node types listed here are accepted. All other Python syntax is rejected, and none is
     # evaluated.
     match tree:
         case ast.Constant(value=value):
@@ -254,7 +255,7 @@ def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
 
 
 def names_in(tree: ast.expr) -> frozenset[str]:
-    """List the names in a checked tree: parameters, inputs, ``t`` and dotted ones."""
+    """Return the names in a checked tree: parameters, inputs, ``t`` and dotted names."""
     found: set[str] = set()
     waiting: list[ast.AST] = [tree]
     while waiting:
@@ -264,7 +265,7 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
-            # The function name is not a name of the scene; values of a table may contain names.
+            # The function name is no name of the scene; the values of a table may contain names.
             waiting += node.args
             if table := table_of(node.func):
                 found |= table.names
@@ -274,12 +275,12 @@ def names_in(tree: ast.expr) -> frozenset[str]:
 
 
 def number_tree(value: float) -> ast.expr:
-    """Make the tree of a number; the grammar has no negative constants."""
+    """Return the tree of a number; the grammar has no negative constants."""
     return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
 
 
 def name_tree(name: str) -> ast.expr:
-    """Make the tree of a name, which may have dots."""
+    """Return the tree of a name, which may contain dots."""
     first, *rest = name.split(".")
     tree: ast.expr = ast.Name(first)
     for step in rest:
@@ -288,7 +289,7 @@ def name_tree(name: str) -> ast.expr:
 
 
 def dotted(tree: ast.expr) -> str:
-    """Return the dotted name of a chain of attributes, as ``edge.variable``; otherwise ""."""
+    """Return the dotted name that a chain of attributes represents, otherwise ""."""
     steps: list[str] = []
     while isinstance(tree, ast.Attribute):
         steps.append(tree.attr)
@@ -297,7 +298,7 @@ def dotted(tree: ast.expr) -> str:
 
 
 def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> ast.expr:
-    """Copy a tree; ``change`` returns the replacement of a part, or None to keep it."""
+    """Copy a tree; ``change`` returns the replacement of a subtree, or None to keep it."""
     if (found := change(tree)) is not None:
         return found
     match tree:
@@ -317,7 +318,7 @@ def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> a
 
 
 def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
-    """Copy a tree with names, those of its tables included, replaced by other names or trees."""
+    """Copy a tree, with names replaced by names or trees, also in the tables that it calls."""
 
     def named(name: str) -> ast.expr:
         found = new(name)
@@ -345,12 +346,12 @@ shared_tree = lru_cache(maxsize=1024)(read_tree)
 
 
 def fill(form: str, *trees: ast.expr) -> ast.expr:
-    """Substitute trees for a, b and c in an expression or a condition."""
+    """Substitute trees for a, b and c in an expression or condition."""
     return map_names(shared_tree(form), dict(zip("abc", trees, strict=False)).__getitem__)
 
 
-_LONGEST = 4000  # maximum number of characters; it bounds the recursion of the parser
-_UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 is a number without unit
+_LONGEST = 4000  # maximum number of characters, which limits the recursion of the parser
+_UNIT = r"(?![eE]\d)([A-Za-zµΩ°%][\w/^ ²³]{0,30})"  # 1e999 is a number without a unit
 _WITH_UNIT = re.compile(rf"\s*([-+]?\d[\d.eE+-]{{0,30}})\s*{_UNIT}\s*\Z")
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
@@ -367,14 +368,14 @@ class Expression:
     """A checked expression."""
 
     text: str  # the expression as the user wrote it
-    where: str = field(repr=False)  # description of its owner for messages: "stiffness of edge 'k'"
+    where: str = field(repr=False)  # its owner in messages: "stiffness of edge 'k'"
     #: Syntax tree of the text.
-    tree: ast.expr = field(compare=False, repr=False)  # determined by the text
-    #: Names that occur: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
+    tree: ast.expr = field(compare=False, repr=False)  # follows from the text
+    #: All names that occur: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # The order of a set differs between processes, but equal scenes must give equal bytes.
+        # Set order differs between processes, but equal scenes must yield equal bytes.
         return {**self.__dict__, "names": sorted(self.names)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -382,7 +383,7 @@ class Expression:
 
     @classmethod
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
-        """Make an expression from a tree that needs no check."""
+        """Return an expression from a tree that needs no check."""
         return cls(ast.unparse(tree), where, tree, names_in(tree))
 
     def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:
@@ -394,7 +395,7 @@ class Expression:
 
     @property
     def canonical(self) -> str | float:
-        """Key that equal expressions share: a number if it was given as one, otherwise the text."""
+        """Key that equal expressions share: a number if given as a number, otherwise the text."""
         value = self.tree.value if isinstance(self.tree, ast.Constant) else None
         return value if isinstance(value, float) and repr(value) == self.text else self.text
 
@@ -408,10 +409,10 @@ class Expression:
 
     @property
     def is_zero(self) -> bool:
-        """Return whether the value is zero for any values of its names, as that of ``0*L``."""
+        """Return whether the value is zero for all values of its names, as in ``0*L``."""
         if self.number is not None:
             return self.number == 0.0
-        # The cache uses the text as its key, which does not contain the values of a table.
+        # The cache key is the text, which does not determine the values of a table.
         return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
@@ -428,12 +429,12 @@ class Expression:
             raise ExpressionError(f"{self.where}: '{self.text}' has no value: {error}") from None
 
 
-#: Value of a field: an expression, a tuple of three, or three such rows.
+#: Value of a field: an expression, three expressions, or three rows of three.
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
 
 def entries(value: FieldValue | None) -> Iterator[Expression]:
-    """List the expressions of a field: one, three, or three rows of three."""
+    """List the expressions in a field's value."""
     if isinstance(value, Expression):
         yield value
     else:
@@ -443,22 +444,22 @@ def entries(value: FieldValue | None) -> Iterator[Expression]:
 
 @lru_cache(maxsize=1024)
 def _vanishes(expression: Expression) -> bool:
-    """Return whether an expression folds to zero for any values of its names."""
+    """Return whether an expression folds to zero for all values of its names."""
     from cotree.dag.nodes import Dag
 
     dag, places = Dag(), {name: i for i, name in enumerate(sorted(expression.names))}
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
     except ExpressionError:
-        return False  # the error is reported where the expression is used
+        return False  # an error is raised later, where the expression is used
 
 
 def parse(value: object, where: str) -> Expression:
-    """Parse a number or an expression string; ``where`` names its place in messages.
+    """Parse a number or an expression; ``where`` describes its owner in error messages.
 
-    Raises ExpressionError if it is neither, does not parse, or is outside the grammar above.
+    Raises ExpressionError if it is neither, is not valid syntax, or violates the grammar.
     """
-    # In Python booleans are numbers; in a scene they are a mistake.
+    # In Python booleans are numbers, but in a scene they are errors.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
             f"{where} must be a number or an expression in quotes, not {type(value).__name__}"
@@ -491,7 +492,7 @@ def _parse_text(text: str, where: str) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
-    """Parse and check a text once: thousands of edges may have the same text."""
+    """Parse and check a text, but only once, since thousands of edges may have the same text."""
     return _checked(read_tree(text))
 
 
@@ -502,8 +503,8 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 
 def check_number(value: object, what: str) -> float:
-    """Return a finite number, or raise."""
-    # NumPy's complex numbers have a __float__ method, too.
+    """Return a value as a finite number; raise if that is impossible."""
+    # Complex numbers in NumPy have a __float__ method, too.
     is_number = hasattr(type(value), "__float__") and not isinstance(value, bool)
     if not is_number or getattr(value, "ndim", False) or getattr(value, "imag", False):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
@@ -517,7 +518,7 @@ def check_number(value: object, what: str) -> float:
 
 
 def check_positive(value: object, what: str) -> float:
-    """Return a finite number above zero, or raise."""
+    """Return a value as a positive finite number; raise if that is impossible."""
     number = check_number(value, what)
     if not number > 0.0:
         raise ParameterError(f"{what} is {number:g}: give a positive number")
@@ -525,7 +526,7 @@ def check_positive(value: object, what: str) -> float:
 
 
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
-    """Turn a checked tree into a node."""
+    """Return a checked tree as a node."""
     match tree:
         case ast.Constant(value=value):
             return dag.constant(float(value))  # type: ignore[arg-type]
@@ -553,16 +554,16 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
 def _lower_condition(
     tree: ast.expr, dag: Dag, resolve: Callable[[str], Node], accepted: Node, refused: Node
 ) -> Node:
-    """Form the selection between two values by a checked condition."""
+    """Return a node that selects one of two values by a checked condition."""
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]
-            # A chain ``a < b < c`` is true if all of its parts are: the selections are nested from
-            # the last.
+            # A chain ``a < b < c`` is true if all of its comparisons are true: nested selections,
+            # from the last one outwards.
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
-                # A selection accepts equality. If equality must be rejected, the branches are
+                # A selection accepts equality. If equality must not be accepted, the two values are
                 # exchanged.
                 accepted = (
                     dag.select(excess, accepted, refused)
@@ -571,7 +572,7 @@ def _lower_condition(
                 )
             return accepted
         case ast.BoolOp(op=op, values=parts):
-            # ``and`` is nested in the accepted branch, ``or`` in the refused one.
+            # ``and`` is nested in the first value, ``or`` in the second one.
             for part in reversed(parts):
                 if isinstance(op, ast.And):
                     accepted = _lower_condition(part, dag, resolve, accepted, refused)
@@ -584,7 +585,7 @@ def _lower_condition(
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
-    # The derivative of a selection is that of the selected branch, which sensitivities follow.
+    # The derivative of a selection is that of the selected value.
     if function == "max":
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":

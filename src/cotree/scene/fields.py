@@ -1,9 +1,9 @@
-"""Fields and initial values of an edge, checked against the rows of the component.
+"""Fields and initial values of an edge, checked against the component's rows.
 
-Components are adapted to the fields of a scene, heat flows to further nodes, and transistors have
-inner nodes: the original statement cannot be recovered from the resulting edge.
+Components are adapted to the fields of an edge: heat may flow to further nodes, and transistors
+have inner nodes. Therefore the original statement cannot be reconstructed from the resulting edge.
 
-In: values as stated. Out: parsed expressions: single ones, triples, or three rows of three.
+Stated values become parsed expressions: single ones, triples, or three rows of three.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 def edge_statement(
     type: str, nodes: Sequence[object], fields: Mapping[str, Any], initial: Any
 ) -> dict[str, Any]:
-    """Return the table of an edge in a scene file, with plain values.
+    """Return the table that represents an edge in a scene file, with plain values.
 
-    Fields that are None, and empty nodes and initial values, are left out.
+    Fields that are None are omitted, and so are empty nodes and initial values.
     """
     rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
     return {
@@ -45,11 +45,11 @@ def edge_statement(
 def check_fields(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the fields of an edge, and add the defaults of others."""
+    """Check the stated fields of an edge, and add defaults for the others."""
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
-    # Values are in the order of the component's rows, independently of the file.
+    # The order is that of the component's rows, not that of the statement.
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
         if row.name in given:
@@ -77,28 +77,28 @@ def check_initial(
         check_known((name,), known, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
         value = _in_si(value, units.get(name, ""), where)
-        # Orientations are stated by angles or a matrix, and become a quaternion.
+        # Orientations are stated as angles or a matrix, and become a quaternion.
         initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
     return initial
 
 
 def initial_names(component: Component) -> list[str]:
-    """List the variables whose initial values a scene may give.
+    """List the variables for which a scene may give initial values.
 
-    The motion space of a body in the tree depends on the whole scene, so all variables are listed.
+    The motion space of a body in the tree depends on the whole scene, so all are listed.
     """
     return list(initial_units(component))
 
 
 def initial_units(component: Component) -> dict[str, str]:
-    """Return the units of the variables whose initial values a scene may give."""
+    """Return the units of variables for which a scene may give initial values."""
     if component.geometry is not None:
-        return {}  # bodies are placed by their initial values
+        return {}  # the initial values of a body determine its position
     if component.role is Role.NETWORK:
         return _network_units(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
-        # Names are the same for every plane; z represents all of them.
+        # Names are the same for all planes; z represents them.
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
     steps = [step for space in spaces for step in space]
     units = {name: unit for step in steps for name, unit in (*step.coordinates, *step.rates)}
@@ -108,7 +108,7 @@ def initial_units(component: Component) -> dict[str, str]:
 
 
 def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """List initial values; those in a table of a port as ``port.name``."""
+    """List the initial values; those in the table of a port have names ``port.name``."""
     ports = {port.port for port in component.ports}
     for name, value in given.items():
         if name in ports and isinstance(value, Mapping):
@@ -118,19 +118,19 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _network_units(component: Component) -> dict[str, str]:
-    """Return the units of the variables of a scalar component that may be states.
+    """Return the units of all variables of a scalar component that may be states.
 
-    A name that several ports share is qualified by the port: ``port.name``.
+    If several ports share a name, it is preceded by the name of the port: ``port.name``.
     """
     found: list[tuple[str, str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
-        # The tree determines which of these become states, so a scene may state any of them.
+        # The tree determines which of them become states, so that a scene may give any of them.
         names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
         names += [(integral.name, integral.unit)] if integral else []
         names += [content] if (content := content_of(port)) else []
         found += [(port.port, name, unit) for name, unit in names]
-    # A short name must be unambiguous; the long name is always accepted.
+    # Short names must be unambiguous; long names are always accepted.
     count = Counter(name for _, name, _ in found)
     alone = {name: unit for _, name, unit in found if count[name] == 1}
     return alone | {f"{port}.{name}": unit for port, name, unit in found if port}
@@ -144,7 +144,7 @@ def check_vector(value: object, where: str) -> tuple[Expression, ...]:
 
 
 def _in_si(value: Any, wanted: str, where: str) -> Any:
-    """Convert tables of a value and its unit to SI, also in lists; other values are kept."""
+    """Convert values with a unit to SI, also in lists; other values are unchanged."""
     if is_list(value):
         return [_in_si(item, wanted, where) for item in value]
     if not isinstance(value, Mapping) or "unit" not in value:
@@ -181,19 +181,19 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
 def _inertia(value: object, where: str) -> FieldValue:
     if not is_list(value):
         scalar = parse(value, where)
-        # A single moment applies to every axis.
+        # A single moment applies to all axes.
         return (scalar, scalar, scalar)
     rows = _rows(value, where)
     if rows is None:
         return check_vector(value, where)
-    # Symmetry is compared by text: expressions of parameters have no value here.
+    # Symmetry is checked by text, since expressions have no values yet.
     if any(rows[i][j].text != rows[j][i].text for i in range(3) for j in range(i)):
         raise SceneError(f"{where} must be symmetric: write both halves alike")
     return rows
 
 
 def _rotation(value: object, where: str) -> FieldValue:
-    """Check roll, pitch and yaw, or three rows; numbers must form a rotation matrix."""
+    """Check three angles or three matrix rows; numbers must form a rotation matrix."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
     rows = _rows(value, where)
@@ -218,15 +218,15 @@ def _rotation(value: object, where: str) -> FieldValue:
 
 
 def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...] | None:
-    """Check three rows of a matrix; None if the list has no rows."""
+    """Check three rows of a matrix; return None if the list contains no rows."""
     if len(value) != 3 or not all(map(is_list, value)):
         return None
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
 
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
-    """Check a number, an expression string or a pair (times, values)."""
-    # An array without axes is a number; strings of NumPy have no axes, either.
+    """Check a number, an expression or a pair (times, values)."""
+    # An array without axes counts as a number; NumPy strings also have no axes.
     is_scalar = getattr(value, "shape", None) == () and not isinstance(value, str)
     if isinstance(value, Number) or is_scalar:
         value = check_number(value, where)
@@ -241,7 +241,7 @@ def parse_signal(value: object, where: str, unit: Unit | None = None) -> Express
 
 
 def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
-    """Convert a number to SI."""
+    """Convert the value to SI if it is a number."""
     if unit is None or unit.is_si:
         return value
     if value.number is None:
@@ -261,20 +261,20 @@ class Input:
     name : str
         Its name in expressions.
     value : Expression or Table
-        Its value unless a run gives another.
+        Its value unless a run replaces it.
     unit, doc : str
-        Its unit and meaning, for people.
+        Its unit and its meaning, as text.
     """
 
     name: str
     value: Expression | Table
     unit: str = ""
     doc: str = ""
-    given: tuple[Any, str] | None = None  # original value and unit, if the unit is not an SI unit
+    given: tuple[Any, str] | None = None  # stated value and unit if the unit is not an SI unit
 
 
 def make_input(name: str, value: Any, unit: str, doc: str) -> Input:
-    """Check an input's value, unit and meaning."""
+    """Create an input from its value, unit and meaning, which are checked."""
     what = f"input '{name}'"
     text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
     own = check_unit(text, f"unit of {what}")
