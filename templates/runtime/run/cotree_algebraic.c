@@ -481,8 +481,8 @@ static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real
 }
 
 /* Return the largest difference of two solutions, in units of sizes. */
-static cotree_real distance(int m, const cotree_real *a, const cotree_real *b,
-                            const cotree_real *sizes)
+static cotree_real solution_distance(int m, const cotree_real *a, const cotree_real *b,
+                                     const cotree_real *sizes)
 {
     cotree_real largest = COTREE_F(0.0);
     int i;
@@ -551,13 +551,13 @@ int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree
         low[i] = run->branch[i];
         sizes[i] = size_of_unknown(run, low[i], high[i]);
     }
-    all = rest = distance(m, low, high, sizes);
+    all = rest = solution_distance(m, low, high, sizes);
     for (k = 0; k < MAX_BISECTIONS && rest > COTREE_F(0.5) * all; ++k) {
         const cotree_real s = COTREE_F(0.5) * (from + to);
         int is_low = 0;
         if (solve_within(run, t, before, after, s, low) == 0) {
-            const cotree_real first = distance(m, low, z, sizes);
-            const cotree_real last = distance(m, z, high, sizes);
+            const cotree_real first = solution_distance(m, low, z, sizes);
+            const cotree_real last = solution_distance(m, z, high, sizes);
             is_low = last > first;
             rest = COTREE_FMAX(first, last);
             for (i = 0; i < m; ++i) (is_low ? low : high)[i] = z[i];
