@@ -1,11 +1,11 @@
-"""The linear graphs of a scene, one for each domain, and their trees.
+"""The linear graphs of a scene, one per domain, and their trees.
 
-A body in the tree gives absolute coordinates. If joints, forces and gravity keep one line, it moves
-along that line; if they keep one plane, in that plane; a body without inertia that nothing turns is
-a particle; otherwise it is free.
+A body in the tree has absolute coordinates. It moves along a line if joints, forces and gravity act
+along that line only, or in a plane if they act in that plane only; a body without inertia on whose
+rotation nothing acts is a particle; all other bodies are free.
 
-Usually the trees have the same branches. If they differ, a joint may be a branch of one graph and a
-chord of the other: it then has the coordinates of the first and the constraints of the second.
+Usually both trees have the same branches. If they differ, a joint may be a branch of one graph and
+a chord of the other; then it has the coordinates of the first and the constraints of the second.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
-# Components that can keep all motion on a line. Revolute joints are excluded, since rotating bodies
-# leave the line.
+# Components that can restrict all motion to a line. Revolute joints are excluded, since rotating
+# bodies leave the line.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -43,15 +43,15 @@ _PLACES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class MotionSpaces:
-    """Motion spaces by edge, and the common plane of motion."""
+    """Motion spaces of the edges, and the common plane of motion."""
 
     plane: str  # normal of the plane, ``x``, ``y`` or ``z``; empty if there is no common plane
-    of: Mapping[str, tuple[MotionStep, ...]]  # motion space of each edge, if it is a branch
+    of: Mapping[str, tuple[MotionStep, ...]]  # motion space that each edge has if it is a branch
 
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
-    """Find the motion space of every edge of a scene."""
-    # A line is tested before a plane: it leaves a body one coordinate instead of three.
+    """Determine the motion space of every edge in a scene."""
+    # A line is tested before a plane, since it gives a body one coordinate instead of three.
     line = next((axis for axis in "xyz" if _keeps_line(scene, axis)), "")
     plane = next((normal for normal in PLANE_AXES if _keeps_plane(scene, normal)), "")
     found = {}
@@ -64,7 +64,7 @@ def motion_spaces(scene: SceneDescription) -> MotionSpaces:
 
 
 def _is_particle(scene: SceneDescription, body: Edge) -> bool:
-    """Return whether nothing constrains or acts on the rotation of the body's node."""
+    """Return whether nothing constrains or acts on the rotation of a body's node."""
     # A body with rotational inertia has an orientation.
     if "inertia" in body.fields:
         return False
@@ -78,20 +78,20 @@ def _is_particle(scene: SceneDescription, body: Edge) -> bool:
 
 
 def _needs_axes(edge: Edge) -> bool:
-    """Return whether the edge has vectors in the axes of its first node."""
+    """Return whether an edge has vectors in the axes of its first node."""
     return any(edge.component.field(name).shape is Shape.VECTOR for name in edge.fields)  # type: ignore[union-attr]
 
 
 def _keeps_line(scene: SceneDescription, axis: str) -> bool:
-    """Return whether guides, gravity and every edge keep the lines along an axis."""
+    """Return whether joints, gravity and all edges restrict motion to lines along an axis."""
     n = _PLACES[axis]
     edges = scene.edges.values()
     kinds = {edge.component.name for edge in edges}
     guides = [edge for edge in edges if edge.component.name == "prismatic"]
-    # Without a guide, motion along a line would depend on the initial values.
+    # Without a sliding joint, the initial values would decide whether the motion is along a line.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
-    # Initial values of other coordinates show that the body also moves in other directions.
+    # Initial values of other coordinates mean that the body also moves in other directions.
     names = {axis, f"{axis}_dot"}
     for edge in edges:
         if edge.component.role is Role.BODY and not edge.initial.keys() <= names:
@@ -101,25 +101,25 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
-        # The force along the line of two nodes is not along the axis if the nodes are on different
-        # lines.
+        # A force along the line between two nodes is not along the axis if the nodes are beside
+        # each other.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
 
 
 def _keeps_plane(scene: SceneDescription, normal: str) -> bool:
-    """Return whether gravity and every edge keep the plane of a normal."""
+    """Return whether gravity and all edges restrict motion to the plane with the given normal."""
     n = _PLACES[normal]
     return _is_within(scene.gravity, n) and all(_keeps(edge, n) for edge in scene.edges.values())
 
 
 def _keeps(edge: Edge, n: int) -> bool:
-    """Return whether an edge moves its nodes, and exerts forces, within the plane only."""
+    """Return whether an edge moves its nodes, and exerts forces, only within the plane."""
     if edge.component.keeps_plane is None:
         return False
     if edge.component.role is Role.BODY and not edge.initial.keys() <= _PLANAR_NAMES:
-        return False  # a free body starts out of the plane or has initial values
+        return False  # a free body may start or move out of the plane
     for name in edge.component.keeps_plane.along:
         if name in edge.fields and not _is_normal(_vector(edge, name), n):
             return False
@@ -130,13 +130,13 @@ def _keeps(edge: Edge, n: int) -> bool:
 
 
 def _is_turned_within(edge: Edge, n: int) -> bool:
-    """Return whether the rotation of an arm is about the normal."""
+    """Return whether an arm's rotation is about the normal."""
     if "rotation" not in edge.fields:
         return True
     rows = edge.fields["rotation"]
     if not isinstance(rows[0], tuple):  # type: ignore[index]
         return _is_normal(_vector(edge, "rotation"), n)
-    # A rotation about axis n has zeros off the diagonal in row and column n.
+    # If a rotation is about axis n, the off-diagonal entries in row and column n are zero.
     entries = [rows[i][j] for i, j in _off_plane(n)]  # type: ignore[index]
     return all(entry.is_zero for entry in entries)
 
@@ -162,12 +162,12 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
 
 
 def _is_within(components: Sequence[Expression], n: int) -> bool:
-    # Zero for all parameter values: the motion space must not depend on parameters.
+    # Zero for all parameter values, since the motion space must not depend on parameters.
     return components[n].is_zero
 
 
 def _is_normal(components: Sequence[Expression], n: int) -> bool:
-    # Parallel to axis n: the normal of the plane, or the direction of the line.
+    # The vector is parallel to axis n: the plane's normal, or the direction of the line.
     return all(c.is_zero for i, c in enumerate(components) if i != n)
 
 
@@ -176,9 +176,9 @@ _GRAPHS = ("translation", "rotation")
 
 @dataclass(frozen=True)
 class Trees:
-    """The trees of the translation and of the rotation graph."""
+    """The trees of the translation graph and of the rotation graph."""
 
-    #: Trees of the graphs of translation and rotation, which have the same nodes.
+    #: Trees of the translation and the rotation graph, which have the same nodes.
     translation: Tree
     rotation: Tree
 
@@ -194,17 +194,17 @@ class Trees:
 
     @cached_property
     def branches(self) -> tuple[str, ...]:
-        """Names of the branches of either tree, in edge order."""
+        """Names of the branches in either tree, in edge order."""
         either = self._branches[0] | self._branches[1]
         return tuple(name for name in self.translation.graph.edge_names if name in either)
 
     def is_branch(self, name: str, rotates: bool) -> bool:
-        """Return whether an edge is a branch of the rotation or the translation tree."""
-        # The pair is (translation, rotation), so that a boolean is its index.
+        """Return whether an edge is a branch of the rotation tree, or of the translation tree."""
+        # The pair is (translation, rotation), so that the boolean is its index.
         return name in self._branches[rotates]
 
     def listed(self) -> str:
-        """Return the branches as text, by tree if the trees differ."""
+        """Return the branches as text, separately for each tree if the trees differ."""
         if self.is_one:
             return ", ".join(self.branches)
         return "; ".join(
@@ -214,12 +214,12 @@ class Trees:
 
 
 def check_coupled(scene: SceneDescription, trees: Trees) -> None:
-    """Raise if the trees separate a coupled translation and rotation."""
+    """Raise if the trees separate a translation from the rotation to which it is coupled."""
     for name in trees.branches:
         edge = scene.edges[name]
         if not _is_coupled(edge):
             continue
-        # A part of the translation is determined by the rotation of the same edge, and cannot be a
+        # The translation is partly determined by the rotation of the same edge, and cannot be a
         # coordinate without it.
         held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
         if len(held) == 1:
@@ -230,25 +230,25 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
 
 
 def _is_coupled(edge: Edge) -> bool:
-    """Return whether the edge's translation follows from its rotation."""
+    """Return whether an edge's translation depends on its rotation."""
     if edge.component.role is Role.ARM:
         return True
     # The pitch of a screw couples its translation to its angle.
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)
 
 
-# Maximum numbers of bodies, in open and closed chains, for which absolute coordinates are
-# evaluated, too.
+# Largest numbers of bodies, in open and in closed chains, up to which trees with absolute
+# coordinates are also evaluated.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
-#: Choice of the tree by the user: None, the branches of all graphs, or those of each graph.
+#: The user's choice of the tree: None, branches for all graphs, or branches for each graph.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
-    """Form the linear graphs of the multibody part of a scene, on the same nodes."""
-    # Each graph contains all nodes of the scene, even those without an edge in it, so that floating
-    # nodes are found when the tree is chosen.
+    """Return the linear graphs of the multibody part of a scene, which share their nodes."""
+    # Each graph contains all nodes of the scene, even those without an edge in it, so that the
+    # choice of the tree detects floating nodes.
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:
@@ -265,10 +265,10 @@ def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
 def choose_trees(
     scene: SceneDescription, graphs: Mapping[str, LinearGraph], choice: TreeChoice
 ) -> dict[str, Tree]:
-    """Choose the tree of every graph, or check those of the user.
+    """Choose the tree of each graph, or check the user's choice.
 
-    By default the branches are those that add the fewest equations. Raises TopologyError if a node
-    is floating, or the named edges are not a tree.
+    By default, the branches that add the fewest equations are chosen. Raises TopologyError if a
+    node is floating, or if the named edges are not a tree.
     """
     if isinstance(choice, Mapping):
         for domain in choice:
@@ -285,9 +285,9 @@ def choose_trees(
     for domain, graph in graphs.items():
         names = wanted[domain]
         if names is None:
-            # Across variables of branches become coordinates, those of chords follow by f-circuits
-            # (paper, Eq. (2)). Weights count the equations that a branch adds, so that the lightest
-            # spanning tree gives the fewest.
+            # Across variables of branches become coordinates; those of chords follow from
+            # f-circuits (paper, Eq. (2)). The weight of an edge is the number of equations that it
+            # adds as a branch, so that the lightest spanning tree adds the fewest.
             trees[domain] = select_tree(graph, _weights(scene, graph))
         else:
             _check_branches(scene, names)
@@ -298,28 +298,28 @@ def choose_trees(
 def _weights(
     scene: SceneDescription, graph: LinearGraph, prefers_bodies: bool = False
 ) -> dict[str, float]:
-    """Weigh each edge by the equations that it would add, unless it cannot be a branch."""
+    """Return for each possible branch the number of equations that it would add."""
     spaces = motion_spaces(scene).of
     weights = {}
     for name in graph.edge_names:
         component = scene.edges[name].component
         if component.tree_weight is not None:
-            # Each direction of motion of a branch adds one equation.
+            # A branch adds one equation for each direction of motion.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
-            # Prefer it to a joint of one degree of freedom, but not to an arm, which adds no
-            # coordinate.
+            # Prefer the body to a joint with one degree of freedom, but not to an arm, which adds
+            # no coordinate.
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
-                weights[name] += 0.5  # a joint with as many degrees of freedom is preferred
+                weights[name] += 0.5  # prefer a joint with as many degrees of freedom
     return weights
 
 
 def candidate_trees(scene: SceneDescription) -> list[Trees]:
-    """List the trees worth counting: of joints, with different cuts, and of bodies.
+    """List the trees to compare: trees of joints with different cuts, and trees of bodies.
 
-    Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
-    six equations that the tree of joints avoids.
+    For open chains of many bodies, absolute coordinates are not compared: each joint would add up
+    to six equations that the tree of joints avoids.
     """
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
@@ -327,7 +327,7 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
         scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT)
         for name in joints.translation.chords
     )
-    # Counting forms the equations of each candidate, which takes time.
+    # The comparison forms the equations for each candidate, which takes time.
     if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
         return [joints]
     graphs = linear_graphs(scene)
@@ -337,16 +337,16 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
     }
     found = [joints] if is_open else [joints, _shallow_tree(scene, graphs)]
     found.append(joint_tree(scene, trees))
-    # Equal trees are counted once; the first of them is kept.
+    # If trees are equal, only the first one is kept.
     return list({frozenset(tree.branches): tree for tree in reversed(found)}.values())[::-1]
 
 
 def separate_trees(scene: SceneDescription) -> list[Trees]:
-    """List pairs of different trees for translation and rotation, to be counted, too.
+    """List pairs of different trees for translation and rotation, also to be compared.
 
-    In a plane: positions along the joints, and absolute angles of the bodies, so that no angle
-    depends on those before it. There are none if joints that hold a rotation close a loop, or if
-    there are too many bodies to count.
+    In a plane, positions are along the joints, but angles are absolute angles of the bodies, so
+    that no angle depends on the preceding ones. The list is empty if joints that constrain a
+    rotation close a loop, or if there are too many bodies for a comparison.
     """
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
@@ -355,7 +355,7 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
     found = {}
     for joints in (joint_branches(scene), _shallow_tree(scene, graphs)):
         rotation = _tree_of_angles(scene, graphs["rotation"], joints.translation)
-        # A chord that fixes an angle would be a constraint on the angles of the bodies.
+        # A chord that fixes an angle would constrain the angles of the bodies.
         held = (scene.edges[name].component for name in rotation.chords)
         if any(c.role in (Role.JOINT, Role.ARM) and not _turns(c.motion_space) for c in held):
             continue
@@ -370,42 +370,42 @@ def _turns(steps: Sequence[MotionStep]) -> bool:
 
 
 def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
-    """Return the rotation tree of edges that hold angles, with one body of each rigid part."""
+    """Return the rotation tree of edges that fix angles, with one body for each rigid part."""
     spaces = motion_spaces(scene).of
     order = {step.child: i for i, step in enumerate(tree_walk(translation))}
     weights = {}
     for name in graph.edge_names:
         component = scene.edges[name].component
         if component.role is Role.BODY:
-            # Among bodies that rotate together, choose the first one in the translation tree.
+            # Of all bodies that rotate together, choose the first one in the translation tree.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
-            # Edges that fix the angle have the smallest weight and become branches; revolute joints
-            # have the largest, so that bodies replace them.
+            # Edges that fix the angle are the lightest and become branches; revolute joints are the
+            # heaviest, so that bodies replace them.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
-    """Return the tree of joints with short paths to the ground, which cuts loops far from it."""
+    """Return the joint tree of short paths to the ground, which cuts loops far from it."""
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)
-        # Breadth first: the depth of a node is its distance from the ground, in edges.
+        # Breadth-first search: the depth of a node is its distance from the ground in edges.
         depth = {"ground": 0}
         rest = [
             graph.edge(name)
             for name in weights
             if scene.edges[name].component.role is not Role.BODY
         ]
-        # Edges with exactly one end reached lead to the next level.
+        # Edges with exactly one end that has been reached lead to the next depth.
         while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
             level = max(depth.values()) + 1
             depth |= {
                 node: level for e in reached for node in (e.tail, e.head) if node not in depth
             }
         far = {e.name: min(depth.get(e.tail, 0), depth.get(e.head, 0)) for e in rest}
-        # Too small to outweigh a direction of motion.
+        # The share is too small to outweigh a direction of motion.
         share = 0.4 / (1 + max(far.values(), default=0))
         trees[domain] = select_tree(
             graph, {name: weight + share * far.get(name, 0) for name, weight in weights.items()}
@@ -431,6 +431,6 @@ def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
 
 
 def joint_branches(scene: SceneDescription) -> Trees:
-    """Return the trees that prefer joints and arms to bodies."""
+    """Return the trees in which joints and arms are preferred to bodies."""
     graphs = linear_graphs(scene)
     return joint_tree(scene, choose_trees(scene, graphs, None))

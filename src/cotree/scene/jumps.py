@@ -1,15 +1,15 @@
-"""Rewriting of state-dependent jumps inside expressions as modes and events.
+"""Replacement of state-dependent jumps inside expressions by modes and events.
 
-In: a scene whose fields contain ``sign``, ``floor``, ``mod`` or comparisons of variables. Out: an
-equivalent scene with a mode for each of them, and with the events that change it, so that one
-mechanism locates every jump, restarts the integration there and applies the jumps of the
+If the fields of a scene contain ``sign``, ``floor``, ``mod`` or comparisons of variables, the scene
+is replaced by an equivalent one with a mode for each of them, and with the events that change it.
+Thus one mechanism locates every jump, restarts the integration there and applies the jumps of the
 sensitivities.
 
-Each step is then evaluated on the branch on which it begins. Conditions of time and parameters
-alone that are piecewise linear in time are kept: their times are known before a run, see
-:mod:`cotree.dag.switching_times`. So are expressions with a kink but no jump, such as
-``v*sign(v)``, if both values are proved to agree: sensitivities of states are continuous there, and
-:mod:`cotree.program.surfaces` locates kinks without modes.
+Each step is then evaluated on the branch on which it begins. Conditions that depend only on time
+and parameters, and are piecewise linear in time, are kept, since their times are known before a
+run, see :mod:`cotree.dag.switching_times`. Expressions with a kink but no jump, such as
+``v*sign(v)``, are also kept if both sides are proved to agree: the sensitivities of states are
+continuous there, and :mod:`cotree.program.surfaces` locates kinks without modes.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ from cotree.scene.expressions import (
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
-# Longer texts would be illegible as names.
+# Largest length of a text that is used as a name; longer ones would be illegible.
 _LONGEST_NAME = 60
 
-#: Functions that jump; ``mod`` jumps because of the floor in it.
+#: Functions that jump; ``mod`` jumps because it contains a floor.
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
 def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
-    """Replace state-dependent jumps by modes and events; without jumps, return the scene itself.
+    """Replace state-dependent jumps by modes and events; return scenes without jumps unchanged.
 
-    A force element whose registered law jumps raises an error if sensitivities are wanted, since
-    they would not jump, and so does a storage whose content jumps.
+    If sensitivities are required, a force element whose registered law jumps raises an error, since
+    its jump is not an event. A storage whose content jumps always raises an error.
     """
     for edge in scene.edges.values():
         check_contents(scene, edge)
@@ -72,9 +72,9 @@ def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -
 
 
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
-    """Return the values of the modes that represent jumps, as expressions without such modes."""
+    """Return the initial values of modes for jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
-    # Modes are in an order such that each follows the modes on which it depends.
+    # Each mode comes after the modes on which it depends.
     for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
@@ -84,13 +84,13 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
 
 
 def _may_jump(expression: Expression) -> bool:
-    """Return from the text whether an expression may jump."""
-    # Comparisons occur only within ``where``, so that these names reveal all jumps.
+    """Return whether an expression may jump, judging by its text."""
+    # Comparisons occur only within ``where``, so that these function names reveal all jumps.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
 
 def _acting(scene: SceneDescription) -> list[Expression]:
-    """List the expressions that affect, or may affect, the motion."""
+    """List the expressions that affect the motion, or may affect it."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
         found += _of_edge(edge)
@@ -98,18 +98,18 @@ def _acting(scene: SceneDescription) -> list[Expression]:
 
 
 def _of_edge(edge: Edge) -> list[Expression]:
-    """List the expressions in the fields of an edge."""
+    """List the expressions in an edge's fields."""
     return [item for value in edge.fields.values() for item in entries(value)]
 
 
 class _Rewriting:
-    """The rewriting of one scene."""
+    """Replaces the jumps in one scene."""
 
     def __init__(self, scene: SceneDescription) -> None:
         self._old = scene
         self._modes: dict[str, Mode] = {}
         self._events: dict[str, Event] = {}
-        #: Name of the mode of each text, shared by equal texts.
+        #: For each text, the name of its mode, which equal texts share.
         self._known: dict[str, str] = {}
         self.scene = copy.copy(scene)
         self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}
@@ -117,18 +117,18 @@ class _Rewriting:
             name: replace(event, when=self._expression(event.when, is_watched=True))
             for name, event in scene.events.items()
         }
-        # Outputs that do not affect the motion may jump unchanged: no state depends on them.
+        # Outputs that do not affect the motion may jump: no state depends on them.
         used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
             for name, item in scene.outputs.items()
         }
         self.scene.modes = {**scene.modes, **self._modes}
-        # Events that change a mode come before those that may depend on it.
+        # Events that change a mode come before events that may depend on it.
         self.scene.events = {**self._events, **events}
 
     def _used(self) -> set[str]:
-        """List the outputs on which fields and events depend."""
+        """Return the names of outputs on which fields and events depend."""
         outputs = self._old.outputs
         read = [item.names for edge in self._old.edges.values() for item in _of_edge(edge)]
         read += [event.when.names for event in self._old.events.values()]
@@ -142,7 +142,7 @@ class _Rewriting:
         return found
 
     def _edge(self, edge: Edge) -> Edge:
-        # Constant fields depend only on parameters, and do not jump during a run.
+        # Constant fields depend only on parameters, and so do not jump during a run.
         constant = {field.name for field in edge.component.fields if field.constant}
         stored = {
             name for port in edge.component.ports if (law := port.content) for name in law.arguments
@@ -169,11 +169,11 @@ class _Rewriting:
     def _expression(
         self, expression: Expression, *, is_watched: bool = False, is_stored: bool = False
     ) -> Expression:
-        """Rewrite an expression.
+        """Replace the jumps in an expression.
 
-        The condition of an event may jump at known times and is then kept, since it is evaluated at
-        those times. A kink in the content of a storage is a jump of its capacity, which becomes an
-        event like others.
+        The condition of an event that jumps only at known times is kept, since it is evaluated at
+        those times. A kink in the content of a storage is a jump of its capacity, and becomes an
+        event.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
@@ -188,25 +188,25 @@ class _Rewriting:
         return replace(expression, tree=tree, names=names_in(tree))
 
     def _moves(self, names: frozenset[str]) -> bool:
-        """Return whether some names include variables other than time and parameters."""
+        """Return whether the names include variables other than time and parameters."""
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, *looked_at: ast.expr) -> bool:
-        """Return whether jumps at zeros of some values have times that are unknown before a run."""
+        """Return whether the values have zeros, and so jumps, at times unknown before a run."""
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
-        # Function of parameters only: the value is constant during a run.
+        # The values depend on parameters only, so that they are constant during a run.
         if "t" not in names:
             return False
         return not all(is_cut(self._lowered(tree)) for tree in looked_at)
 
     def clipped(self, branch: ast.expr, boundary: ast.expr) -> ast.expr:
-        """Clip the roots in a branch that end at its boundary."""
+        """Clip the roots in a branch that end at the branch's boundary."""
         return clipped(branch, boundary, self._old.parameters)
 
     def _lowered(self, tree: ast.expr) -> Any:
-        """Form the node of an expression of time and parameters."""
+        """Return the node of an expression of time and parameters."""
         symbols = self._symbols
         return Expression.of_tree(tree).lower(symbols["t"].dag, symbols.__getitem__)
 
@@ -223,21 +223,21 @@ class _Rewriting:
         where: str,
         rows: tuple[tuple[int, ast.expr, ast.expr], ...],
     ) -> ast.expr:
-        """Return the mode that represents a call.
+        """Return the tree of the mode that replaces a call.
 
         Parameters
         ----------
         text : str
-            Its original text.
+            The original text of the call.
         call : ast.expr
-            The call.
+            The tree of the call.
         where : str
-            Its owner, for messages.
+            Description of its owner, for error messages.
         rows : tuple of (int, ast.expr, ast.expr)
-            Of each event: its direction, its function, and the new mode. The mode
-            itself is the name "".
+            For each event: its direction, its event function, and the new value of the mode. In
+            these trees the mode itself is the name "".
         """
-        # Equal texts jump at the same times, so they share one mode and its events.
+        # Equal texts jump at the same times, so that they share a mode and its events.
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
@@ -264,13 +264,13 @@ _ITSELF = ast.Name("")
 
 
 class _Tree:
-    """Rewrites the jumps of one expression, from the inside out."""
+    """Replaces the jumps in one expression, inner ones first."""
 
     def __init__(self, scene: _Rewriting, where: str, kept: frozenset[int]) -> None:
         self._scene, self._where, self._kept = scene, where, kept
 
     def rewritten(self, tree: ast.expr) -> ast.expr:
-        """Return a copy in which modes replace jumps."""
+        """Return a copy of the tree in which modes replace jumps."""
         return map_tree(tree, self._change)
 
     def _change(self, node: ast.expr) -> ast.expr | None:
@@ -298,7 +298,7 @@ class _Tree:
         return node
 
     def _clipped(self, condition: ast.expr, branches: list[ast.expr]) -> list[ast.expr]:
-        """Clip the roots in branches at the comparisons among their conditions that jump."""
+        """Clip the roots in branches that end where a comparison in their condition jumps."""
         for part in jumps_in(condition):
             boundary, _ = boundary_of(part)
             if id(part) not in self._kept and self._scene.is_located(boundary):
@@ -306,9 +306,9 @@ class _Tree:
         return branches
 
     def _floor(self, value: ast.expr) -> ast.expr:
-        """Count up as a value reaches the next whole number, down as it falls below its own."""
-        # At an event the value is an integer up to rounding, so the count changes by at least one.
-        # It changes by more if the value jumps.
+        """Replace a floor by a mode that changes when the value reaches another integer."""
+        # At an event the value is an integer up to rounding, so that the count changes by at least
+        # one, and by more if the value jumps.
         new = "{}(b {} 1.0, floor(a))"
         up = (1, fill("a - b - 1.0", value, _ITSELF), fill(new.format("max", "+"), value, _ITSELF))
         down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))
@@ -316,11 +316,11 @@ class _Tree:
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
     def _compare(self, node: ast.Compare) -> ast.expr:
-        """Replace each comparison by a mode: one if it is true, else zero."""
+        """Replace each comparison by a mode that is one if it is true, otherwise zero."""
         sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])
-        # A chain of comparisons is their conjunction, with a mode for each.
+        # A chain of comparisons is a conjunction, with one mode for each comparison.
         parts = [
             self._comparison(ast.Compare(a, [op], [b]))
             for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
@@ -334,8 +334,8 @@ class _Tree:
         if not self._scene.is_located(excess):
             return node
         rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
-        # The initial value is that of a conditional; the name is the comparison.
+        # The initial value is a conditional; the mode's name is the comparison.
         conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
-        # The mode is exactly one or zero; a half is the threshold farthest from both.
+        # The mode is exactly one or zero; a half is equally far from both.
         return fill("a > 0.5", mode)

@@ -1,4 +1,4 @@
-"""Methods of scenes that add parts and lookup tables."""
+"""Methods with which scenes add parts and lookup tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class PartMethods:
-    """The method of scenes that adds a part."""
+    """Method with which a scene adds a part."""
 
     def add(
         self,
@@ -32,28 +32,29 @@ class PartMethods:
         set: Mapping[str, Any] | None = None,
         **bindings: Any,
     ) -> None:
-        """Add a part: another scene, whose declarations get names within this one.
+        """Add a part: a scene whose declarations get names within this scene.
 
         Parameters
         ----------
         name : str
-            Its name, which precedes the names of its declarations: ``name.edge.variable``, ...
+            Its name, which precedes the names of its declarations, as in ``name.edge.variable``.
         part : Scene, str or Path
-            A scene, which is copied; the name of a shipped part; or the path of a TOML file.
+            A scene, which is copied, the name of a shipped part, or the path of a TOML file.
         count : int or sequence of int, optional
-            Makes an array of parts: ``name1``, ``name2``, ...; ``name1_1`` of two counts.
+            Number of parts in an array: ``name1``, ``name2``, ...; for two numbers ``name1_1``, ...
         index : str or sequence of str, optional
-            Names of the indices of a part in bindings; by default ``i``, ``j`` and ``k``.
-            Names of nodes contain them in braces: ``left="n{i - 1}"``.
+            Names of a part's indices in bindings; by default ``i``, ``j`` and ``k``. Node names
+            contain indices in braces: ``left="n{i - 1}"``.
         nodes : mapping of str to str, optional
-            Nodes of this scene, by the nodes of the part that they replace. The ground is common.
+            Nodes of this scene that replace nodes of the part, by the latter. All scenes share the
+            ground.
         parameters, inputs : mapping of str to float, str, or table of value and unit, optional
-            Values of the part's parameters and inputs: numbers, or expressions of this scene. The
-            others keep the values of the part's scene. Inputs may also be tables (times, values).
+            Values of the part's parameters and inputs: numbers, or expressions of this scene. All
+            others keep their values. Inputs may also be tables (times, values).
         set : mapping of str to float or str, optional
-            Values of single parts of an array by their full names, ``{"cell3.R": 0.05}``.
+            Values for individual parts of an array by their full names, ``{"cell3.R": 0.05}``.
         **bindings
-            Nodes, parameters and inputs by their names, as in the three tables.
+            Nodes, parameters and inputs by name, as in the three mappings above.
 
         Raises
         ------
@@ -91,15 +92,15 @@ class PartMethods:
 
 
 def template_of(scene: SceneDescription) -> SceneDescription:
-    """Return an independent copy of a scene as a template of parts."""
+    """Return an independent copy of a scene that serves as a template of parts."""
     made = SceneDescription(scene.name)
-    # A plain description, so that equality does not depend on the class of the user's scene.
+    # It is a plain description, so that equality does not depend on the class of the user's scene.
     made.__dict__.update(scene.copied().__dict__)
     return made
 
 
 class TableMethods:
-    """Lookup tables of a scene."""
+    """Method with which a scene adds a lookup table."""
 
     def table(
         self,
@@ -113,38 +114,36 @@ class TableMethods:
         beyond: str = "hold",
         doc: str = "",
     ) -> None:
-        """Declare a lookup table, which later expressions may call as a function.
+        """Declare a lookup table, which subsequent expressions may call as a function.
 
         Parameters
         ----------
-        name : str
-            Its name in expressions: ``torque(j.omega)``, or ``map(speed, throttle)`` of two
+        Its name in expressions: ``torque(j.omega)``, or ``map(speed, throttle)`` for two arguments.
             arguments.
-        x : sequence of float
+        Values of the first argument in SI, ascending.
             Ascending arguments, in SI.
-        y : sequence of float or str
-            With one argument, the values: numbers or expressions of parameters. With two arguments,
-            the second ones, ascending.
+        For one argument, the values at ``x``: numbers or expressions of parameters. For two
+        arguments, values of the second argument, ascending.
         values : sequence, optional
-            With two arguments, the values: a row for each ``x`` with a number for each ``y``. With
-            one argument, the values instead of ``y``.
+            For two arguments, the values: one row per ``x`` with one number per ``y``. For one
+            argument, the values, in place of ``y``.
         file : path, optional
-            A CSV file with these data: two columns, arguments and values; or, with two arguments,
-            the second ones in the first line and the first ones in the first column.
+            A CSV file with these data: columns of arguments and values; for two arguments, values
+            of the second one in the first line, and of the first one in the first column.
         interpolation : str
-            ``linear``, bilinear for two arguments; or ``monotone``, for one argument: cubic, with a
-            continuous slope, and without overshoot (Fritsch and Butland).
+            ``linear`` (bilinear for two arguments), or ``monotone`` for one argument: cubic, with a
+            continuous slope and without overshoot (Fritsch and Butland).
         beyond : str
             Extrapolation beyond the first and last points: ``hold`` keeps the value there;
-            ``extend`` continues with the slope there, with two arguments by the outermost bilinear
-            piece.
+            ``extend`` continues with the slope there, or with the outermost bilinear piece for two
+            arguments.
         doc : str
-            Its meaning, for people.
+            Its meaning, as text.
 
         Raises
         ------
         SceneError, ExpressionError
-            If the name is not allowed or taken, arguments do not ascend, or a value is not finite.
+            If the name is invalid or taken, arguments are not ascending, or a value is not finite.
 
         Examples
         --------

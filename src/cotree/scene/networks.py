@@ -1,9 +1,10 @@
-"""Scalar graphs of a scene: an edge for each port of its components.
+"""Scalar graphs of a scene, with one edge for each port of its components.
 
-The law of a controlled source relates its own variable to a variable elsewhere. If the rest of the
-network determines the first, as the current in series with an inductor, the law determines the
-second: the controlling edge is a branch of the tree of across variables and a chord in that of
-through variables, and the source the opposite, like the input and output of an ideal amplifier.
+The law of a controlled source relates the source's variable to a variable elsewhere in the network.
+If the rest of the network determines the source's variable, such as the current in series with an
+inductor, the law determines the controlling variable. Then the controlling edge is a branch in the
+tree of across variables and a chord in the tree of through variables; for the source it is the
+opposite, as for the input and the output of an ideal amplifier.
 """
 
 from __future__ import annotations
@@ -28,58 +29,58 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Port:
-    """An edge of a scalar graph: one port of a component."""
+    """An edge of a scalar graph, which represents one port of a component."""
 
-    #: Name of the edge in the graph: name of the component, and of the port if there are several.
+    #: Name of the edge: that of its component, followed by the port's name if there are several.
     name: str
-    edge: Edge  # component of the scene
-    terminal: Terminal  # terminal equation of the component
-    ends: PortEnds  # its nodes, or the joint or line of a multibody system on which the port acts
+    edge: Edge  # the component, an edge of the scene
+    terminal: Terminal  # terminal equation of the port
+    ends: PortEnds  # its nodes, or the joint or line of a multibody system on which it acts
 
     @property
     def tail(self) -> str:
-        """The node at which it begins."""
+        """The node at which the edge begins."""
         return self.ends.tail
 
     @property
     def head(self) -> str:
-        """The node at which it ends, which the across variable is positive at."""
+        """The node at which it ends; the across variable is its potential minus the tail's."""
         return self.ends.head
 
     @property
     def is_coupling(self) -> bool:
-        """Return whether it acts on a multibody system instead of a scalar graph."""
+        """Whether the port acts on a multibody system instead of a scalar graph."""
         return bool(self.ends.acts_on)
 
     @property
     def is_short(self) -> bool:
-        """Return whether both ends are one node; its across variable is then zero."""
+        """Whether both ends are the same node, so that the across variable is zero."""
         return not self.is_coupling and self.tail == self.head
 
     @property
     def kind(self) -> Kind:
-        """Its kind in the order of the normal tree."""
+        """The kind of the port, which determines its order in the normal tree."""
         return self.terminal.kind
 
     @property
     def initial(self) -> dict[str, FieldValue]:
-        """Its initial values in the scene: ``name``, or ``port.name`` with several ports."""
+        """Stated initial values, by ``name``, or by ``port.name`` if there are several ports."""
         given = self.edge.initial
-        # If there are several ports, a table of a port was flattened to port.name.
+        # If there are several ports, the table of a port was converted to names ``port.name``.
         own = f"{self.terminal.port}."
         named = {key.removeprefix(own): v for key, v in given.items() if key.startswith(own)}
         return {key: v for key, v in given.items() if "." not in key} | named
 
     def sibling(self, port: str) -> str:
-        """Return another port of the same component, by its name or number."""
-        # Ports of reactions are numbered, so that one law serves all reactions of equal orders.
+        """Return the name of another port of the same component, given its name or number."""
+        # The ports of reactions are numbered, so that all reactions of equal orders share one law.
         if port.isdecimal():
             port = self.edge.component.ports[int(port)].port
         return port_name(self.edge, port)
 
 
 def port_name(edge: Edge, port: str) -> str:
-    """Return the name of the edge of a component's port."""
+    """Return the name of the edge that represents a component's port."""
     return f"{edge.name}.{port}" if port else edge.name
 
 
@@ -88,7 +89,7 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
     found = {}
     for edge in scene.edges.values():
         if edge.component.role is Role.NETWORK:
-            # Ports and ends are in the same order, in which ``check_ports`` made them.
+            # ``check_ports`` made ports and ends in the same order.
             for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
                 name = port_name(edge, terminal.port)
                 found[name] = Port(name, edge, terminal, ends)
@@ -96,13 +97,13 @@ def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
 
 
 def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
-    """Form the scalar graphs that have edges."""
+    """Return the scalar graphs that have edges, by domain."""
     graphs = {}
     for domain, row in DOMAINS.items():
         own = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
-        # A port that acts on a multibody system has no edge in a scalar graph.
+        # A port that acts on a multibody system is not an edge of a scalar graph.
         if row.is_scalar and own:
-            # The reference comes first; a dict keeps the order of the scene and drops duplicates.
+            # The reference comes first; a dict keeps the scene's order and removes duplicates.
             nodes = dict.fromkeys(["ground", *(n for p in own for n in (p.tail, p.head))])
             edges = (
                 GraphEdge(p.name, p.tail, p.head, p.edge.component.name)
@@ -113,36 +114,36 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     return graphs
 
 
-#: Variable that a source prescribes, by kind of source.
+#: The variable that a source prescribes, by kind of source.
 GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
 
-#: Kinds whose through variable may be determined by the law of a source that they control. The
-#: through variable of a through storage is a state, and that of a through source is given.
+#: Kinds of controlling edges whose through variable the law of the source may determine. The
+#: through variable of a through storage is a state; that of a through source is prescribed.
 _MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
 
 
 @dataclass(frozen=True)
 class Swap:
-    """A controlled source whose law may determine its controlling variable."""
+    """A controlled source whose law may determine the controlling variable."""
 
     source: Port
-    #: Edge of the controlling variable. If the variable is a difference of node potentials, or
-    #: belongs to an edge with its own law, an open edge is added, which is in no other graph.
+    #: Edge of the controlling variable. If this is a difference of node potentials, or belongs to an
+    #: edge with its own law, an open edge that is in no other graph.
     control: Port
-    #: The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose ports
+    #: The controlling variable: ``across`` or ``through``; "" for an ideal coupling, whose ports
     #: have laws for both.
     quantity: str
 
     @property
     def name(self) -> str:
-        """Its name among the edges."""
+        """The name of the swap among the edges."""
         return f"{self.source.name}|{self.control.name}"
 
 
 def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
-    """List the possible swaps: of each source with each variable in its law.
+    """List the possible swaps: each source with each variable in its law.
 
-    The ports of an ideal coupling may be swapped, too: each of its two laws may determine a
+    The ports of an ideal coupling may also be swapped: each of its two laws may determine a
     variable of the same port.
     """
     controlled = {
@@ -159,7 +160,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
                 if other is None or other.kind is not Kind.THROUGH_SOURCE or not _is_meter(other):
                     other = _open(ports[name], tail, head, measured)
                 found.append(Swap(ports[name], other, quantity))
-            # A controlled source cannot also determine a variable of the source itself.
+            # A controlled source cannot determine the variable of another one as well.
             elif other is not None and other.kind in _MEASURED_THROUGH:
                 found += [] if measured in controlled else [Swap(ports[name], other, quantity)]
     active = {swap.source.terminal.domain for swap in found}
@@ -176,14 +177,14 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
 
 
 def _is_single(port: Port, ports: Mapping[str, Port]) -> bool:
-    """Return whether a port is a source, and the only one of its component apart from meters."""
+    """Return whether a port is a source, and apart from meters the only port of its component."""
     others = [ports[port.sibling(row.port)] for row in port.edge.component.ports]
     is_source = port.kind in GIVES and not _is_meter(port)
     return is_source and all(_is_meter(p) for p in others if p is not port)
 
 
 def _variables(port: Port, ports: Mapping[str, Port]) -> Iterator[tuple[str, str, str, str]]:
-    """List the variables in the law of a source: quantity, tail, head, and edge or node."""
+    """List the variables in a source's law: quantity, tail, head, and name of edge or node."""
     law = getattr(port.terminal, GIVES[port.kind])
     fields = port.edge.law_fields
     for argument in law.arguments if law is not None else ():
@@ -212,7 +213,7 @@ def _in_field(
             yield from _of_port(quantity, own[0], domain)
         elif not own and symbol == row.across_symbol and first in nodes:
             potentials.append(name)
-    # If only the difference of two potentials occurs, it is the controlling variable.
+    # If the law depends only on the difference of two potentials, this is the controlling variable.
     for name in potentials:
         first = name.rpartition(".")[0]
         others = [o for o in potentials if o != name and _is_of_difference(field, name, o)]
@@ -225,14 +226,14 @@ def _in_field(
 
 
 def _is_of_difference(field: Expression, first: str, second: str) -> bool:
-    """Return whether an expression depends on two names only by their difference."""
+    """Return whether an expression depends only on the difference of two variables."""
     dag = Dag()
     symbols = {name: dag.symbol("name", i) for i, name in enumerate(field.names)}
     try:
         node = field.lower(dag, symbols.__getitem__)
         (rate,) = tangents([node], {symbols[first]: dag.one, symbols[second]: dag.one})
     except (Error, ArithmeticError):
-        return False  # the error is reported when the law is formed
+        return False  # an error is raised later, when the law is formed
     return rate.is_zero
 
 
@@ -242,13 +243,13 @@ def _of_port(quantity: str, port: Port, domain: str) -> Iterator[tuple[str, str,
 
 
 def _is_meter(port: Port) -> bool:
-    """Return whether a port only measures a variable: its other variable is zero."""
+    """Return whether a port only measures a variable, while its other variable is zero."""
     law = getattr(port.terminal, GIVES[port.kind]) if port.kind in GIVES else None
     return law is not None and law.expression == 0
 
 
 def _open(source: Port, tail: str, head: str, measured: str) -> Port:
-    """Make an open edge between nodes."""
+    """Return an open edge between two nodes."""
     terminal = Terminal(
         source.terminal.domain,
         Kind.THROUGH_SOURCE,

@@ -1,25 +1,27 @@
 """Normal trees of the scalar graphs of a scene.
 
-A tree with one port of each transformer is a common forest of its graph and of another in which
-these ports are parallel. In graphs with ideal amplifiers the other graph is that of through
-variables. A controlled source may determine its controlling variable; the controlling edge is then
-a branch of the tree of across variables and the source one of the other, like input and output of
-an amplifier. Other conditions have no such graph: that both ports of a gyrator are branches or
-neither is, and those of transformers in graphs with amplifiers. They are ignored at first; if the
-best choice violates one of them, each of its options is tried.
+If the tree must contain exactly one port of each transformer, it is a common forest of its graph
+and of a second graph in which the two ports are parallel edges. In graphs with ideal amplifiers,
+the second graph is that of the through variables. If a controlled source determines its controlling
+variable, the controlling edge is a branch in the tree of across variables and the source is a
+branch in the other tree, like the input and output of an amplifier. Other conditions cannot be
+expressed by a second graph: that either both ports of a gyrator are branches or neither is, and the
+condition for transformers in graphs with amplifiers. These are ignored at first; if the best choice
+violates one of them, the search branches on its options.
 
-The normal tree takes across sources first, then across storages, dissipators and through storages,
-never through sources, so that states are across variables of its storages and through variables of
-those of the cotree (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical Systems,
-1967). Of the two ports of a transformer one is a branch and the other a chord; of a gyrator both
-are one or the other. In a graph with ideal amplifiers, f-circuits use a tree with their inputs,
-f-cutsets one with their outputs; other edges are in both or in none, except controlled sources that
-determine their controlling variable (:mod:`cotree.scene.networks`).
+The normal tree contains across sources first, then across storages, dissipators and through
+storages, but never through sources. Then the states are across variables of storages in the tree
+and through variables of storages in the cotree (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of
+Discrete Physical Systems, 1967). One port of a transformer is a branch and the other one a chord;
+the ports of a gyrator are either both branches or both chords. In a graph with ideal amplifiers,
+f-circuits use a tree that contains the inputs, and f-cutsets use a tree that contains the outputs;
+all other edges are in both trees or in neither, except controlled sources that determine their
+controlling variable (:mod:`cotree.scene.networks`).
 
-A network of sources, positive resistances, storages, transformers and gyrators with a unique
-solution has such a tree: its determinant is a sum of squares, one for each choice of the other
-branches, and such a square vanishes unless ports can be added to them to form a tree (compare A.
-Recski, Matroid Theory and its Applications, 1989).
+A network of sources, positive resistances, storages, transformers and gyrators that has a unique
+solution also has such a tree: its determinant is a sum of squares, one for each choice of the other
+branches, and a square is zero unless some of the ports complete these branches to a tree (compare
+A. Recski, Matroid Theory and its Applications, 1989).
 """
 
 from __future__ import annotations
@@ -44,14 +46,14 @@ if TYPE_CHECKING:
 
 
 #: Change of the number of states if the edge becomes a branch: across storages have states as
-#: branches, through storages and springs as chords. The number of states has priority over all
+#: branches, through storages and springs as chords. The number of states takes priority over all
 #: other preferences.
 EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 
-# Weights are multiples of a quarter and less than sixteen.
+# Weights are multiples of a quarter and are less than sixteen.
 _UNIT, _MOST = 4, 64
 
-# A hundred coupled gyrators require a few thousand choices; the search has no inherent bound.
+# Largest number of trial choices; a hundred coupled gyrators require a few thousand.
 _MOST_TRIED = 20_000
 
 
@@ -59,7 +61,7 @@ _MOST_TRIED = 20_000
 class _Couple:
     """An ideal coupling: its ports, and which of them may be branches.
 
-    If each port may be a branch of only one tree, this is ensured by two swaps of its ports.
+    If each port may be a branch of only one tree, two swaps of the ports ensure the condition.
     """
 
     ports: tuple[str, ...]
@@ -69,7 +71,7 @@ class _Couple:
     def of(cls, ports: Sequence[Port], edges: Collection[str], swaps: Sequence[Swap]) -> _Couple:
         first, second = ports
         law = first.terminal.across
-        # A gyrator's across variable follows from the through variable of its other port.
+        # The across variable of a gyrator depends on the through variable of the other port.
         is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
         options: tuple[tuple[bool, ...], ...]
         options = ((True, True), (False, False)) if is_gyrator else ((True, False), (False, True))
@@ -81,8 +83,8 @@ class _Couple:
                 (*none, True, False),
                 (*none, False, True),
             )
-        # A port that acts on a multibody system takes its motion as given, and a short-circuited
-        # port is not an edge of a graph: neither can be a branch.
+        # The motion at a port that acts on a multibody system is prescribed, and a short-circuited
+        # port is no edge of a graph: neither can be a branch.
         could = [port.name in edges for port in ports]
         return cls(
             (first.name, second.name, *own),
@@ -91,11 +93,11 @@ class _Couple:
 
     @property
     def is_one_of_two(self) -> bool:
-        """Return whether it is a transformer of which either port may be the branch."""
+        """Return whether it is a transformer, either port of which may be the branch."""
         return self.options == ((True, False), (False, True))
 
     def is_kept(self, branches: Collection[str]) -> bool:
-        """Return whether the choice of its ports as branches and chords is valid."""
+        """Return whether the given branches satisfy the coupling's condition."""
         return tuple(name in branches for name in self.ports) in self.options
 
 
@@ -110,13 +112,13 @@ class _Found:
 
 @dataclass(frozen=True)
 class CoupledTrees:
-    """The joint choice of branches of several graphs."""
+    """Graphs whose branches must be chosen together."""
 
     graphs: Sequence[LinearGraph]
     ports: Mapping[str, Port]  # ports by edge name
     ends: Mapping[str, tuple[str, str]]  # the two nodes of each edge, distinct for each graph
     costs: Mapping[str, int]  # cost of each edge that may be a branch
-    couples: tuple[_Couple, ...]  # ideal couplings of the graph
+    couples: tuple[_Couple, ...]  # ideal couplings of the graphs
     swaps: Mapping[
         str, Swap
     ]  # the controlled sources that may determine their controlling variable
@@ -131,13 +133,14 @@ class CoupledTrees:
     ) -> CoupledTrees:
         """Collect the edges of graphs whose trees must be chosen together.
 
-        ``weights`` order the edges as branches, infinite for edges that never are; ``swaps`` are
-        the controlled sources that may determine what controls them.
+        ``weights`` define the order of preference of branches; they are infinite for edges that are
+        never branches. ``swaps`` are controlled sources that may determine their controlling
+        variables.
         """
-        # The graphs share node names; a prefix distinguishes the nodes in the common forest.
+        # Graphs share node names, so that a prefix distinguishes the nodes in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
-        # A swap costs more than all other preferences together, and a storage without its state
-        # more than all swaps.
+        # A swap costs more than all other preferences together, and the loss of a state costs more
+        # than all swaps.
         swapped = _MOST * (len(ends) + 1)
         excess = swapped * (len(swaps) + 1)
         costs = {
@@ -154,8 +157,8 @@ class CoupledTrees:
         return cls(graphs, ports, ends, costs, pairs, {swap.name: swap for swap in swaps})
 
     def select(self) -> frozenset[str]:
-        """Select the branches with the fewest storages without a state."""
-        # Couplings with only one option are decided.
+        """Select the branches that leave the fewest storages without a state."""
+        # Couplings that have only one option are settled in advance.
         given = {
             name: row
             for couple in self.couples
@@ -170,11 +173,11 @@ class CoupledTrees:
                 "contradict a source: each needs feedback from its output to its input through "
                 "resistances or storages"
             )
-        # In ascending order of cost, the first choice that satisfies all couplings is optimal.
+        # Choices are visited by ascending cost: the first that satisfies all couplings is best.
         order = count()
-        # Entries are the cost, the number of violated couplings, a counter that orders equal
-        # entries, and the choice. Ignoring couplings can only lower the cost, so the first valid
-        # choice is optimal.
+        # Entries are cost, number of violated couplings, a counter for the order of equal entries,
+        # and the choice. Ignoring couplings can only lower the cost, so that the first valid choice
+        # is optimal.
         waiting: list[tuple[int, int, int, _Found]] = []
         made = [best] if best is not None else []
         while made or waiting:
@@ -200,11 +203,11 @@ class CoupledTrees:
         )
 
     def _broken(self, found: _Found) -> list[_Couple]:
-        """List the couplings whose conditions are violated."""
+        """List the couplings whose conditions a choice violates."""
         return [couple for couple in self.couples if not couple.is_kept(found.branches)]
 
     def _either_way(self, best: _Found, broken: Sequence[_Couple]) -> list[_Found]:
-        """Try the options of one of the violated couplings."""
+        """Return the best choices for each option of one of the violated couplings."""
         made: list[list[_Found]] = []
         for couple in broken:
             tried = [
@@ -212,9 +215,9 @@ class CoupledTrees:
                 for row in couple.options
             ]
             made.append([found for found in tried if found is not None])
-            if len(made[-1]) < 2:  # the group has one tree or none: nothing to choose
+            if len(made[-1]) < 2:  # at most one choice remains: nothing to compare
                 return made[-1]
-        # Branching on the coupling with the most expensive options narrows the search most.
+        # Branching on the coupling with the most expensive options restricts the search most.
         return max(made, key=lambda pair: sorted(found.cost for found in pair))
 
     @cached_property
@@ -233,7 +236,7 @@ class CoupledTrees:
 
     @cached_property
     def _sources(self) -> dict[str, list[str]]:
-        """The across sources in swaps, each added to every tree that must contain it."""
+        """The across sources in swaps; each one is added to all trees that must contain it."""
         found: dict[str, list[str]] = {}
         for name, swap in self.swaps.items():
             for port in (swap.source, swap.control):
@@ -242,9 +245,9 @@ class CoupledTrees:
         return found
 
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
-        """Select branches with the ports of some couplings fixed; None if impossible.
+        """Select branches with given choices for some couplings; return None if impossible.
 
-        Transformers are satisfied as far as possible, other couplings ignored.
+        The conditions of transformers are satisfied where possible; other couplings are ignored.
         """
         chosen = [name for name, is_branch in fixed.items() if is_branch]
         given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
@@ -256,7 +259,7 @@ class CoupledTrees:
             and couple.ports[0] not in fixed
             and self._split.isdisjoint(couple.ports)
         ]
-        # Edges are independent unless they must not be branches together.
+        # Edges are independent unless at most one of them may be a branch.
         ends = {
             n: pair if n in self._split else (f"{n}+", f"{n}-") for n, pair in self.ends.items()
         }
@@ -264,7 +267,7 @@ class CoupledTrees:
         swaps = self.swaps.items()
         kept = [name for name in branches if self._is_split(name)]
         try:
-            # Contracted edges are branches already: the inputs of amplifiers in the tree of across
+            # Contracted edges are already branches: inputs of amplifiers in the tree of across
             # variables, their outputs in that of through variables, prescribed branches in both.
             across = Contracted(
                 {**self.ends} | {name: _ends(swap.control) for name, swap in swaps},
@@ -280,7 +283,7 @@ class CoupledTrees:
         must = [*pairs, *self._sources.values()]
         costs = self._open(across, known, must)
         found = common_forest(across, through, costs)
-        # A spanning tree of each graph has one branch less than nodes.
+        # The spanning tree of each graph has one branch less than the graph has nodes.
         n_nodes = sum(graph.n_nodes - 1 for graph in self.graphs)
         if len(found) + len(branches) + len(self._inputs) < n_nodes:
             return None
@@ -292,15 +295,15 @@ class CoupledTrees:
     def _open(
         self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]
     ) -> dict[str, int]:
-        """Return the costs of possible branches; exactly one of each set in ``must`` is chosen."""
-        # A bonus larger than all costs together: one of each set is always chosen.
+        """Return the costs of possible branches; one of each set in ``must`` is always chosen."""
+        # The bonus exceeds the sum of all costs, so that one of each set is always chosen.
         bonus = 1 + sum(map(abs, self.costs.values()))
-        # A swap may involve two across sources, the controlling one and the controlled one.
+        # A swap may involve two across sources: the controlling one and the controlled one.
         counts = Counter(name for names in must for name in names)
         costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
-        # A port replaces at most the heaviest edge of a circuit: edges outside the lightest forest
-        # are never part of the optimum.
+        # A port replaces at most the heaviest edge of a circuit, so that edges outside the lightest
+        # forest are never part of the optimum.
         alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
             name: self.costs[name] for name in rest if self._is_split(name) or name in alone
@@ -311,23 +314,23 @@ class CoupledTrees:
 
 
 def _ends(port: Port) -> tuple[str, str]:
-    """Return the nodes of a port, distinct for each graph."""
+    """Return the nodes of a port, with names that differ between graphs."""
     return f"{port.terminal.domain}|{port.tail}", f"{port.terminal.domain}|{port.head}"
 
 
-#: Weight of edges that never become branches.
+#: Weight of edges that are never branches.
 _NEVER = float("inf")
 
-#: Largest preference between edges of one kind: smaller than those between kinds and by initial
-#: values.
+#: Largest preference between edges of the same kind, which is smaller than preferences between
+#: kinds or due to initial values.
 _AMONG_LIKE = 0.2
 
 
 @dataclass(frozen=True)
 class NormalTree:
-    """The trees of f-circuits and of f-cutsets; they are equal without ideal amplifiers."""
+    """The trees for f-circuits and f-cutsets, which are equal without amplifiers or swaps."""
 
-    #: Trees of across and of through variables.
+    #: Tree of across variables, and tree of through variables.
     across: Tree
     through: Tree
     swaps: tuple[
@@ -336,7 +339,7 @@ class NormalTree:
 
     @property
     def is_split(self) -> bool:
-        """Return whether they differ."""
+        """Return whether the two trees differ."""
         return self.across is not self.through
 
 
@@ -349,19 +352,19 @@ def normal_trees(
         _check_short(port)
     try:
         for graph in graphs.values():
-            # With ideal amplifiers there are two trees, one with their inputs as branches and one
-            # with their outputs: both must exist.
+            # With ideal amplifiers there must be two trees: the branches of one include their
+            # inputs, those of the other their outputs.
             for kind in (Kind.NULLATOR, Kind.NORATOR):
                 _check_across_sources(graph, ports, kind)
                 _check_reached(graph, ports, weights, kind)
         trees = _trees(graphs, ports, weights)
     except TopologyError:
-        # If there is no tree otherwise, a controlled source may determine its controlling variable.
+        # If no other tree exists, a controlled source may determine its controlling variable.
         swapped = _swapped(graphs, ports, weights)
         if swapped is None:
             raise
         return swapped
-    # Also if only this gives a storage its state.
+    # Swaps are also tried if they may give another storage a state.
     if _are_tied(trees, ports):
         swapped = _swapped(graphs, ports, weights)
         if swapped is not None and _n_displaced(swapped, ports) < _n_displaced(trees, ports):
@@ -372,7 +375,7 @@ def normal_trees(
 def _swapped(
     graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port], weights: Mapping[str, float]
 ) -> dict[str, NormalTree] | None:
-    """Choose the trees with swaps of controlled sources; None if there are none."""
+    """Choose the trees with swaps of controlled sources; return None if there are no swaps."""
     swaps = swaps_of(ports)
     try:
         return _trees(graphs, ports, weights, swaps) if swaps else None
@@ -381,12 +384,12 @@ def _swapped(
 
 
 def _n_displaced(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> int:
-    """Count the storages without a state of their own."""
+    """Count the storages that have no state of their own."""
     return sum(len(_displaced(tree, ports)) for tree in trees.values())
 
 
 def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
-    """List the storages that lose their state by their place in the tree."""
+    """List the storages that have no state because of their position in the tree."""
     branches = set(tree.across.branches)
     return [
         name
@@ -397,8 +400,8 @@ def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
 
 
 def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> bool:
-    """Return whether a source is in the cutset or circuit of a storage without a state."""
-    # Without such a source, no swap can add a state: other edges have been exchanged already.
+    """Return whether the circuit or cutset of a storage without a state contains a source."""
+    # Without such a source, no swap can add a state: all other exchanges have been tried.
     for tree in trees.values():
         for name in _displaced(tree, ports):
             if ports[name].kind is Kind.ACROSS_STORAGE:
@@ -412,7 +415,7 @@ def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> boo
 
 
 def _cutset(tree: Tree, branch: str) -> list[str]:
-    """List the chords in the f-cutset of a branch."""
+    """List the chords in a branch's f-cutset."""
     parts = Parts(tree.graph.nodes)
     for name in tree.branches:
         if name != branch:
@@ -427,8 +430,8 @@ def _trees(
     weights: Mapping[str, float],
     swaps: Sequence[Swap] = (),
 ) -> dict[str, NormalTree]:
-    """Choose the trees, with or without swaps of controlled sources."""
-    # Graphs connected by couplings are chosen together, others separately.
+    """Choose the trees with or without swaps of controlled sources."""
+    # Graphs that are connected by couplings are chosen together, all others separately.
     tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
     tied |= {swap.source.terminal.domain for swap in swaps}
     trees = {}
@@ -448,10 +451,10 @@ def _trees(
 
 
 def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
-    """Prefer, among edges of one kind, those near the reference.
+    """Adjust weights to prefer, among edges of the same kind, those near the reference.
 
-    Without storages, nonlinear unknowns are solved for all at once: a shallow tree has few of them
-    along each f-circuit and beyond each branch.
+    Without storages, all nonlinear unknowns are solved together; in a shallow tree, f-circuits and
+    f-cutsets contain few of them.
     """
     import networkx
 
@@ -462,7 +465,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
     found = dict(weights)
     for edge in allowed:
         near = min(steps.get(node, graph.n_nodes) for node in (edge.tail, edge.head))
-        # Bounded, so that nearness decides only among equal kinds.
+        # This is bounded, so that nearness decides only between edges of the same kind.
         found[edge.name] += _AMONG_LIKE * near / (near + 1.0)
     return found
 
@@ -470,7 +473,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
 def _trees_of(
     graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str], swaps: Sequence[Swap]
 ) -> NormalTree:
-    """Make the trees of a graph from the joint choice."""
+    """Return the trees of a graph, given the joint choice of branches."""
     own = [s for s in swaps if s.name in shared and s.source.terminal.domain == graph.domain]
 
     def tree(graph: LinearGraph, kind: Kind, swapped: Collection[str]) -> Tree:
@@ -478,7 +481,7 @@ def _trees_of(
         both |= {name for name in graph.edge_names if name in ports and ports[name].kind is kind}
         return Tree(graph, tuple(name for name in graph.edge_names if name in both))
 
-    # Open edges are only in the graph of across variables, since their through variable is zero.
+    # The tree of through variables has no open edges, since their through variable is zero.
     beside = tuple(
         GraphEdge(s.control.name, s.control.tail, s.control.head, "open")
         for s in own
@@ -497,14 +500,14 @@ def _weight(port: Port) -> float:
         return _NEVER
     if port.kind.may_hold or port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
-    # Ports of gyrators weigh as much as dissipators, so that an invalid choice of them is found at
-    # once. Kinds are numbered in their order of preference as branches; across sources weigh least.
+    # Ports of gyrators weigh as much as dissipators, so that an invalid choice is detected at once.
+    # Kinds are numbered by their preference as branches; across sources are the lightest.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
     is_given = content is not None and content[0] in initial
-    # The across variable of a branch, or the through variable of a chord, is a state. A storage
-    # with an initial value is preferably placed so that the given variable is its state.
+    # The across variable of a branch, or the through variable of a chord, is a state. Prefer a
+    # choice in which a variable with a given initial value is a state.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # preferred as a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
@@ -513,16 +516,16 @@ def _weight(port: Port) -> float:
         law = port.terminal.through
         if law is None or "across" in law.arguments:
             return _NEVER
-        # The stretch of a nonlinear spring would be an unknown of an equation.
+        # The elongation of a nonlinear spring would be an unknown of an equation.
         is_linear = port.terminal.storage is not None
         return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
-    # The voltages of junctions are the better unknowns of nonlinear equations.
+    # Voltages of junctions are better unknowns of nonlinear equations than their currents.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
     return own - (0.25 if is_implicit else 0.0)
 
 
 def _check_short(port: Port) -> None:
-    """Raise if an edge from a node to itself is undetermined; all others of these are chords."""
+    """Raise if an edge from a node to itself is undetermined; all other such edges are chords."""
     if not port.is_short or port.kind not in (Kind.ACROSS_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return
     row = DOMAINS[port.terminal.domain]
@@ -539,8 +542,8 @@ def _check_short(port: Port) -> None:
 
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
-    """Raise if across sources, with ports of ideal amplifiers of one kind, form loops."""
-    # Joining the ends of an edge fails if they are connected already: the edge closes a loop.
+    """Raise if across sources form a loop with each other or with ports of ideal amplifiers."""
+    # If both ends of an edge are already connected, joining them fails: the edge closes a loop.
     parts, sources = Parts(graph.nodes), set[str]()
     for edge in graph.edges:
         if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
@@ -559,14 +562,14 @@ def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: K
 def _check_reached(
     graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float], kind: Kind
 ) -> None:
-    """Raise if no edge, or no possible branch, connects some nodes to the ground."""
+    """Raise if no edge, or no possible branch, connects a node to the ground."""
     everything = _reached(graph, graph.edge_names)
     if floating := [node for node in graph.nodes if node not in everything]:
         raise TopologyError(
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of "
             f"its nodes to 'ground', the reference of its {DOMAINS[graph.domain].across[0]}"
         )
-    # Edges of infinite weight never become branches, so without other edges no tree reaches these
+    # Edges of infinite weight are never branches, so that without other edges no tree reaches these
     # nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)

@@ -1,7 +1,7 @@
-"""Parameters of a scene: numbers, and those derived from other parameters by an expression.
+"""Parameters of a scene: numbers, and expressions derived from other parameters.
 
-A derived parameter is not an argument of the program. It becomes a node of other parameters, so
-that derivatives along these pass through it as through any expression in a field.
+A derived parameter is not an argument of the program, but a node that depends on other parameters.
+Therefore derivatives with respect to these include its effect, as for any expression in a field.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A named number: value, unit, meaning, and whether it may change after compiling.
+    """A named number with unit and meaning, which may be changeable after compilation.
 
     Attributes
     ----------
     name : str
         Its name in expressions.
     value : float or Expression
-        A number; of a derived parameter, the expression of other parameters.
+        A number, or the expression of other parameters from which it is derived.
     unit, doc : str
-        Its unit, of SI, and its meaning.
+        Its SI unit, and its meaning as text.
     tunable : bool
-        Whether a run may change the number.
+        Whether a run may change the value.
     given : (float, str) or None
-        Where it was given in another unit: the number and the unit.
+        The stated number and unit if the unit is not an SI unit.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Parameter:
 
     @property
     def is_derived(self) -> bool:
-        """Return whether it follows from other parameters."""
+        """Return whether it is derived from other parameters."""
         return isinstance(self.value, Expression)
 
     @property
@@ -58,20 +58,20 @@ class Parameter:
         return self.value
 
     def cells(self) -> tuple[str, float | str, str, str]:
-        """Return the row of a table: name, value or expression, unit and meaning."""
+        """Return the cells of a table row: name, value or expression, unit and meaning."""
         value = self.value.text if isinstance(self.value, Expression) else self.value
         return self.name, value, self.unit, self.doc
 
     @property
     def is_argument(self) -> bool:
-        """Return whether a run may change it: a tunable one that is not derived."""
+        """Return whether a run may change it: whether it is tunable and not derived."""
         return self.tunable and not self.is_derived
 
 
 def make_parameter(
     name: str, value: object, unit: object, doc: object, tunable: object
 ) -> Parameter:
-    """Check a parameter's value, unit, meaning and flag."""
+    """Create a parameter from its value, unit, meaning and flag, which are checked."""
     what = f"parameter '{name}'"
     number = parse(value, what) if isinstance(value, str) else check_number(value, what)
     if isinstance(number, Expression) and number.number is not None:
@@ -100,7 +100,7 @@ def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
     try:
         TopologicalSorter(uses).prepare()
     except CycleError as error:
-        # The sorter lists each name before the one that uses it.
+        # In the cycle that the sorter reports, each name precedes the one that uses it.
         way = list(reversed(error.args[1]))
         raise ParameterError(
             f"parameter '{way[0]}' depends on itself: {' -> '.join(way)}; give one of these a "
@@ -109,7 +109,7 @@ def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
 
 
 def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
-    """List the parameters with numbers on which a derived one depends, in the scene's order."""
+    """List the numeric parameters on which a derived one depends, in the scene's order."""
     reached = _uses(parameters, name)
     return tuple(n for n, row in parameters.items() if n in reached and not row.is_derived)
 
@@ -117,7 +117,7 @@ def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
 def parameter_nodes(
     parameters: Mapping[str, Parameter], dag: Dag, numbers: Callable[[Parameter], Node]
 ) -> dict[str, Node]:
-    """Return the node of every parameter: ``numbers`` makes those that have a number."""
+    """Return the node of every parameter; ``numbers`` creates the nodes of numeric ones."""
     found = {name: numbers(row) for name, row in parameters.items() if not row.is_derived}
     if len(found) == len(parameters):
         return found
@@ -137,7 +137,7 @@ def parameter_nodes(
 
 
 def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
-    """Return the scene's value of every parameter."""
+    """Return the scene's values of all parameters."""
     from cotree.dag.nodes import Dag
 
     dag = Dag()
@@ -146,7 +146,7 @@ def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
 
 
 def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Sort parameters such that each follows those that it depends on."""
+    """Sort parameters such that each one follows those on which it depends."""
     uses = {name: _own_uses(row) for name, row in parameters.items()}
     try:
         return [name for name in TopologicalSorter(uses).static_order() if name in parameters]
@@ -165,7 +165,7 @@ def _own_uses(row: Parameter) -> frozenset[str]:
 
 
 def _uses(parameters: Mapping[str, Parameter], name: str) -> dict[str, frozenset[str]]:
-    """List the names on which a parameter depends, directly or indirectly."""
+    """Return the names that each parameter needs on which the given one depends."""
     found: dict[str, frozenset[str]] = {}
     waiting = [name]
     while waiting:
