@@ -127,8 +127,8 @@ class Swap:
     """A controlled source whose law may determine the controlling variable."""
 
     source: Port
-    #: Edge of the controlling variable. If this is a difference of node potentials, or belongs to an
-    #: edge with its own law, an open edge that is in no other graph.
+    #: Edge of the controlling variable. If this is a difference of node potentials, or belongs to
+    #: an edge with its own law, an open edge that is in no other graph.
     control: Port
     #: The controlling variable: ``across`` or ``through``; "" for an ideal coupling, whose ports
     #: have laws for both.

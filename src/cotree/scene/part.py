@@ -1,15 +1,13 @@
-"""Parts of a scene: scenes within it, each once or as an array.
+"""Parts of a scene: other scenes within it, single or as an array.
 
-In: the scene of a part, its name, and the bindings of its nodes, parameters and inputs. Out:
-parameters, inputs, modes, edges, outputs and events, made by the same functions as those of any
-scene.
+A part consists of its scene, its name, and bindings of its nodes, parameters and inputs. It yields
+parameters, inputs, modes, edges, outputs and events, which the functions for all scenes create.
 
-Names of nodes have expressions in braces, ``n{i - 1}``; expressions use the name itself, ``R0*(1 +
-0.1*i)``. Both follow the grammar of expressions, and are not evaluated as Python.
+Node names contain expressions in braces, such as ``n{i - 1}``; expressions use the index itself,
+such as ``R0*(1 + 0.1*i)``. Both follow the grammar of expressions and are not evaluated as Python.
 
-A part is a statement: a scene, and the bindings of its nodes, parameters and inputs in the outer
-scene. It expands to the declarations of that scene under the part's name, ``leg1.knee``, which the
-outer scene stores together with its own declarations (`Rows`).
+A part expands to the declarations of its scene, whose names begin with the part's name, such as
+``leg1.knee``. The outer scene stores them together with its own declarations (`Rows`).
 """
 
 from __future__ import annotations
@@ -38,26 +36,26 @@ if TYPE_CHECKING:
     from cotree.scene.tables import LookupTable
 
 
-#: Keys of tables in fields whose values are words, not expressions.
+#: Keys of tables in fields whose values are words instead of expressions.
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
-#: Totals of a whole scene, which are undefined for parts.
+#: Totals of a whole scene, which are not available for parts.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
 
 
 @dataclass(frozen=True)
 class Renaming:
-    """Renaming of names within a part to those of the outer scene."""
+    """Replaces the names within a part by names of the outer scene."""
 
-    prefix: str  # prefix of the part's names, with its dot: ``leg1.``
-    nodes: Mapping[str, str]  # nodes of the outer scene to which nodes of the part are connected
-    scene: SceneDescription  # scene that is the part
+    prefix: str  # text before names of the part, with its dot: ``leg1.``
+    nodes: Mapping[str, str]  # for each connected node of the part, the node of the outer scene
+    scene: SceneDescription  # the part's scene
 
     def node(self, name: str) -> str:
-        """Rename a node."""
+        """Return the outer scene's name of a node."""
         return name if name == "ground" else self.nodes.get(name, f"{self.prefix}{name}")
 
     def name(self, name: str) -> str:
-        """Rename a name that expressions use."""
+        """Return the outer scene's name for a name in expressions."""
         if name in RESERVED:
             return name
         if name in _OF_SCENES and "energy" not in self.scene.edges:
@@ -65,7 +63,7 @@ class Renaming:
                 f"uses '{name}', a total of the outer scene, not of the part: declare it there"
             )
         owner = name.rpartition(".")[0]
-        # A node may belong to a part inside this part, and variables may contain dots.
+        # A node may belong to an inner part, and variable names may contain dots.
         while owner:
             if owner == "ground":
                 return name
@@ -80,7 +78,7 @@ class Renaming:
         return f"{self.prefix}{name}"
 
     def text(self, text: str, where: str) -> str:
-        """Return an expression's text with names of the outer scene."""
+        """Return the text of an expression with names of the outer scene."""
         try:
             return ast.unparse(map_names(shared_tree(text), self.name))
         except SceneError as error:
@@ -94,7 +92,7 @@ class Renaming:
             raise SceneError(f"{where} {error}") from None
 
     def field(self, value: Any, where: str) -> Any:
-        """Rename the expressions in the value of a field, as it was stated."""
+        """Return a field's stated value with names of the outer scene in its expressions."""
         if isinstance(value, str):
             return self.text(value, where)
         if isinstance(value, dict):
@@ -102,13 +100,13 @@ class Renaming:
         return [self.field(item, where) for item in value] if isinstance(value, list) else value
 
     def table(self, table: LookupTable) -> LookupTable:
-        """Return a table of the outer scene."""
+        """Return the table for the outer scene."""
         own = f"{self.prefix}{table.name}"
         values = tuple(self.expression(v, v.where) for v in table.values)
         return replace(table, name=own, values=values)
 
     def edge(self, edge: Edge) -> Edge:
-        """Return an edge of the outer scene."""
+        """Return the edge for the outer scene."""
         own = f"{self.prefix}{edge.name}"
         given = dict(edge.statement)
         type, nodes = given.pop("type"), given.pop("nodes", [])
@@ -128,7 +126,7 @@ class Renaming:
         return make_edge(own, type, [self.node(node) for node in nodes], first, fields)
 
     def event(self, event: Event) -> Event:
-        """Return an event of the outer scene."""
+        """Return the event for the outer scene."""
         own = f"{self.prefix}{event.name}"
         whose, restitution = f"event '{own}'", event.restitution
         return replace(
@@ -145,7 +143,7 @@ class Renaming:
         )
 
     def parameter(self, row: Parameter) -> Parameter:
-        """Return a parameter of the outer scene."""
+        """Return the parameter for the outer scene."""
         own = f"{self.prefix}{row.name}"
         if isinstance(row.value, Expression):
             value = self.expression(row.value, f"parameter '{own}'")
@@ -153,7 +151,7 @@ class Renaming:
         return replace(row, name=own)
 
     def input(self, row: Input) -> Input:
-        """Return an input of the outer scene."""
+        """Return the input for the outer scene."""
         own = f"{self.prefix}{row.name}"
         if isinstance(row.value, Expression):
             return replace(row, name=own, value=self.expression(row.value, f"input '{own}'"))
@@ -161,21 +159,21 @@ class Renaming:
 
 
 def _node_fields(edge: Edge) -> set[str]:
-    """List the entries of an edge that hold names of nodes."""
+    """Return the names of an edge's entries that contain node names."""
     component = edge.component
     found = {row.name for row in component.fields if row.shape is Shape.NAMES}
     ports = [port.port for port in component.ports if port.port]
     if HEAT in ports or len(ports) > 1:
         found |= set(ports)
-    # Components along the line of two nodes list these nodes in the field line.
+    # Components along the line between two nodes contain these nodes in their field ``line``.
     if any(len(ends.acts_on) == 2 for ends in edge.ports):
         found.add("line")
-    # A reaction has its nodes in fields that the adapted component does not have.
+    # Reactions contain nodes in fields that the adapted component does not have.
     return found | {"reactants", "products"} if component.name == "reaction" else found
 
 
 def _joint_fields(edge: Edge) -> set[str]:
-    """List the entries of an edge that hold the name of a joint."""
+    """Return the names of an edge's entries that contain the name of a joint."""
     row = edge.component.field("joint")
     is_place = row is not None and row.shape is Shape.EXPRESSION
     sits = any(len(ends.acts_on) == 1 for ends in edge.ports)
@@ -184,9 +182,9 @@ def _joint_fields(edge: Edge) -> set[str]:
 
 @dataclass
 class Rows:
-    """Declarations that parts add to an outer scene, by table and name."""
+    """Declarations that parts add to the outer scene, by table and name."""
 
-    #: Tables of the part, as in a scene.
+    #: One mapping for each table of a scene.
     tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
@@ -196,7 +194,7 @@ class Rows:
     events: dict[str, Event] = field(default_factory=dict)
 
     def add(self, renaming: Renaming) -> None:
-        """Add the declarations of a part, under its name."""
+        """Add all declarations of a part, with its name before theirs."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, table in scene.tables.items():
             self.tables[f"{prefix}{name}"] = renaming.table(table)
@@ -204,7 +202,7 @@ class Rows:
             self._add_stated(renaming)
 
     def _add_stated(self, renaming: Renaming) -> None:
-        """Add all but the tables, which expressions call."""
+        """Add all declarations except tables, which expressions call."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, row in scene.parameters.items():
             self.parameters[f"{prefix}{name}"] = renaming.parameter(row)
@@ -226,7 +224,7 @@ class Rows:
         """Set a parameter of a part to a number or an expression."""
         row = self.parameters[name]
         value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
-        # A parameter that depends on others is fixed if they are.
+        # If a parameter depends on other parameters, it is tunable if they are.
         tunable = row.tunable or isinstance(value, str)
         made = make_parameter(name, value, unit, row.doc, tunable)
         _check_unit(made.unit, row.unit, f"parameter '{name}'")
@@ -235,8 +233,8 @@ class Rows:
     def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
         """Set an input of a part to a number, a table or an expression of the outer scene.
 
-        A value that depends on more than parameters and time becomes an output of the same name,
-        which fields may use like an input.
+        If the value depends on more than parameters and time, the input becomes an output of the
+        same name, which fields may use like an input.
         """
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
@@ -254,7 +252,7 @@ class Rows:
 
 
 def _with_unit(value: Any, own: str, what: str) -> tuple[Any, str]:
-    """Return value and unit of a table; a plain value is in the SI unit of the part's parameter."""
+    """Return value and unit from a table; a plain value has the SI unit of the part's parameter."""
     if not isinstance(value, dict):
         return value, own
     if "value" not in value or not set(value) <= {"value", "unit"}:
@@ -273,14 +271,14 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def in_name(text: str, index: Mapping[str, int], what: str) -> str:
-    """Replace the expressions in braces of a name by numbers, for values of the index."""
+    """Replace the expressions in braces in a name by numbers, given the indices."""
     if "{" not in text:
         return text
     return _BRACES.sub(lambda match: str(_whole(match[1], index, what)), text)
 
 
 def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
-    """Substitute the values of the index; a constant result becomes a number."""
+    """Substitute the indices in a value; a constant result becomes a number."""
     if not index:
         return value
     if isinstance(value, dict):
@@ -291,7 +289,7 @@ def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
     given = parse(text, what)
     if not given.names & index.keys():
         return text
-    # A value that depends on the index only is a number, which runs may change.
+    # A value that depends only on indices is a number, which runs may change.
     if given.names <= {*index, "pi"}:
         return _number(text, index, what)
     trees = {name: ast.Constant(number) for name, number in index.items()}
@@ -319,32 +317,32 @@ def _number(text: str, index: Mapping[str, int], what: str) -> float:
         return dag.constant(float(index[name]))
 
     found = parse(text, what).lower(dag, resolve).value
-    assert found is not None  # a constant folds
+    assert found is not None  # constants fold to numbers
     return float(found)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A scene within a scene.
+    """A scene that is part of another scene.
 
     Attributes
     ----------
     name : str
-        Its name; the parts of an array are called ``cell1``, ``cell2``, or ``cell1_1``.
+        Its name; the parts of an array are named ``cell1``, ``cell2``, or ``cell1_1``.
     scene : SceneDescription
-        Its scene, which is not changed afterwards.
+        Its scene, which does not change afterwards.
     counts : tuple of int
         Number of parts along each direction of an array; empty for a single part.
     index : tuple of str
-        Names of the indices of a part in bindings.
+        Names of the indices in bindings.
     nodes : mapping of str to str
-        Nodes of the outer scene, by nodes of the part.
+        For each connected node of the part, the node of the outer scene.
     parameters, inputs : mapping of str to object
         Values of the part's parameters and inputs: numbers, or expressions of the outer scene.
     set : mapping of str to object
-        Values of parameters and inputs of single parts, by their full names: ``cell3.R``.
+        Values of parameters and inputs of individual parts by their full names: ``cell3.R``.
     source : str
-        Its source: a path, the name of a shipped part, or of a scene within the file.
+        The source of its scene: a path, or the name of a shipped part or of a scene in the file.
     """
 
     name: str
@@ -358,7 +356,7 @@ class Part:
     source: str = ""
 
     def __eq__(self, other: object) -> bool:
-        # The origin is not part of the content.
+        # The source is not part of the content.
         return isinstance(other, Part) and all(
             getattr(self, name) == getattr(other, name)
             for name in self.__dataclass_fields__
@@ -368,7 +366,7 @@ class Part:
     __hash__ = None  # type: ignore[assignment]
 
     def members(self) -> Iterator[tuple[str, dict[str, int]]]:
-        """List the parts of the array by name, each with the values of the index."""
+        """List the parts of an array, each as its name and the values of its indices."""
         if not self.counts:
             yield self.name, {}
             return
@@ -379,17 +377,17 @@ class Part:
             )
 
     def nodes_of(self, member: str) -> Mapping[str, str]:
-        """Return the nodes of the outer scene by those of one part of the array."""
+        """Return for each connected node of one part the node of the outer scene."""
         return {**self.nodes, **self._own_nodes.get(member, {})} if self.set else self.nodes
 
     def is_node(self, name: str) -> bool:
-        """Return whether a part's qualified name is that of a node it connects."""
+        """Return whether a qualified name denotes a node that an individual part connects."""
         member, _, local = name.partition(".")
         return local in self._own_nodes.get(member, {})
 
     @cached_property
     def _own_nodes(self) -> dict[str, dict[str, str]]:
-        """Nodes that single parts connect differently from the others, by part and node."""
+        """For individual parts, the nodes that they connect differently from the others."""
         ports = self.scene.ports or self.node_names - {"ground"}
         found: dict[str, dict[str, str]] = {}
         for name, value in self.set.items():
@@ -401,12 +399,12 @@ class Part:
 
     @cached_property
     def node_names(self) -> frozenset[str]:
-        """The nodes of the part's scene."""
+        """The names of the nodes in the part's scene."""
         return frozenset(self.scene.nodes)
 
     @property
     def shown(self) -> str:
-        """The part in a line: its name, its scene and how many there are."""
+        """The part in one line: its name, its scene and the number of parts."""
         number = " x ".join(map(str, self.counts))
         array = f"{number} parts " if number else ""
         pairs = ", ".join(f"{own} = {outer}" for own, outer in self.nodes.items())
@@ -414,11 +412,11 @@ class Part:
 
 
 def origins_of(scene: SceneDescription) -> Iterator[Origin]:
-    """List data of other tools' files about a scene and its parts, at nodes of the scene."""
+    """List data from other tools' files on a scene and its parts, with the scene's node names."""
     if scene.origin is not None:
         yield scene.origin
     for part in scene.parts.values():
-        # Most parts have no such data, and are skipped without expanding arrays.
+        # Most parts have no such data; then the array is not expanded.
         inner = list(origins_of(part.scene))
         for member, index in part.members() if inner else ():
             nodes = {own: in_name(n, index, n) for own, n in part.nodes_of(member).items()}
@@ -431,10 +429,10 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
 
 
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
-    """Find the part that declares a name.
+    """Find the part in which a name is declared.
 
-    Returns the part of this scene, the name of the part (of an array that of one of its parts), and
-    the name within the part.
+    Returns the part of this scene, its name (for an array, that of the individual part), and the
+    name of the declaration within the part.
     """
     member, dot, local = name.partition(".")
     part = scene.members.get(member) if dot else None

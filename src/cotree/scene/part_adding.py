@@ -1,7 +1,7 @@
-"""Adding parts to a scene: names are checked, declarations made and stored in its tables.
+"""Adding parts to a scene: checks names, creates declarations and stores them in its tables.
 
-Messages about the equations name an edge as the outer scene does, ``leg1.knee``; its statement is
-in another file, under another name.
+Messages about equations name an edge as in the outer scene, ``leg1.knee``; notes in the messages
+locate its statement, which is in another file under another name.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Kinds of bindings, in the order of their lookup.
+#: Kinds of bindings, in the order in which they are searched.
 KINDS = ("nodes", "parameters", "inputs")
-#: Keys of a part in addition to its bindings.
+#: Keys of a part in addition to the names that it binds.
 RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
 _INDEX = ("i", "j", "k")
 
@@ -41,11 +41,11 @@ def make_part(
     outer: SceneDescription,
     source: str,
 ) -> Part:
-    """Make a part from its statement, for the scene ``outer``.
+    """Create a part of the scene ``outer`` from its statement.
 
-    ``given`` has ``count``, ``index``, ``nodes``, ``parameters``, ``inputs``, ``set``, and bindings
-    by the name of a node, a parameter or an input. Raises SceneError if an entry is unknown or not
-    of its kind, or a port is left open.
+    ``given`` contains ``count``, ``index``, ``nodes``, ``parameters``, ``inputs`` and ``set``, and
+    bindings by the name of a node, parameter or input. Raises SceneError if an entry is unknown or
+    of the wrong kind, or if a port is not connected.
     """
     rest: dict[str, Any] = plain(given)
     counts = _counts(rest.pop("count", None))
@@ -114,7 +114,7 @@ def _counts(given: object) -> tuple[int, ...]:
     if not 1 <= len(rows) <= len(_INDEX):
         raise SceneError(f"count has {len(rows)} numbers: give one, two or three")
     for row in rows:
-        # In Python booleans are numbers; as a count they are a mistake.
+        # In Python booleans are numbers, but they are no valid counts.
         if isinstance(row, bool) or not isinstance(row, int) or row < 1:
             raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
     return tuple(rows)
@@ -153,7 +153,7 @@ def _size(scene: SceneDescription) -> int:
 
 
 def check_entries(given: Mapping[str, Any]) -> None:
-    """Raise an error if a part names no scene."""
+    """Raise an error if a part does not name a scene."""
     if "scene" not in given:
         near = [key for key in given if nearest(key, ["scene"]).endswith("?")]
         hint = f"; did you mean it by '{brief(near[0])}'?" if near else ""
@@ -163,9 +163,9 @@ def check_entries(given: Mapping[str, Any]) -> None:
 
 
 def statement_of(part: Part) -> dict[str, Any]:
-    """Return the table of a part in a scene file, without its scene.
+    """Return the table that represents a part in a scene file, without the part's scene.
 
-    Bindings are single entries if their names are unambiguous, otherwise in tables of their kind.
+    Bindings with unambiguous names are direct entries; all others are in tables of their kind.
     """
     table: dict[str, Any] = {}
     if part.counts:
@@ -203,9 +203,9 @@ _KINDS = {
 
 
 def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
-    """Find the lines of the declarations of a scene file, by kind and name; the first is 1.
+    """Find the lines of all declarations in a scene file, by kind and name; the first line is 1.
 
-    The section is the table of the file that holds the scene, as ``scenes.leg``, or empty.
+    The section is the table in which the file defines the scene, such as ``scenes.leg``, or "".
     """
     found: dict[tuple[str, str], int] = {}
     within = section.split(".") if section else []
@@ -213,10 +213,10 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
     for number, line in enumerate(text.splitlines(), 1):
         if heading := _HEADING.match(line):
             steps = [step.strip('"') for step in _STEP.findall(heading[1])]
-            # Other tables of the file do not belong to this scene.
+            # Other tables of the file do not belong to the scene.
             steps = steps[len(within) :] if steps[: len(within)] == within else []
             table = steps[0] if steps else ""
-            # Keys of [edges.k] are fields of k; keys of [edges] are edges.
+            # Keys in [edges.k] are fields of k; keys in [edges] are edges.
             is_own = len(steps) > 1
             if is_own and table in _KINDS:
                 found.setdefault((_KINDS[table], steps[1]), number)
@@ -226,7 +226,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
 
 
 _NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
-_MOST = 3  # number of names whose statements one message locates
+_MOST = 3  # maximum number of names in a message whose statements are located
 _TABLES = (
     *(("edge", "edges"), ("parameter", "parameters"), ("input", "inputs")),
     *(("output", "outputs"), ("mode", "modes"), ("event", "events")),
@@ -236,7 +236,7 @@ _TABLES = (
 def origin_note(
     message: str, members: Mapping[str, Part], outer: SceneDescription | None = None
 ) -> str:
-    """Return the locations of the declarations of parts that a message names, as its end."""
+    """Return a note that locates the declarations of parts that a message names."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
         if note := _statement_of(name, members, outer):
@@ -246,7 +246,7 @@ def origin_note(
 
 
 def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None:
-    """Find the innermost part that contains a name, and the name there."""
+    """Return the innermost part that contains a name, and the name within that part."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -255,7 +255,7 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
 
 
 def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
-    """Return the location of the statement of a part's name, with ``{name}`` for itself."""
+    """Return where a part's name is declared, with ``{name}`` as a placeholder for the name."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -266,7 +266,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
     if local.partition(".")[0] in part.scene.members:
         return _statement_of(local, part.scene.members, part.scene)
-    # For a variable, take the statement of its edge. Both may contain dots, as those of ports do.
+    # For a variable, use the statement of its edge. Names of edges and variables may contain dots.
     while local:
         for kind, table in _TABLES:
             if local in getattr(part.scene, table):
@@ -278,27 +278,27 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
 
 
 def _unknown_name(name: str, part: Part) -> str:
-    """Suggest a close match for an unknown name within a part."""
+    """Return a message that suggests a similar name within a part."""
     member, _, local = name.partition(".")
     known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
 
 
 def place_of(scene: SceneDescription, kind: str, name: str) -> str:
-    """Return the file of a scene with the line of a declaration; the scene's name without one."""
+    """Return the file of a scene and, if known, the line of a declaration; or the scene's name."""
     line = line_of(scene, kind, name)
     file = os.path.basename(scene.file) or f"scene '{scene.name}'"
     return f"{file}, line {line}" if line else file
 
 
 def line_of(scene: SceneDescription, kind: str, name: str) -> int | None:
-    """Find the line of a scene's file in which something is declared; the first is 1."""
+    """Return the line of a declaration in a scene's file, counted from 1; None if unknown."""
     if not scene.file.endswith(".toml"):
         return None
     try:
         status = os.stat(scene.file)
         lines = _lines(scene.file, status.st_mtime_ns, scene.section)
-    except (OSError, UnicodeDecodeError):  # the file has been removed or changed since it was read
+    except (OSError, UnicodeDecodeError):  # the file was removed or changed after it was read
         return None
     return lines.get((kind, name))
 
@@ -309,7 +309,7 @@ def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], in
         return statement_lines(stream.read(), section)
 
 
-#: Names that are reserved in front of a dot.
+#: Names that are reserved before a dot.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})
 
 
@@ -334,7 +334,7 @@ def add_part(
         raise type(error)(f"part '{name}': {error}") from None
     members = dict.fromkeys((member for member, _ in part.members()), part)
     _check_members(scene, name, members)
-    # Bindings may call tables of the outer scene.
+    # Bindings may call the outer scene's tables.
     with table_scope(scene.tables):
         rows = _rows_of(scene, part)
     scene.parts[name] = part
@@ -345,11 +345,11 @@ def add_part(
 
 
 def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
-    """Order declarations of a part after those of others and before the scene's own.
+    """Add declarations of a part before the scene's own, but after those of other parts.
 
-    Declarations of parts come first, as when the scene is read from a file.
+    This is the order in which declarations are read from a file.
     """
-    # Search only the scene's own entries: there may be thousands of parts.
+    # Search only the scene's own declarations, since there may be thousands from parts.
     last = list(takewhile(lambda key: "." not in key, reversed(own)))
     kept = {key: own.pop(key) for key in reversed(last)}
     own.update(added)
@@ -357,7 +357,7 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
 
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
-    """Make the declarations of a part, or of all parts of an array."""
+    """Create the declarations of a part, or of all parts in an array."""
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
@@ -400,9 +400,9 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
 
 
 def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") -> bool:
-    """Set a parameter or an input of a part, also in its statement.
+    """Set a parameter or input of a part, and change the part's statement accordingly.
 
-    Returns whether the name is one of a part.
+    Returns whether the name belongs to a part.
     """
     found = owner_of(scene, name)
     if found is None or name not in {**scene.parameters, **scene.inputs}:
@@ -428,7 +428,7 @@ def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") 
 
 
 def check_node(scene: SceneDescription, name: object) -> str:
-    """Check the name of a node; if it belongs to a part, it must exist there."""
+    """Check the name of a node, which must exist if it belongs to a part."""
     node = check_path("node", name)
     if node in scene.members:
         raise SceneError(f"'{node}' is a part, not a node: name one of its nodes, '{node}.node'")

@@ -1,4 +1,4 @@
-"""Ports of scalar components: the end nodes of each edge in a scalar graph."""
+"""Ports of scalar components: the end nodes of their edges in scalar graphs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.components import Component, Terminal
 
-#: Keys that place a port on a multibody system.
+#: Keys that connect a port to a multibody system.
 _PLACES = frozenset({"joint", "line"})
 
 #: Domains whose ports may act on a multibody system.
@@ -25,7 +25,7 @@ _MECHANICAL = ("translational", "rotational")
 
 
 def acts_on_multibody(port: Terminal) -> bool:
-    """Return whether a port may act on a joint or along a line instead of two nodes."""
+    """Return whether a port may act on a joint or along a line instead of between two nodes."""
     return port.domain in _MECHANICAL
 
 
@@ -36,18 +36,18 @@ class PortEnds:
     #: Nodes of the port; empty if it acts on a multibody system.
     tail: str
     head: str
-    #: The coordinate of a joint, or the two nodes along whose line the port acts; otherwise empty.
+    #: A joint's coordinate, or the two nodes that define the line of action; otherwise empty.
     acts_on: tuple[str, ...] = ()
 
 
 def check_ports(
     edge: str, component: Component, nodes: Sequence[object], fields: Mapping[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Check the nodes of an edge, from its list of nodes and, of several ports, from its fields.
+    """Check the nodes of an edge, given in its list of nodes or in fields of several ports.
 
-    Returns all nodes in order, the ends of each port of a scalar component, and the remaining
-    fields. Raises SceneError if nodes are missing, too many, not names, or the same where they must
-    not be.
+    Returns all nodes in order, the ends of each scalar port, and the remaining fields. Raises
+    SceneError if there are too few or too many nodes, if a node is not a name, or if two nodes are
+    equal that must differ.
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:
@@ -57,8 +57,8 @@ def check_ports(
             return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
-    # ``check_heat`` has appended the thermal port, whose node is given by a field. The nodes of the
-    # other ports are read without it.
+    # ``check_heat`` has appended the thermal port, whose node is the value of a field. The nodes of
+    # all other ports are read without it.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
@@ -83,7 +83,7 @@ def check_ports(
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
-    # A list with one node per port abbreviates ports to the ground.
+    # In this short form, each node belongs to one port, whose other node is the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
@@ -99,7 +99,7 @@ def check_ports(
     placed = []
     for port in component.ports:
         where = f"{port.port} of edge '{edge}'"
-        # A mechanical port for which no nodes are given acts on the multibody system.
+        # A mechanical port without nodes acts on the multibody system.
         has_nodes = port.port in rest or not rest.keys() & _PLACES
         if acts_on_multibody(port) and not has_nodes:
             placed.append(_multibody(edge, rest))
@@ -112,12 +112,12 @@ def check_ports(
         pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)
         listed += pair
         placed.append(_ends(port, pair, where))
-    # A node that several ports share is listed once.
+    # A node of several ports is listed once.
     return tuple(dict.fromkeys(listed)), tuple(placed), rest
 
 
 def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
-    """Return the component, with a thermal port if the fields name a node for its heat."""
+    """Return the component, with a thermal port if a field names the node for its heat."""
     if (
         HEAT not in fields
         or component.field(HEAT) is not None
@@ -133,13 +133,13 @@ def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Co
 
 
 def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
-    """Check the thermal node that receives heat, or the two nodes between which it is added."""
+    """Check the node that receives heat, or the two nodes between which it is added."""
     pair = (value, "ground") if isinstance(value, str) else value
     return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
 
 
 def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> None:
-    """Raise if a two-node component names a joint; suggest types that act on one."""
+    """Raise if a two-node component names a joint, and suggest types that act on joints."""
     if "joint" in rest and component.field("joint") is None:
         from cotree.components.mechanical import ON_JOINTS
 
@@ -154,7 +154,7 @@ def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> N
 def _refuse_places(
     edge: str, component: Component, nodes: Sequence[object], rest: Mapping[str, Any]
 ) -> None:
-    """Raise if a port that acts on a joint or line has nodes, too."""
+    """Raise if a port that acts on a joint or along a line also has nodes."""
     mechanical = [port.port for port in component.ports if acts_on_multibody(port)]
     if not rest.keys() & _PLACES or not mechanical:
         return
@@ -170,7 +170,7 @@ def _refuse_places(
 
 
 def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
-    """Raise if a component that acts on a joint or along a line lists nodes of its own."""
+    """Raise if a component that acts on a joint or along a line also lists nodes."""
     if nodes:
         raise SceneError(
             f"edge '{edge}' has nodes of the one-dimensional graph, but also acts on the "
@@ -179,9 +179,9 @@ def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
 
 
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
-    """Read the joint or the line of two nodes on which a port acts."""
+    """Read the joint on which a port acts, or the two nodes that define its line of action."""
     if "joint" in rest:
-        # When the joints are known, it is decided whether the last word is a coordinate.
+        # Whether the last word is a coordinate is decided later, when the joints are known.
         return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
     return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
@@ -189,7 +189,7 @@ def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
 def _by_terminal(
     edge: str, component: Component, nodes: Sequence[object], rest: dict[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Return the nodes of a component such as a transistor, whose ports share them."""
+    """Return the nodes of a component such as a transistor, whose ports share nodes."""
     if not is_list(nodes) or len(nodes) != len(component.terminals):
         wanted = ", ".join(component.terminals)
         raise SceneError(
@@ -203,7 +203,7 @@ def _by_terminal(
     places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
-        # Names that a scene cannot give belong to inner nodes.
+        # Inner nodes have names that a scene cannot state.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
         if head == tail and "ground" in port.between:  # except species and outputs of amplifiers
             first, second = port.between
@@ -215,13 +215,13 @@ def _by_terminal(
 
 
 def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
-    """Pair a node with the ground, in the order of the domain."""
+    """Return a node and the ground, in the order that the domain prescribes."""
     return (node, "ground") if DOMAINS[port.domain].head_first else ("ground", node)
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
-    # The across variable is that of the head minus that of the tail: plus minus minus if plus is
-    # listed first; second minus first in mechanics.
+    # The across variable is that of the head minus that of the tail. In mechanics this is second
+    # minus first node, in other domains plus minus minus node.
     ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")
@@ -229,12 +229,12 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
 
 
 def _counted(nodes: object) -> str:
-    """Return the number of given nodes, for a message."""
+    """Return the number of given nodes as text for a message."""
     return f"; there {'is' if len(nodes) == 1 else 'are'} {len(nodes)}" if is_list(nodes) else ""
 
 
 def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
-    """Check two nodes; in a scalar graph they may be equal, if the across variable is zero."""
+    """Check two nodes; if ``may_be_one``, they may be equal, and the across variable is zero."""
     if not is_list(nodes) or len(nodes) != 2:
         raise SceneError(f"{what} needs two nodes, as a list of their names{_counted(nodes)}")
     first, second = (check_path("node", node) for node in nodes)

@@ -1,11 +1,11 @@
-"""Settings of runs: fields, units, defaults and checks, in one place.
+"""Settings of runs: fields, units, defaults and checks in one place.
 
-In: settings of ``simulate``, a scene file or the command line. Out: ``Settings`` of a run, and a
-scene's ``Simulation``, which holds the defaults of its runs.
+Arguments of ``simulate``, scene files and the command line are converted to the ``Settings`` of a
+run. The ``Simulation`` of a scene contains the defaults of its runs.
 
-A new setting is a line in ``Settings`` and, for editors, its type in ``SettingsDict``. Calls and
-scenes then accept it, ensembles keep it with their results, and commands have an option for it if
-it has a help text.
+To add a setting, add a line to ``Settings`` and, for editors, its type to ``SettingsDict``. Then
+calls and scenes accept it, ensembles store it with their results, and commands have an option for
+it if it has a help text.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ FloatArray = npt.NDArray[np.float64]
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-#: Default limits of the numbers of steps and events of a run.
+#: Default limits of the numbers of steps and events in a run.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
-#: Limit of steps for runs of an estimation. Far from the estimates a model may become stiff: its
-#: run then fails early, and the step of the optimiser is rejected.
+#: Limit of the number of steps in a run for an estimation. Far from the estimates a model may
+#: become stiff: its run then fails early, and the optimiser rejects its step.
 STEPS_OF_FIT = 100_000
 
 
 class OtherSettings(TypedDict, total=False):
-    """Settings of ``simulate`` besides its named arguments; see :class:`Settings`."""
+    """Settings of ``simulate`` in addition to its named arguments; see :class:`Settings`."""
 
     error_test_sensitivities: bool
     scales: Mapping[str, float] | None
@@ -53,27 +53,27 @@ class OtherSettings(TypedDict, total=False):
 
 
 class SettingsDict(OtherSettings, total=False):
-    """Settings that studies of many runs take; see :class:`Settings`."""
+    """Settings of studies that consist of many runs; see :class:`Settings`."""
 
     rtol: float | None
     atol: float | None
 
 
 class Row(NamedTuple):
-    """Documentation, check and option of a setting."""
+    """Documentation, check and command-line option of a setting."""
 
     doc: str  # documentation of the setting
-    #: Function ``check(value, name)`` that returns the stored value, or raises an error.
+    #: Function ``check(value, name)``, which returns the value to be stored or raises an error.
     check: Callable[[Any, str], Any]
-    #: Help text of the command-line option; ``{}`` is replaced by the default. Empty: no option.
+    #: Help text of the command-line option, in which ``{}`` is the default; "" for no option.
     option: str = ""
     metavar: str | None = None  # placeholder for the value in the help text
-    flag: str = ""  # name of the option; empty: the name of the setting
+    flag: str = ""  # name of the option; "" for the name of the setting
     in_scenes: bool = True  # whether scene files may contain the setting
 
 
 def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:
-    """Declare a setting by its default, documentation and check."""
+    """Return a field with a default, a documentation and a check."""
     about = {"row": Row(doc, check, **more)}
     if isinstance(default, dict):
         return field(default_factory=dict, metadata=about)
@@ -88,7 +88,7 @@ def _values(value: Any, name: str) -> Any:
     return by_name(value)  # the model checks names and shape
 
 
-# Limit against mistyped numbers.
+# Largest number of output times in a run, which guards against typing errors.
 _MOST_POINTS = 10_000_000
 
 
@@ -185,10 +185,10 @@ def _count(value: Any, name: str) -> int | None:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a run.
+    """The settings of a run.
 
-    Values are checked when an object is created, and numbers of NumPy become Python's.
-    ``model.simulate(t_span, **settings)``, ``ensemble``, ``fit``, ``optimise`` and others take
+    Values are checked when an object is created, and NumPy scalars become Python numbers.
+    ``model.simulate(t_span, **settings)``, ``ensemble``, ``fit``, ``optimise`` and others accept
     method, tolerances, budgets and other settings as keyword arguments.
 
     Attributes
@@ -328,7 +328,7 @@ class Settings:
         _check_order(self.t_span, self.t_eval)
 
     def keys(self) -> tuple[str, ...]:
-        """Return the names of the settings that ``**settings`` passes on."""
+        """Return the names of the settings that ``**settings`` passes."""
         return SHARED
 
     def __getitem__(self, name: str) -> Any:
@@ -338,7 +338,7 @@ class Settings:
 
 
 def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
-    """Raise if times are outside a span, or against its direction."""
+    """Raise if times are outside the time span or run against its direction."""
     if times is None:
         return
     start, end = t_span
@@ -347,21 +347,20 @@ def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
         raise SolveError(
             f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
         )
-    # Methods store outputs in the order of their steps, so times must be in the direction of the
-    # run.
+    # Outputs are stored in the order of the steps, so that times must run in the same direction.
     direction = math.copysign(1.0, end - start)
     if np.any(direction * np.diff(times) <= 0):
         order = "increase" if direction > 0 else "decrease"
         raise SolveError(f"t_eval must strictly {order}, as the time span does.")
 
 
-#: Data of each setting, by name.
+#: Documentation, check and option of each setting, by its name.
 ROWS: Mapping[str, Row] = {item.name: item.metadata["row"] for item in fields(Settings)}
 
-#: Settings that all studies take: method, tolerances, budgets.
+#: Settings that all studies accept: method, tolerances, budgets and others.
 SHARED = ("method", "rtol", "atol", *OtherSettings.__annotations__)
 
-# Settings for which None has a meaning; for others it selects the default.
+# Settings for which None is a value; for all others, None selects the default.
 _OPTIONAL = {item.name for item in fields(Settings) if "None" in str(item.type)}
 
 
@@ -373,7 +372,7 @@ def in_python(value: Any) -> Any:
 
 
 def documented(kind: _F) -> _F:
-    """Replace the entry ``**settings`` of a docstring by the documentation of each setting."""
+    """Replace the entry ``**settings`` in a docstring by the documentation of all settings."""
 
     def rows(entry: re.Match[str]) -> str:
         margin, lines = entry[1], []
@@ -392,10 +391,9 @@ documented(Settings)
 
 
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
-    """Return the settings of a call; missing ones are those of the scene.
+    """Return the settings of a call; settings that it does not give are the scene's.
 
-    Raises TypeError if there is no such setting, ModelError or SolveError if a value is not
-    accepted.
+    Raises TypeError if a setting does not exist, ModelError or SolveError if a value is invalid.
     """
     if not given.keys() <= ROWS.keys():
         name = next(name for name in given if name not in ROWS)
@@ -404,19 +402,19 @@ def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
     return Settings(**{name: getattr(defaults, name) for name in ROWS} | own)
 
 
-#: Kinds of starts: from the initial values of the states, or from the operating point, at which all
-#: rates are zero.
+#: Kinds of starts: initial values of the states, or the operating point at which all rates are
+#: zero.
 INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 
 @dataclass(frozen=True)
 class Simulation(Settings):
-    """Defaults of a scene's runs, and the point at which they begin."""
+    """The defaults of a scene's runs, and the state in which they begin."""
 
-    #: Kind of the start. At its operating point an electrical network is at rest for the source
-    #: values at the start: the currents of capacitors and the voltages of inductors are zero.
+    #: Kind of the start. At the operating point, an electrical network is at rest with the initial
+    #: values of its sources: capacitors have no current, and inductors have no voltage.
     start: str = INITIAL
-    #: Nodes whose voltages are fixed during the computation of the operating point, then released.
+    #: Nodes whose voltages are fixed only while the operating point is computed.
     held: tuple[tuple[str, Expression], ...] = ()
 
     @property
@@ -425,12 +423,12 @@ class Simulation(Settings):
         return self.t_span[1]
 
 
-#: Settings that scenes may set.
+#: Settings that scenes may contain.
 OF_SCENES = ("t_end", *(name for name in SHARED if ROWS[name].in_scenes), "start", "held")
 
 
 def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
-    """Change some settings; raise SceneError or ExpressionError for unknown names or bad values."""
+    """Return changed settings; raise SceneError or ExpressionError for invalid names or values."""
     check_known(settings, OF_SCENES, "simulation has no setting")
     changed = dict(settings)
     if "t_end" in changed:
@@ -447,11 +445,11 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     if "held" in changed:
         changed["held"] = _held(changed["held"])
     try:
-        # Settings are frozen: a modified copy leaves shared settings unchanged.
+        # Settings are immutable: a changed copy leaves shared settings as they are.
         made = replace(old, **changed)
     except (ParameterError, SolveError) as error:
         raise SceneError(f"of the simulation {str(error).rstrip('.')}") from None
-    # Voltages of nodes can be fixed only for an operating point.
+    # Voltages of nodes can only be fixed for an operating point.
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made
