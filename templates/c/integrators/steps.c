@@ -153,7 +153,10 @@ static void accept(integrator *d)
 static int is_shortest(const integrator *d)
 {
     const cotree_real most = COTREE_FMIN(LARGEST_ERROR, LARGEST_SHARE / d->rtol);
-    return COTREE_FABS(d->h) <= SHORTEST_SIZE * smallest_step(d->t) && d->error <= most * most;
+    /* At a large time any step is long beside the rest. */
+    const cotree_real longest = COTREE_FMIN(SHORTEST_SIZE * smallest_step(d->t),
+                                            SHORTEST_PART * COTREE_FABS(d->goal - d->t));
+    return COTREE_FABS(d->h) <= longest && d->error <= most * most;
 }
 
 /* Try steps until one is accepted. */
