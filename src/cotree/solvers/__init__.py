@@ -1,7 +1,7 @@
-"""Integration of initial value problems: methods, the engine in C, and the result.
+"""Integration of initial value problems: methods, the C engine, and results.
 
-``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; a ``RunRecord`` holds one
-with names, units and outputs.
+``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; a ``RunRecord`` contains
+one with names, units and outputs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Budgets of a run: steps, events, time, and the memory of its stored points.
+"""Limits of a run: steps, events, time, and memory for its stored points.
 
-A run without chosen times stores each step, and a faulty one may take steps without end. Steps,
-events and time therefore have limits with every method. If stored steps exceed the memory, every
-second one is dropped, and the run continues.
+A run without requested times stores each step, and a faulty run may take steps without end. Every
+method therefore has limits of steps, events and time. If the stored steps exceed their memory,
+every second one is dropped, and the run continues.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 
 
 #: Maximum memory for the stored steps of a run with the values evaluated at them, and for its
-#: events, [byte]. While a result of this size is created, up to four times as much is needed.
+#: events, [byte]. The creation of a result of this size needs up to four times as much.
 MOST_STORED = 256 * 2**20
 
-# Minimum number of points of a curve, independently of the size of a row.
+# Minimum number of rows that are stored, however long a row is.
 _LEAST_ROWS = 64
 
 
 def most_rows(width: int) -> int:
-    """Return the largest number of rows of so many doubles that are stored."""
+    """Return the largest number of stored rows, each with ``width`` doubles."""
     return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
 
 
 def steps_spent(limit: int) -> str:
-    """Return the message that the limit of steps is reached, without capital and full stop."""
+    """Return the message that the limit of steps is reached, without a capital and full stop."""
     return f"the limit of {limit} steps is reached"
 
 
@@ -50,27 +50,27 @@ def time_spent(limit: float) -> str:
 
 
 class Thinning:
-    """Choice of the steps that a run stores: every one, then every second, fourth, and so on."""
+    """Selection of the steps that a run stores: all, then every second, fourth, and so on."""
 
     def __init__(self) -> None:
         self.stride = 1
         self._seen = 0
 
     def select(self, n_new: int) -> slice:
-        """Return the places of the steps to store among some new ones."""
+        """Return a slice that selects the steps to store among ``n_new`` new ones."""
         first = -self._seen % self.stride
         self._seen += n_new
         return slice(first, n_new, self.stride)
 
     def thin(self) -> slice:
-        """Double the stride, and return the indices of the stored steps that remain."""
+        """Double the stride, and return a slice that selects the stored steps to keep."""
         self.stride *= 2
-        # The stored steps are the first one and multiples of the stride after it.
+        # The first step is stored and, after it, each multiple of the stride.
         return slice(None, None, 2)
 
     @property
     def note(self) -> str:
-        """A sentence on the steps that a result leaves out; empty if it has all."""
+        """A sentence on the steps that a result lacks; empty if it has all."""
         if self.stride == 1:
             return ""
         return (
@@ -79,12 +79,12 @@ class Thinning:
         )
 
 
-# Time before a bar appears, and the interval of its updates, [s].
+# Time until a progress bar appears, and interval of its updates, [s].
 PATIENCE, _REFRESH = 1.0, 0.1
 
 
 class OwnBar:
-    """A progress bar that appears when first needed, and ends with its ``with`` statement."""
+    """A progress bar that appears when it is first needed, and ends with its ``with`` block."""
 
     _bar: Bar | None = None
 
@@ -102,7 +102,7 @@ class OwnBar:
 
     @staticmethod
     def _begin(name: str, total: float, *columns: str | ProgressColumn) -> Bar:
-        """Show a new bar."""
+        """Create and show a bar with the given columns."""
         from rich.console import Console
         from rich.progress import Progress as Bar
 
@@ -113,7 +113,7 @@ class OwnBar:
 
 
 class CountingBar(OwnBar):
-    """Progress bar of a count; hidden if stderr is not a terminal or the work is short."""
+    """Progress bar for a number of items; hidden without a terminal or if the work is short."""
 
     def __init__(self, noun: str, n: int, is_wanted: bool) -> None:
         self._noun, self._n = noun, n
@@ -121,7 +121,7 @@ class CountingBar(OwnBar):
         self._begun = time.perf_counter()
 
     def count(self, done: int, note: Callable[[float], str]) -> None:
-        """Show how many are done, and the text of ``note(elapsed)``."""
+        """Show the number of items that are done, and the text ``note(elapsed)``."""
         elapsed = time.perf_counter() - self._begun
         if not self._is_watched or elapsed < PATIENCE:
             return
@@ -143,7 +143,7 @@ class Progress(OwnBar):
         self._next = time.perf_counter() + PATIENCE
 
     def reached(self, t: float) -> None:
-        """Show the time reached, [s]."""
+        """Show that the integration has reached time t, [s]."""
         if time.perf_counter() < self._next:
             return
         if self._bar is None and not is_watched():
@@ -158,6 +158,6 @@ class Progress(OwnBar):
 
 def is_watched() -> bool:
     """Return whether stderr is a terminal and this is the main thread."""
-    # Bars of several threads would overwrite each other.
+    # Progress bars of several threads would overwrite each other.
     is_main = threading.current_thread() is threading.main_thread()
     return is_main and sys.stderr is not None and sys.stderr.isatty()

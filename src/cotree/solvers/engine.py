@@ -1,7 +1,7 @@
-"""The C engine of a stepper: built once on a machine, loaded, and given jobs.
+"""The C engine of a stepper, which is built once on a machine, loaded, and runs jobs.
 
-In: a name in ``codegen.c_files.STEPPERS``. Out: the library that runs jobs, with the functions
-of SUNDIALS that it calls; or the reason of a failure.
+In: a name in ``codegen.c_files.STEPPERS``. Out: the library that runs jobs, with the SUNDIALS
+functions that it calls; or the reason why it cannot be built.
 """
 
 from __future__ import annotations
@@ -30,38 +30,39 @@ if TYPE_CHECKING:
 
 
 def has_sundials() -> bool:
-    """Return whether the package with CVODE and IDA is installed."""
+    """Return whether scikit-sundae, the package with CVODE and IDA, is installed."""
     return importlib.util.find_spec("sksundae") is not None
 
 
-# Threads that build engines ahead of runs.
+# Threads that build engines before runs need them.
 _ahead: list[threading.Thread] = []
 
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """The engine of a stepper."""
+    """A loaded C engine that integrates with one stepper."""
 
     stepper: str  # name of the stepper in ``STEPPERS``
     has_events: bool  # whether its jobs may have events
     library: LoadedLibrary  # library that runs jobs
-    #: Structure ``cotree_sundials`` with the functions that the stepper calls.
+    #: Structure ``cotree_sundials`` with the functions that the stepper calls, if any.
     functions: Any = None
-    sundials: Any = None  # reference to the library of SUNDIALS, which keeps it loaded
+    sundials: Any = None  # SUNDIALS library; the reference keeps it loaded
 
 
 def build_ahead(
     *methods: str, has_events: bool = True, then: Sequence[Callable[[], object]] = ()
 ) -> None:
-    """Build or load the engines of methods in a thread, while the model is compiled.
+    """Build or load the engines of the given methods in a thread while the model is compiled.
 
-    Methods without an engine and unknown ones are ignored; ``then`` is called afterwards.
+    Unknown methods and those without an engine are ignored. The functions ``then`` are called
+    afterwards in the same thread.
     """
-    # The choice of a method starts with steps of dop853.
+    # "auto" begins with steps of dop853.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
-        # The text is rendered here, so that the compiler starts early.
+        # The text is rendered before the thread starts, so that the compiler starts early.
         _code_of(steppers[0], has_events)
         thread = threading.Thread(
             target=_prepare, args=(steppers, then, has_events), name="cotree-engine"
@@ -71,7 +72,7 @@ def build_ahead(
 
 
 def abandon_ahead() -> None:
-    """End the threads of runs that will not take place, so that the program can end."""
+    """Abandon the threads that build engines, so that the program can end."""
     for thread in _ahead:
         abandon(thread)
 
@@ -79,10 +80,10 @@ def abandon_ahead() -> None:
 def _prepare(
     steppers: Sequence[str], then: Sequence[Callable[[], object]], has_events: bool
 ) -> None:
-    # A run that needs the engine raises the same error. RuntimeError: the program has ended, and
-    # pools of threads accept no more work.
+    # A run that needs the engine raises the same error. A RuntimeError occurs at the end of the
+    # program, when thread pools accept no more work.
     with contextlib.suppress(Error, RuntimeError):
-        # One after the other, since later engines use shared object files from the cache.
+        # Engines are built in sequence, since later ones use shared object files from the cache.
         for stepper in steppers:
             load_engine(stepper, has_events=has_events)
         for load in then or (load_sweep,):
@@ -90,16 +91,17 @@ def _prepare(
 
 
 def load_engine(stepper: str, *, has_events: bool = True) -> Engine | str:
-    """Build and load the engine of a stepper once, or return why that fails.
+    """Build and load the engine of a stepper once, or return the reason why that fails.
 
-    Without events it is compiled in half of the time; it runs models without events and kinks.
+    An engine without events compiles in half of the time, but runs only models without events and
+    kinks.
     """
     if stepper not in SUNDIALS:
         return _opened(stepper, "", has_events)
     from cotree.solvers.sundials import library_path
 
     found = library_path(stepper)
-    # The path is part of the key, since the environment may change.
+    # The path is a part of the cache key, since the environment may change.
     return found.why_not or _opened(stepper, found.path, has_events)
 
 
@@ -110,7 +112,7 @@ def _code_of(stepper: str, has_events: bool) -> SharedCode:
 
 @locked_cache
 def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
-    """Build an engine, and open the library of SUNDIALS that a path names, if any."""
+    """Build an engine, and open the SUNDIALS library at ``path`` unless that is empty."""
     library = build_engine(_code_of(stepper, has_events))
     if library is None:
         return "no compiler can build its engine"
@@ -129,16 +131,16 @@ if TYPE_CHECKING:
 def sweep(
     model: CompiledModel, native: NativeModel, u: Inputs, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluate outputs, their sensitivities and inputs at many points.
+    """Evaluate outputs, output sensitivities and inputs at many points.
 
     Parameters
     ----------
     model : CompiledModel
         The model.
     native : NativeModel
-        The model in C with its parameters.
+        The C model with its parameters.
     u : callable
-        Inputs at a time; None leaves them to the model.
+        ``u(t)`` returns the inputs, or None for the model's own.
     t, z : ndarray, shapes (n_t,) and (n_states * (1 + n_sensitivities), n_t)
         Times, [s], and states with sensitivities.
 
@@ -150,9 +152,9 @@ def sweep(
     Raises
     ------
     SingularSystemError
-        If an output is not determined somewhere.
+        If an output is undetermined at a point.
     BuildError
-        If no compiler can build the loop over the points.
+        If the C loop over the points cannot be built.
     """
     if not model.outputs and not model.inputs:
         return (
@@ -168,7 +170,7 @@ def sweep(
 
 @locked_cache
 def load_sweep() -> LoadedLibrary | None:
-    """Build and load the loop over points; None without a compiler."""
+    """Build and load the C loop over points; return None if that is impossible."""
     return build_engine(shared_code("sweep"))
 
 
@@ -180,9 +182,9 @@ def _in_c(
     t: FloatArray,
     z: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Evaluate all points at once; None if a kernel fails somewhere."""
+    """Evaluate all points in one C call; return None if a kernel fails at a point."""
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
-    # C evaluates inputs of the scene; inputs of the run are passed.
+    # C evaluates the scene's inputs, while inputs of the run are passed as arrays.
     inputs = np.zeros((n_t, len(model.inputs)))
     has_inputs = False
     if model.inputs and u(float(t[0])) is not None:
@@ -191,7 +193,7 @@ def _in_c(
     outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
     ffi = library.ffi
     pointer = partial(pointer_to, ffi)
-    # C reads point after point, hence the transpose of z.
+    # C reads z point by point, hence the transpose.
     status = library.lib.cotree_sweep(
         ffi.cast("cotree_model *", native.address),
         pointer(native.p),
@@ -205,17 +207,17 @@ def _in_c(
         pointer(outputs),
         pointer(slopes),
     )
-    # The caller evaluates the points again in Python, whose error names the cause.
+    # The caller evaluates the points again in Python to raise an error that names the cause.
     if status != 0:
         return None
-    # C writes point after point, while time is the last axis of results.
+    # C writes point by point, while time is the last axis of results.
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
 
 
 def _blame(
     model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
 ) -> NoReturn:
-    """Raise the error of the first point at which outputs are undetermined."""
+    """Raise the exception for the first point at which an output is undetermined."""
     n, m = len(model.states), len(model.sensitivities)
     for j, at in enumerate(t.tolist()):
         known, y, s = u(at), z[:n, j], z[n:, j].reshape(m, n).T

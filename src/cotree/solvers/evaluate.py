@@ -1,13 +1,13 @@
 """Guarded calls of the right-hand side and the Jacobian during one integration.
 
 The Jacobian of z has the state Jacobian J in each diagonal block, and d(J s_p + f_p)/dy below the
-first. Those blocks are second derivatives, which no kernel computes; ``n_states`` differences of
-the right-hand side are accurate enough for an iteration. Without them Newton's method needs one
-iteration more, since its error is nilpotent: SciPy's BDF and Radau, which allow 4 and 6 iterations,
-then take up to a hundred times as many steps on Robertson's problem, and sensitivities outside the
-error test have large errors (IDA, 20 %).
+first block. These second derivatives are computed by ``n_states`` differences of the right-hand
+side, which are accurate enough for an iteration. Without them, Newton's method needs one more
+iteration, since its error is nilpotent: SciPy's BDF and Radau, which allow 4 and 6 iterations, then
+take up to a hundred times as many steps on Robertson's problem, and sensitivities outside the error
+test have large errors (IDA, 20 %).
 
-In: a ``Problem``. Out: functions for solvers that count calls, copy results, store the first
+In: a ``Problem``. Out: functions for solvers that count calls, copy results, record the first
 derivative that is not finite, and check the time limit.
 """
 
@@ -35,7 +35,7 @@ _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 
 
 def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
-    """Return a writeable view, (m, n_states, n_states), of a matrix's diagonal blocks."""
+    """Return a writeable view of the diagonal blocks of a matrix, (m, n_states, n_states)."""
     m = matrix.shape[0] // n_states
     # The repeated index selects the blocks on the diagonal.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
@@ -45,8 +45,8 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
     """Return the dense Jacobian of z from its first columns.
 
-    ``first``, (size, n_states), holds the derivatives of z' by the states: J, then d(J s_p +
-    f_p)/dy of each parameter. J stands again in the other diagonal blocks.
+    ``first``, (size, n_states), has the derivatives of z' by the states: J, then d(J s_p + f_p)/dy
+    for each parameter. The other diagonal blocks are also J.
     """
     size = first.shape[0]
     matrix = np.zeros((size, size))
@@ -56,13 +56,13 @@ def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
 
 
 def assemble_sparse(first: FloatArray, n_states: int) -> Any:
-    """Return the same matrix as ``assemble_dense`` in SciPy's CSC form."""
+    """Return the matrix of :func:`assemble_dense` in SciPy's CSC form."""
     from scipy.sparse import csc_matrix
 
     size = first.shape[0]
     jacobian = first[:n_states]
     n_blocks = size // n_states - 1
-    # CSC form: n_states full columns, then columns that each contain a column of J in their block.
+    # The first n_states columns are full; each further column contains a column of J in its block.
     block_rows = np.arange(n_states, size).reshape(n_blocks, 1, n_states)
     rows = np.broadcast_to(block_rows, (n_blocks, n_states, n_states))
     data = np.broadcast_to(jacobian.T, (n_blocks, n_states, n_states))
@@ -80,33 +80,33 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
 def difference_columns(
     problem: Problem, rhs: Callable[[FloatArray], FloatArray], z: FloatArray
 ) -> FloatArray:
-    """Return the derivatives of z' by the states, (size, n_states), as forward differences."""
+    """Return the derivatives of z' by the states, (size, n_states), by forward differences."""
     rtol, atol = augmented_tolerances(problem)
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
     for j in range(problem.n_states):
-        # As in SUNDIALS: if the increment is as large as the corrections, the rounding error of the
-        # Jacobian is smaller than that of the corrections.
+        # As in SUNDIALS, the increment is at least the tolerance, so that rounding errors of the
+        # difference matter less than those of the corrections.
         y = abs(z[j])
         shifted = z.copy()
         shifted[j] += max(_ROOT_EPS * y, rtol * y + atol[j])
-        # Divide by the rounded increment.
+        # The divisor is the increment after rounding.
         columns[:, j] = (rhs(shifted) - middle) / (shifted[j] - z[j])
     return columns
 
 
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
-    """Return the relative tolerance and the absolute ones of all that is integrated.
+    """Return the relative tolerance and the absolute tolerances of all integrated entries.
 
-    The first is at least ``RTOL_FLOOR``; the others have shape (..., len(problem.integrated)), see
-    :class:`cotree.solvers.problem.Tolerances`.
+    The relative tolerance is at least ``RTOL_FLOOR``; the others have shape
+    (..., len(problem.integrated)), see :class:`cotree.solvers.problem.Tolerances`.
     """
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
 
 
 class IntegrationStopError(Exception):
-    """Stops a solver from inside a callback; the trajectory is then marked as failed."""
+    """Raised inside a callback to stop a solver, whose trajectory then has a failure status."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -117,8 +117,9 @@ class IntegrationStopError(Exception):
 class Evaluator:
     """Counted and guarded calls of the functions of one integration.
 
-    ``nfev`` counts calls of the right-hand side, those for differences included, ``njev`` state
-    Jacobians; ``not_finite`` names the first value that was not finite since ``progressed()``.
+    ``nfev`` counts calls of the right-hand side, including those for differences; ``njev`` counts
+    state Jacobians; ``not_finite`` names the first value that was not finite after the last call of
+    ``progressed()``.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -127,21 +128,22 @@ class Evaluator:
         self.njev = 0
         self.not_finite = ""
         self._last_jacobian: Any = None
-        # The whole span, until the first segment starts.
+        # Evaluations are restricted to the whole span until the first segment starts.
         self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
         if problem.settings.time_limit is not None:
             self._deadline = time.perf_counter() + problem.settings.time_limit
-        # A step takes tens of evaluations, or the length of z if the solver forms a Jacobian by
-        # differences. SciPy's step loops do not end if the step size becomes nan.
+        # The number of evaluations in one step is limited, since SciPy's step loops do not end if
+        # the step size becomes nan. A step takes tens of evaluations or, if the solver computes the
+        # Jacobian by differences, as many as z has entries.
         self._per_step = 10_000 + 100 * problem.size
         self._allowed = self._per_step
 
     def open_segment(self, start: float, end: float) -> None:
-        """Restrict evaluations to times within one segment between breakpoints."""
-        # Stages at the ends of a segment must not evaluate the other side of a jump there: the
-        # error test would reject steps of any length. The times of jumps are rounded, hence the
-        # margin.
+        """Restrict evaluations to the times within a segment between two breakpoints."""
+        # Stages at an end of a segment must not evaluate the rates beyond a jump at this end: the
+        # error test would reject steps of any length. There is a margin, since the times of jumps
+        # are rounded.
         low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
         margin = min(SAME * size, 0.25 * abs(end - start))
@@ -156,27 +158,28 @@ class Evaluator:
         self._allowed = self.nfev + self._per_step
 
     def progressed(self) -> None:
-        """Clear the report of a value that was not finite, after an accepted step."""
+        """Clear ``not_finite`` after an accepted step."""
         self.not_finite = ""
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
-        """Return a fresh array with the derivative of z."""
+        """Return the derivative of z as a new array."""
         dz = self._call(t, z)
-        # A dot product finds nan and infinity in one pass; as squares may overflow, the slower test
-        # decides.
+        # A dot product detects nan and infinity in one pass; the slower test follows, since squares
+        # may also overflow.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz
 
     def inside(self, t: float) -> float:
-        """Return the time in the segment that is nearest to t; see :meth:`open_segment`."""
+        """Return the time nearest to t within the segment; see :meth:`open_segment`."""
         low, high = self._bounds
         return min(max(float(t), low), high)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the dense Jacobian of the states, (n_states, n_states).
 
-        Raises IntegrationStopError if an entry is not finite and no earlier Jacobian was.
+        If an entry is not finite, the result is the last finite Jacobian; if there is none,
+        IntegrationStopError is raised.
         """
         self.njev += 1
         n_states = self.problem.n_states
@@ -188,7 +191,7 @@ class Evaluator:
         return checked
 
     def sparse_jacobian(self, t: float, z: FloatArray) -> Any:
-        """Return the same in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
+        """Return the state Jacobian in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
         point = z[: self.problem.n_states]
@@ -205,8 +208,8 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
-        # The other rows are derivatives of J s_p + f_p by the states, computed by differences. They
-        # only accelerate the iteration, so entries that are not finite may be zero.
+        # The other rows, derivatives of J s_p + f_p by the states, only accelerate the iteration,
+        # so entries that are not finite are replaced by zero.
         columns[~np.isfinite(columns)] = 0.0
         return columns
 
@@ -214,14 +217,14 @@ class Evaluator:
         """Return the Jacobian of z, in SciPy's CSC form if that is cheaper and allowed."""
         if self.problem.is_sparse and not is_dense:
             return self.sparse_jacobian(t, z)
-        # A dense matrix of many blocks would be mostly zeros: J repeats along the diagonal.
+        # With many blocks the matrix is mostly zero: only J and the first columns are not.
         is_long = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
         assemble = assemble_sparse if is_long and not is_dense else assemble_dense
         return assemble(self.first_columns(t, z), self.problem.n_states)
 
     def _call(self, t: float, z: FloatArray) -> FloatArray:
         self.nfev += 1
-        # Solvers keep references to returned arrays, and a compiled kernel may reuse its buffer.
+        # Copied, since solvers keep references to returned arrays, and kernels reuse their buffers.
         dz = np.array(self._evaluate(self.problem.rhs, t, z), dtype=np.float64)
         if dz.shape != z.shape:
             raise SolveError(
@@ -232,7 +235,7 @@ class Evaluator:
     def _evaluate(
         self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
-        """Call a function; stop the run if it is undefined there, or a limit is reached."""
+        """Call a function; stop the run if the function is undefined or a limit is reached."""
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
@@ -262,7 +265,7 @@ class Evaluator:
         if self._last_jacobian is None:
             raise IntegrationStopError(FAILED, f"the Jacobian is not finite: {phrase}")
         # A trial step may leave the domain of the equations. An older Jacobian only slows down the
-        # iteration; the step is shortened if the right-hand side is not finite either.
+        # iteration; if the right-hand side is not finite either, the solver shortens the step.
         self.not_finite = self.not_finite or phrase
         return self._last_jacobian.copy()
 
@@ -287,11 +290,11 @@ class Evaluator:
 
 
 def _first_not_finite(matrix: Any) -> tuple[int, int]:
-    """Find an entry of a dense or sparse matrix that is not finite."""
+    """Return row and column of an entry that is not finite in a dense or sparse matrix."""
     if isinstance(matrix, np.ndarray):
         row, column = np.argwhere(~np.isfinite(matrix))[0]
     else:
         place = np.flatnonzero(~np.isfinite(matrix.data))[0]
-        # In CSC form the column of an entry is the last one whose start is not after it.
+        # In CSC form, an entry belongs to the last column that does not start after it.
         row, column = matrix.indices[place], np.searchsorted(matrix.indptr, place, "right") - 1
     return int(row), int(column)

@@ -1,4 +1,4 @@
-"""One run of a method in C: a structure that C advances by some steps at a time."""
+"""One run of a C method: a structure that C advances by a given number of steps at a time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Callbacks(CObjects):
-    """The functions and other objects of one job, which stay alive with it."""
+    """Python functions and C objects that must live as long as their job."""
 
     def __init__(self, ffi: Any, rescue: Rescue, *kept: Any) -> None:
         super().__init__(ffi, *kept)
@@ -45,7 +45,7 @@ class Callbacks(CObjects):
         errors = self.errors
 
         def evaluate(t: float, u: Any, context: Any) -> int:
-            if errors:  # C may first try a shorter step
+            if errors:  # after an error C may call again with a shorter step
                 return -1
             for place, function in functions.items():
                 u[place] = function(t)
@@ -54,7 +54,7 @@ class Callbacks(CObjects):
         return self.callback("cotree_input_function", evaluate)
 
     def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
-        """Return a C function that is called at the start of each segment."""
+        """Return the C function that C calls at the start of each segment between breakpoints."""
         ffi = self._ffi
 
         def call(t: float, z: Any, context: Any) -> int:
@@ -64,7 +64,7 @@ class Callbacks(CObjects):
         return self.callback("cotree_reach", call)
 
     def helper(self, n_states: int) -> Any:
-        """Return C functions that search for points if the iterations in C fail."""
+        """Return the ``cotree_helper``, whose functions C calls if its iterations fail."""
         rescue, ffi = self._rescue, self._ffi
 
         def find_unknowns(t: float, x: Any, context: Any) -> int:
@@ -77,9 +77,9 @@ class Callbacks(CObjects):
 
 
 class Rescue:
-    """Search for points of one integration that the iterations in C do not find.
+    """Search in Python for points of an integration that the iterations in C do not find.
 
-    ``reason`` states why the last point was not found, without a capital and a full stop.
+    ``reason`` states why the last point was not found, without a capital and full stop.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -87,7 +87,7 @@ class Rescue:
         self.reason = ""
 
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
-        """Solve for the algebraic unknowns in place; store the reason of a failure."""
+        """Solve for the algebraic unknowns in place; if that fails, store the reason."""
         from cotree.model.algebraic import Algebraic
 
         problem = self.problem
@@ -98,7 +98,7 @@ class Rescue:
         )
 
         try:
-            # A copy, since C continues with the old point after a failure.
+            # Copied, since C continues with the old point after a failure.
             found = y.copy()
             unknowns.solve(t, found)
         except Error as error:
@@ -108,12 +108,12 @@ class Rescue:
         return True
 
 
-# Initial number of rows, and number of rows copied at a time when stored steps are thinned out.
+# Initial number of rows, and number of rows that are copied at a time when steps are thinned out.
 _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
 class Rows:
-    """Stored rows of a job, of ``n_values`` each; the first ``job.n_kept`` are valid."""
+    """Stored times and values of a job, with a row for each; the first ``job.n_kept`` are valid."""
 
     def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
         self._ffi, self._job, self._n, self._room = ffi, job, problem.size, -1
@@ -122,7 +122,7 @@ class Rows:
         self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
 
     def begin(self, problem: Problem) -> None:
-        """Allocate the rows of a run, and discard those of an earlier one."""
+        """Allocate the rows of a run, and discard those of an earlier run."""
         self._keeps_steps = problem.settings.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
         first = min(_FIRST_ROWS, self._most_room)
@@ -132,12 +132,12 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the stored times and values, each of shape (..., n_t), up to the job's point.
+        """Return the stored times and values of a job, each of shape (..., n_t).
 
-        ``is_cut``: the job stopped early, and its last point is stored in any case.
+        They end with the last point z of the job if it stopped early (``is_cut``).
         """
         kept = int(self._job.n_kept)
-        # A step that was not stored may be the last one.
+        # If stored steps are thinned out, the last one may be missing.
         if is_cut or self.thinning.stride > 1:
             if kept == self._room:
                 self._make_room(kept + 1)
@@ -147,12 +147,13 @@ class Rows:
         return self.times[:kept].copy(), self.values[:kept].T.copy()
 
     def steps_with_room(self, most_steps: int) -> int:
-        """Allocate rows for steps, or drop stored ones; return how many steps may be taken."""
+        """Allocate rows, or drop stored steps; return the number of steps that may be taken."""
         if not self._keeps_steps:
             return most_steps
         while True:
             kept = int(self._job.n_kept)
-            # Rows for each step, the start and the end; and for events if steps were thinned out.
+            # One row for each step, two if steps are thinned out and events are stored as well; and
+            # rows for the start and the end.
             each = 1 if self.thinning.stride == 1 else 2
             needed = kept + each * most_steps + 2
             if needed <= self._room:
@@ -166,7 +167,7 @@ class Rows:
             self._keep_rows(0, self.thinning.thin())
 
     def drop_between(self) -> None:
-        """Drop the new steps that are not to be stored."""
+        """Drop the new steps that the thinning does not select."""
         if not self._keeps_steps:
             return
         # An event may have replaced the last row that was counted.
@@ -175,10 +176,10 @@ class Rows:
         self._keep_rows(first, chosen)
 
     def _keep_rows(self, first: int, chosen: slice) -> None:
-        """Keep some of the rows from ``first`` on, and discard the others."""
+        """Keep the rows that ``chosen`` selects from those after ``first``; discard the others."""
         if chosen.step != 1:
             places = range(first, int(self._job.n_kept))[chosen]
-            # Part by part, which avoids a copy of all rows.
+            # Rows are moved in parts, which avoids a copy of all rows.
             for start in range(0, len(places), _ROWS_AT_ONCE):
                 part = places[start : start + _ROWS_AT_ONCE]
                 to = slice(first + start, first + start + len(part))
@@ -188,7 +189,7 @@ class Rows:
         self._n_thinned = int(self._job.n_kept)
 
     def _make_room(self, rows: int) -> None:
-        """Allocate rows; existing ones are copied."""
+        """Allocate the given number of rows, and copy the existing ones."""
         kept = int(self._job.n_kept)
         times, values = np.zeros(rows), np.zeros((rows, self._n))
         times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
@@ -200,18 +201,18 @@ class Rows:
 
 T = TypeVar("T")
 
-# Maximum number of idle jobs of one kind, as many as threads of a small machine, and maximum size
-# of a job in bytes: larger jobs take longer to run than to create.
+# Maximum number of idle jobs of one kind, as many as threads of a small machine; and maximum size
+# of an idle job, [byte]: larger jobs take much longer to run than to create.
 _MOST_JOBS, _MOST_BYTES = 8, 2**18
 
-# Maximum number of cached results by sets of values.
+# Maximum number of results that :class:`Shared` keeps.
 _MOST_FINDINGS = 64
 
 
 class Shared:
-    """Jobs and results that runs with the same settings share; it is thread-safe.
+    """Thread-safe store of jobs and results that runs with the same settings share.
 
-    ``is_repeatable``: runs with equal numbers are equal, since no function of Python is called.
+    If ``is_repeatable``, runs with equal numbers are equal, since they call no Python functions.
     """
 
     def __init__(self, *, is_repeatable: bool) -> None:
@@ -220,7 +221,7 @@ class Shared:
         self._findings: RecentCache[object] = RecentCache(_MOST_FINDINGS)
 
     def acquire(self, kind: Hashable) -> Job | None:
-        """Return an idle job of a kind; None if there is none."""
+        """Take an idle job of a kind out of the pool; return None if there is none."""
         idle = self._idle.get(kind)
         try:
             return idle.pop() if idle else None
@@ -228,12 +229,12 @@ class Shared:
             return None
 
     def release(self, job: Job) -> None:
-        """Return a finished job to the pool."""
+        """Put a finished job into the pool."""
         if job.is_reusable and job.n_bytes <= _MOST_BYTES:
             self._idle.setdefault(job.kind, deque(maxlen=_MOST_JOBS)).append(job)
 
     def finding(self, make: Callable[[], T], *of: FloatArray) -> T:
-        """Return the result of ``make`` for some numbers, cached."""
+        """Return the result of ``make``, cached by the numbers ``of`` on which it depends."""
         if not self._is_repeatable:
             return make()
         # The key contains bits and lengths, so different sets of numbers have different keys.
@@ -243,14 +244,14 @@ class Shared:
 
 
 def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
-    """Return a key of jobs of one model with the same settings, apart from values and functions."""
+    """Return a key that is equal for jobs which differ only in values, times and functions."""
     return row.name, is_extended, problem.settings.t_eval is None
 
 
-# Maximum number of singular positions of a run for which edges are named.
+# Maximum number of singular positions that a run records.
 _MOST_CROSSINGS = 5
 
-# Fields of the structure that depend only on times and the maximum step size.
+# Fields of ``cotree_job`` that depend only on times and the maximum step size.
 _OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
 
 
@@ -260,28 +261,28 @@ def _times_of(problem: Problem) -> tuple[Any, ...]:
 
 
 class Job:
-    """A job of an engine, with the arrays that it points to; it must be ended.
+    """A C job with the arrays that it points to; :meth:`end` must be called.
 
-    A job that has ended may begin again with other values, in the same arrays.
+    A job that has ended can begin again with other values in the same arrays.
 
     Attributes
     ----------
     engine : Engine
-        The engine.
+        The engine that runs the job.
     job : cotree_job
-        The structure.
+        The C structure.
     z : ndarray, shape (n_states * (1 + n_sensitivities),)
-        The last good point, which C moves.
+        The last valid point, which C overwrites.
     rows : Rows
         The stored points of the run.
     kind : object
         See :func:`job_kind`.
     is_reusable : bool
-        Whether another run may use it.
+        Whether another run may use the job.
     rescue : Rescue
         Search for points that the iterations in C do not find.
     is_wide : bool
-        Whether a sparse factorisation would be much cheaper than the banded one of SUNDIALS' steps.
+        Whether a sparse factorisation would be much cheaper than the banded one used for SUNDIALS.
     """
 
     def __init__(
@@ -304,7 +305,7 @@ class Job:
         self.kind = job_kind(row, problem, is_extended=is_extended)
         self.has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
-        # Zero would denote the first entry.
+        # Negative indices mean none, since zero is the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
         c.is_held = int(problem.held is not None)
@@ -325,7 +326,7 @@ class Job:
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self.places), problem.settings.atol
         if engine.has_events:
-            # Correctors cannot return to a point within a step.
+            # The corrector methods cannot return to a point within a step.
             c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
@@ -336,21 +337,21 @@ class Job:
 
             self._aid = aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
-        # Memory of SUNDIALS and Python functions belong to one run.
+        # SUNDIALS memory and Python functions belong to a single run.
         asks_python = bool(problem.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
-        # A record consists of the time, the event, the sensitivities of the time, and the states
-        # before and after.
+        # An event record consists of the time, the event, the sensitivities of the time, and the
+        # states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
-        # Maximum number of records in one step, for which C needs space before each step.
+        # Maximum number of event records in one step, for which C needs space before each step.
         self._at_once = 0
         if problem.events is not None:
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
-        # The structure at the start of each run, which contains only pointers.
+        # Content of the structure at the start of each run: mainly pointers.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)
-        # Bytes of the values of the last run, from which tolerances and times were computed.
+        # The values, as bytes, from which the tolerances of the last run were computed.
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
@@ -360,14 +361,15 @@ class Job:
         self.begin(problem)
 
     def begin(self, problem: Problem) -> None:
-        """Begin a run of the problem, or of one with other values, times and functions."""
+        """Begin a run of a problem, which may have other values, times and functions."""
         assert problem.native is not None  # the problem is of the same kind
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
         self.rescue.problem, self.rescue.reason = problem, ""
         if not self.has_newton and problem.singular is not None:
-            # Rates are unique only on dependent constraints, so C projects points first.
+            # With dependent constraints, rates are unique only where the constraints are satisfied,
+            # so C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._set_array("p", native.p)
         self._set_array("k", native.k)
@@ -388,7 +390,7 @@ class Job:
         if self._at_once:
             bound = most_rows(self._width)
             c.most_events = min(problem.settings.max_events or bound, bound)
-        # Last, since the size depends on the other fields.
+        # The size of the memory depends on all other fields.
         if is_timed:
             self._arrays["memory"].fill(0.0)
         else:
@@ -396,12 +398,12 @@ class Job:
             self._keep_times(problem)
 
     def _is_timed(self, problem: Problem) -> bool:
-        """Return whether a run has the same times as the last one."""
+        """Return whether a run has the same times as the last run."""
         timed = _times_of(problem)
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
     def _keep_times(self, problem: Problem) -> None:
-        """Store the times of this run for later ones, unless they depend on parameters."""
+        """Store the times of this run for later runs, unless they depend on parameters."""
         self._timed = () if len(problem.breakpoints) else _times_of(problem)
         if self._timed:
             for name in _OF_TIMES:
@@ -409,11 +411,11 @@ class Job:
 
     @property
     def n_bytes(self) -> int:
-        """Number of bytes of an idle job."""
+        """The size of an idle job, [byte]."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem) -> None:
-        """Set the model, its inputs, and the functions of Python that C calls."""
+        """Set the model, its inputs, and the Python functions that C calls."""
         assert problem.native is not None
         c = self.job
         c.model = self._ffi.cast("cotree_model *", problem.native.address)
@@ -426,7 +428,7 @@ class Job:
             c.helper = self._callbacks.helper(problem.n_states)
 
     def _set_times(self, problem: Problem) -> None:
-        """Set the span, breakpoints and requested times."""
+        """Set the time span, the breakpoints and the requested times."""
         c, corners = self.job, restart_times(problem)
         c.t, c.n_corners = corners[0], len(corners)
         if not np.array_equal(corners, self._corners):
@@ -441,24 +443,24 @@ class Job:
         if problem.settings.t_eval is None:
             return
         c.n_wanted = len(problem.settings.t_eval)
-        # Times are never changed in place, so that the same array has the same values.
+        # Times are never changed in place, so the same array has the same values.
         if problem.settings.t_eval is not self._wanted:
             self._wanted = problem.settings.t_eval
             self._set_array("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
-        """Take some steps, and return a result such as ``COTREE_JOB_DONE``.
+        """Take at most ``most_steps`` steps, and return a result such as ``COTREE_JOB_DONE``.
 
-        Raises the exception of an input that is a Python function; it ends the job.
+        If a Python function raises an exception, the job ends, and the exception is raised.
         """
         most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
-        # Steps before `_tested_from` are exempt from the stiffness test.
+        # Steps before `_tested_from` are not tested for stiffness.
         if self._tested_from is not None:
             unwatched = self._tested_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
-            # Otherwise C would miss the first step that is tested.
+            # C stops where the test begins.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._callbacks.errors:
@@ -467,11 +469,11 @@ class Job:
         return result
 
     def pause_if_stiff(self, first_step: int) -> None:
-        """Make an explicit method pause if its problem is stiff, from ``first_step`` on."""
+        """Make an explicit method pause if it detects stiffness from step ``first_step`` on."""
         self._tested_from = first_step
 
     def sync_state(self) -> None:
-        """Write the point of a job that has not ended into the structure."""
+        """Update the time and point in the structure of a job that has not ended."""
         self._lib.cotree_job_sync(self.job)
 
     def end(self) -> None:
@@ -480,30 +482,30 @@ class Job:
 
     @property
     def event_records(self) -> FloatArray:
-        """The events so far; see :attr:`Trajectory.events`."""
+        """The records of the events so far; see :attr:`Trajectory.events`."""
         return self.records[: self.job.n_records].copy() if self._at_once else self.records
 
     @property
     def crossings(self) -> list[tuple[float, FloatArray]]:
-        """Times and states at the first singular positions that were crossed."""
+        """Times and states of the first singular positions that the motion has crossed."""
         rows = self._crossings[: self.job.n_crossed].copy()
         return [(float(row[0]), row[1:]) for row in rows]
 
     def _set_slopes(self, problem: Problem, corners: FloatArray) -> None:
-        """Set the derivatives of the breakpoint times by parameters, if any is nonzero."""
+        """Set the derivatives of breakpoint times by parameters unless all are zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
-        # Breakpoints that do not depend on parameters have zero slopes.
+        # Slopes of breakpoints that do not depend on parameters are zero.
         are_moved, slopes, spreads = problem.shifts.rows_at(corners)
         if not are_moved[:-1].any():
             return
-        # These pointers are valid for this run only.
+        # These pointers are set only for this run.
         self.job.slopes = self._placed("slopes", slopes)
         self.job.spreads = self._placed("spreads", spreads)
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
     def _make_records(self, rows: int) -> None:
-        """Allocate records of events; existing ones are copied."""
+        """Allocate the given number of event records, and copy the existing ones."""
         kept = int(self.job.n_records)
         records = np.zeros((rows, self._width))
         records[:kept] = self.records[:kept]
@@ -512,14 +514,14 @@ class Job:
         self.job.most_records = self._blank.most_records = rows
 
     def _set_array(self, name: str, values: FloatArray) -> None:
-        """Set a pointer of the structure to values, for this run and the following ones."""
+        """Point a field of the structure to values, for this run and later runs."""
         known = self._pointers.get(name)
         pointer = self._placed(name, values)
         if pointer is not known:
             self._point(name, pointer)
 
     def _placed(self, name: str, values: FloatArray) -> Any:
-        """Return a pointer to values, the same as before if the size is the same."""
+        """Copy values into an array and return its pointer, which changes only with the size."""
         array = self._arrays.get(name)
         if array is not None and array.size == values.size:
             array[...] = values
@@ -530,12 +532,12 @@ class Job:
         return self._pointers[name]
 
     def _point(self, name: str, pointer: Any) -> None:
-        """Set a pointer of the structure, for this run and later ones."""
+        """Set a pointer of the structure for this run and later runs."""
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
 
     def _clear_memory(self, n_bytes: int) -> None:
-        """Provide the working memory of C, filled with zeros."""
+        """Allocate the working memory of C, or fill it with zeros."""
         memory = self._arrays.get("memory")
         if memory is None or memory.nbytes < n_bytes:
             self._set_array("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles

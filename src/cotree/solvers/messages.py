@@ -1,7 +1,7 @@
-"""Sentences in which an integration reports its outcome.
+"""Messages on the outcome of an integration.
 
-In: a ``Problem`` and its ``Trajectory``. Out: the trajectory with a complete message. Nothing here
-ends a run; limits and values that are not finite do.
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory with a complete message. This module
+only explains why a run has ended.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 # Sentences by status.
 _SENTENCES = dict(enumerate(SENTENCES.values()))
 
-# Undefined rates explain short steps if they are ahead within this fraction of the elapsed time or,
-# at the start, within the square of this fraction of the span.
+# Undefined rates explain short steps if they occur within this fraction of the elapsed time or, at
+# the start, within the square of this fraction of the span.
 _SOON = 1e-3
 
 
 def failure(job: Job, problem: Problem) -> str:
-    """Return why a job failed."""
+    """Return the reason why a job failed."""
     c, status = job.job, int(job.job.status)
     if status in EVENT_FAILURES:
         return _event_reason(job, problem, EVENT_FAILURES[status])
@@ -63,13 +63,13 @@ def failure(job: Job, problem: Problem) -> str:
     elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
         reasons += _fault_of_jacobian(job, problem)
     reason = "; ".join(reasons)
-    # Steps may be short because rates have no value beyond a point.
+    # Steps may be short because rates are undefined beyond a point.
     why = undefined_ahead(problem, float(c.t), job.z)
     return f"{reason}: {why}" if why else reason
 
 
 def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
-    """Return a message on an entry of the Jacobian that is not finite at the job's point."""
+    """Return a message on a Jacobian entry that is not finite at the job's point, if any."""
     if not job.has_newton or problem.n_algebraic:
         return []
     try:
@@ -80,9 +80,9 @@ def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
 
 
 def _event_reason(job: Job, problem: Problem, name: str) -> str:
-    """Return why an event ended the job."""
+    """Return the reason why an event ended the job."""
     c = job.job
-    # Kinks of laws are located like events, and have no names.
+    # Kinks of laws are located like events but have no names.
     rows = problem.events.rows if problem.events is not None else ()
     fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
     event = rows[c.event].name if c.event < len(rows) else "kink of a law"
@@ -94,7 +94,7 @@ def _event_reason(job: Job, problem: Problem, name: str) -> str:
 
 
 def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> list[str]:
-    """Return sentences on events at stored points ``z`` and at the end of a run."""
+    """Return sentences on impacts that came to rest, and on contacts that jam as a run fails."""
     if problem.events is None:
         return []
     rested, jammed = rest_note(problem.events.rows, job.event_records), ""
@@ -104,7 +104,7 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Return why rates are undefined just after the last point of a method, or an empty string.
+    """Return the reason why rates are undefined just after the last point, or an empty string.
 
     C reports only that the rates fail. To find the reason, they are evaluated along the tangent of
     the motion from the last valid point (t, z).
@@ -117,10 +117,10 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     if why:
         return why
     rates = np.array(problem.state_rhs(t, y))
-    # Entries of algebraic unknowns are residuals, not rates: the unknowns are held constant.
+    # Algebraic unknowns are held constant, since their entries are residuals, not rates.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
-    # Distances increase by a factor of four from a few units in the last place, so that the nearest
+    # Distances increase from a few units in the last place by factors of four, so that the nearest
     # cause is found.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
@@ -131,8 +131,8 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return why rates, or the algebraic unknowns in them, are undefined at a point."""
-    assert problem.undefined is not None  # the caller has checked that a place is undefined
+    """Return the reason why rates, or algebraic unknowns, are undefined at a point, or empty."""
+    assert problem.undefined is not None  # checked by the caller
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
         return why
@@ -141,8 +141,8 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
-    """Return sentences on the singular positions that a job crossed, or at which it failed."""
-    assert problem.singular is not None  # or there are no constraints
+    """Return sentences on the singular positions that a job crossed or at which it failed."""
+    assert problem.singular is not None  # the problem has constraints
     sentences = []
     lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
     if lost:
@@ -166,7 +166,7 @@ def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
 
 
-#: Sentences by status name; ``t`` is the time, ``detail`` a further time, duration or count.
+#: Sentences by status name; ``t`` is the time, and ``detail`` a second time, a duration or a count.
 EVENT_MESSAGES = {
     "EVENTS_NOT_FINITE": "the function of event {event} is not finite",
     "EVENTS_SET_NOT_FINITE": "a new value of event {event} is not finite",
@@ -271,12 +271,12 @@ _OF_EDGES = (
     *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
 )
 
-#: Suffixes of the names of events of friction and stops, after the names of their edges.
+#: Suffixes after the edge name in the names of friction and stop events.
 _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
 def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
-    """Return the events, or edges, that a sentence of :data:`EVENT_MESSAGES` names."""
+    """Return the names of events or edges for a sentence of :data:`EVENT_MESSAGES`."""
     are_many = (
         "EVENTS_CASCADE",
         "EVENTS_SLIDING",
@@ -291,9 +291,9 @@ def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Return a sentence on impacts that ended in rest by the rule of rigid stops, else empty.
+    """Return a sentence on impacts after which a rigid stop is at rest, or an empty string.
 
-    ``records`` are those of :attr:`cotree.solvers.result.Trajectory.events`.
+    ``records`` has the format of :attr:`cotree.solvers.result.Trajectory.events`.
     """
     listed = [
         f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
@@ -308,23 +308,23 @@ def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
 
 
 def event_message(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
-    """Return the sentence of :data:`EVENT_MESSAGES` on events that end a run."""
+    """Return a sentence of :data:`EVENT_MESSAGES` on the given events."""
     listed = ", ".join(f"'{event}'" for event in events)
     return EVENT_MESSAGES[name].format(event=listed, t=t, detail=detail)
 
 
-# Fractions of the elapsed time: end of the early part, start of the late part.
+# Fractions of the elapsed time at which the early part of a run ends and the late part begins.
 _EARLY, _LATE = 0.1, 0.9
 
-# Minimum growth factor: in ten times the time a uniform motion covers ten times the distance, and
-# an accelerated motion a hundred times.
+# Growth factor from the early to the late part that counts as growth. In ten times the time, a
+# uniform motion covers ten times the distance, and an accelerated motion a hundred times.
 _LEAST = 1e3
 
-# Minimum power of time that indicates unbounded growth; counts and angles grow more slowly. An
+# Minimum power of time that indicates unbounded growth. Counts and angles grow more slowly; an
 # exponential that has grown a thousandfold grows like the power 7.7 at its end.
 _LEAST_POWER = 7.0
 
-# Statuses of failures that rounding errors of forces may also cause.
+# Messages on failures that rounding errors of forces may also cause.
 _OF_ROUNDING = tuple(
     SENTENCES[name]
     for name in (
@@ -336,22 +336,23 @@ _OF_ROUNDING = tuple(
     )
 )
 
-# Minimum factor by which a slope that becomes infinite exceeds its value shortly before.
+# A slope that exceeds its value shortly before by more than this factor counts as infinite.
 _STEEPER = 100.0
 
-# If the slope by an unknown is below this fraction of the largest one in its equation, the equation
-# hardly determines the unknown.
+# An equation hardly determines an unknown if its derivative by it is below this fraction of the
+# largest derivative in the equation.
 _HARDLY = 1e-8
 
-# Maximum number of unknowns whose determinant is computed, and of unknowns that a message names.
+# Maximum numbers of unknowns for which a determinant is computed, and that a message names.
 _MOST_UNKNOWNS, _MOST_NAMED = 50, 4
 
-# Distances of points next to a fold, relative to an unknown: folds of large gains are narrow.
+# Distances of test points beside a fold, relative to an unknown; the small ones are for large
+# gains, whose folds are narrow.
 _BESIDE_FOLD = (-1e-3, -1e-5, 1e-5, 1e-3)
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add the cause of an early stop to the message of a run, if its end shows one."""
+    """Add the cause of an early stop to a run's message, if the end of the run reveals one."""
     for cause in (growth, fold, undetermined, infinite_slope):
         if sentence := cause(problem, trajectory):
             return replace(trajectory, message=f"{trajectory.message} {sentence}")
@@ -359,13 +360,13 @@ def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def is_of_rounding(trajectory: Trajectory) -> bool:
-    """Return whether rounding errors of forces may have ended a run."""
+    """Return whether rounding errors of forces may be the cause of an early stop."""
     message = trajectory.message
     return trajectory.status == BUDGET_SPENT or any(text in message for text in _OF_ROUNDING)
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a fold of the algebraic equations at the end of a run, or empty."""
+    """Return a sentence on a fold of the algebraic equations where a run ends, or empty."""
     if not trajectory.t.size:
         return ""
     is_known = SENTENCES["FOLD"] in trajectory.message
@@ -386,16 +387,17 @@ def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False
 
 
 def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
-    """Return whether two solutions of the algebraic equations meet and end near a point.
+    """Return whether two solutions of the algebraic equations merge near a point, and end there.
 
-    The determinant of the derivatives by the unknowns has different signs on either side of a fold.
+    The determinant of the derivatives by the unknowns has different signs on the two sides of a
+    fold.
     """
     m, n = problem.n_algebraic, problem.n_states
     if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:
         return False
     signs: set[float] = set()
     floor = problem.state_atol / problem.settings.rtol
-    # A kink may be near the last point.
+    # Several distances are tested, since a kink may be near the last point.
     for i in range(n - m, n):
         for aside in _BESIDE_FOLD:
             there = y.copy()
@@ -433,10 +435,10 @@ def undetermined(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on an infinite slope of the rates if steps became too short, or empty.
+    """Return a sentence on a rate with an infinite slope where steps became too short, or empty.
 
-    Sensitivities are proportional to a root of time there, which steps resolve only to about the
-    square root of rounding.
+    Near such a slope, sensitivities are proportional to a root of time, which steps resolve only to
+    about the square root of rounding.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     is_sought = problem.n_sensitivities and ROUNDING_LEVEL in trajectory.message
@@ -449,7 +451,7 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
     with np.errstate(all="ignore"):
         here = np.abs(np.array(problem.jacobian(t, z[:n])))
         before = np.abs(np.array(problem.jacobian(t - back, z[:n] - back * rates)))
-        # If a value is not finite, the point itself is the cause.
+        # The negation includes slopes that are not finite.
         is_steep = ~(here <= _STEEPER * (before + 1.0 / max(abs(back), 1e-300) * _SOON))
     if not is_steep.any():
         return ""
@@ -463,11 +465,11 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def growth(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on the state that has grown most; empty if none has grown much.
+    """Return a sentence on the state that has grown most, or empty if none has grown much.
 
-    A state has grown if it exceeds its range in the first tenth of the run a thousandfold, reaches
-    its maximum in the last tenth, and grows there faster than any power of time below the seventh.
-    The range is at least the size below which the absolute tolerance dominates.
+    A state has grown much if it exceeds its range in the first tenth of the run a thousandfold,
+    reaches its maximum in the last tenth, and grows there at least like the seventh power of time.
+    The range is at least the value below which the absolute tolerance dominates.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:
@@ -478,11 +480,11 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
     with np.errstate(all="ignore"):
         floor = problem.state_atol / problem.settings.rtol
-        # Initial algebraic unknowns may be guesses.
+        # Algebraic unknowns are not considered, since their initial values may be guesses.
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        # Power of time at which each quantity grows at the end, or has grown in the last tenth: an
+        # Power of time with which each state grows at the end, or has grown in the last tenth: an
         # oscillating state may be momentarily constant at the end.
         rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
         power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
@@ -505,5 +507,5 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
-    """Return the last time, from the start on, at which a value was within its first range."""
+    """Return the last time at which a value did not exceed ``largest``."""
     return direction * float(t[np.flatnonzero(y <= largest)[-1]])

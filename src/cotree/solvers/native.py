@@ -1,4 +1,4 @@
-"""Methods in C, which take steps without Python between them."""
+"""Runs of C methods, which take steps without returning to Python."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ if TYPE_CHECKING:
     from cotree.solvers.select import MethodSwitch
 
 
-# Statuses of failures due to the equations, not to events or tolerances.
+# Statuses of failures that are due to the equations, not to events or tolerances.
 _UNSOLVED = {
     NUMBERS[name] for name in ("STEP_TOO_SMALL", "RATE_FAILED", "RATE_NOT_FINITE", "NOT_SOLVED")
 }
 
 
-#: Reason why a method stopped: its steps no longer change t.
+#: Reason why a method stops if its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
-# Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
+# Fraction of the span above which the spacing of floating-point times may be too coarse.
 _FINE = 1e-12
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Return sentences on the time that a method reached, why it stopped, and its tolerance.
+    """Return sentences on the end time of a run, the reason for an early stop, and the tolerance.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     method : str
-        The method that ran.
+        Name of the method.
     t : float
-        The last time that it reached, [s].
+        The last time, [s].
     reason : str
-        The reason why it stopped early, without a capital and a full stop; or empty.
+        The reason for an early stop, without a capital and full stop; empty if there was none.
     """
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
@@ -69,7 +69,7 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def stiffness_note(job: Any) -> str:
-    """Return the report of an explicit method that a problem is stiff; empty if it is not."""
+    """Return a sentence if an explicit method has found the problem stiff; otherwise empty."""
     if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
         return ""
     return (
@@ -91,23 +91,23 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Return a trajectory with the time to compile or to find the C of the method, [s]."""
+    """Add the time in which the method's C code was compiled or found, [s], to a trajectory."""
     statistics = changed(trajectory.statistics, compile_seconds=seconds)
     return changed(trajectory, statistics=statistics)
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
-    """Measure the drift of constraints and algebraic equations at the stored points."""
+    """Return the residuals of constraints and algebraic equations at the stored points, if any."""
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
-    # C does not store residuals.
+    # They are evaluated in Python, since C does not store residuals.
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])
         left = [] if problem.held is None else [problem.held.residual(at, point)]
         if cut < n:
-            assert problem.state_rhs is not None  # a native problem is that of a model
+            assert problem.state_rhs is not None  # a problem in C has a model
             left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))
         columns.append(np.concatenate(left))
     names = (*problem.constraints, *problem.names[cut:])
@@ -115,16 +115,16 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     return Drift(names, residual, float(job.job.correction))
 
 
-# Return values of cotree_job_run.
+# Results of ``cotree_job_run``.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Maximum time of one call of C, [s], and number of steps in the first call: small, since steps of a
-# large model may take milliseconds.
+# Maximum time of one C call, [s]; and number of steps in the first call, which is small, since a
+# step of a large model may take milliseconds.
 _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
 def check_available(method: str) -> None:
-    """Raise SolveError if the library of a SUNDIALS method is missing or of a wrong version."""
+    """Raise SolveError if the library of a SUNDIALS method is missing or has a wrong version."""
     row = METHODS[method]
     if row.family == "sundials":
         from cotree.solvers.sundials import check_installed
@@ -141,7 +141,7 @@ def check_available(method: str) -> None:
 
 
 def is_available(method: str) -> bool:
-    """Return whether a method's library can be used; true for methods that need none."""
+    """Return whether the library that a method needs, if any, can be used."""
     try:
         check_available(method)
     except SolveError:
@@ -150,12 +150,12 @@ def is_available(method: str) -> bool:
 
 
 def can_extend(row: Method, problem: Problem) -> bool:
-    """Return whether algebraic unknowns are integrated instead of solved for at each evaluation."""
+    """Return whether a method integrates algebraic unknowns, not solves for them at each call."""
     return (
         problem.native is not None
         and problem.native.can_extend
-        and not (problem.replaced or problem.functions)  # whose rates are unknown
-        # Explicit methods would solve for the unknowns in each stage.
+        and not (problem.replaced or problem.functions)  # their rates are unknown
+        # Explicit methods would otherwise solve for the unknowns in each stage.
         and not row.implicit
         and problem.held is None
         and problem.events is None
@@ -167,38 +167,38 @@ class Attempt:
     """An integration in C that has begun."""
 
     problem: Problem
-    row: Method  # method that integrates
+    row: Method  # integration method
     job: Job  # job of the run, which may have taken some steps
     is_extended: bool  # whether the job integrates algebraic unknowns
-    compiling: float  # time to compile the method's C, [s]
-    status: int = 0  # as of a trajectory
-    reason: str = ""  # why it failed
+    compiling: float  # time in which the method's C code was compiled, [s]
+    status: int = 0  # see :attr:`Trajectory.status`
+    reason: str = ""  # reason of a failure
     seconds: float = 0.0  # time in C, [s]
     is_waiting: bool = True  # whether the job has not ended
 
     def take_steps(self, n: int) -> None:
-        """Take the first steps; :attr:`Job.z` is then their end."""
+        """Take the first n steps, after which :attr:`Job.z` is their end point."""
         self._advance(until=n)
         self.job.sync_state()
 
     def abandon(self) -> None:
-        """End the job, and leave it to other runs."""
+        """End the job, and release it for other runs."""
         self.job.end()
         self._release()
 
     def finish(self, successor: MethodSwitch | None = None) -> Trajectory:
-        """Integrate to the end; ``successor`` may take over if the problem is stiff."""
+        """Integrate to the end; if the problem becomes stiff, ``successor`` may take over."""
         other = self._run(successor)
         if self.status == FAILED and self.is_extended and not self._is_at_fold():
             # If the integration of algebraic unknowns fails, solving for them at each evaluation
-            # may succeed. At a fold it would continue with another solution.
+            # may succeed. At a fold, however, the run would continue with another solution.
             taken = self.problem.steps_taken + int(self.job.job.n_steps)
             self.problem = problem = changed(self.problem, steps_taken=taken)
             idle = _idle(self.row, problem, is_extended=False)
             self.job = idle or Job(self.job.engine, self.row, problem)
             self.status, self.reason, self.is_waiting = 0, "", True
             other = self._run(successor)
-        # The successor's trajectory is complete, including its message.
+        # The trajectory of the successor is complete, including its message.
         if other is not None:
             return with_compile_time(other, other.statistics.compile_seconds + self.compiling)
         note = successor.note if successor is not None else stiffness_note(self.job.job)
@@ -207,7 +207,10 @@ class Attempt:
         return trajectory
 
     def _run(self, successor: MethodSwitch | None) -> Trajectory | None:
-        """Advance the job to its end, or return the successor's trajectory; free C's memory."""
+        """Advance the job to its end, and free its C memory.
+
+        Returns the trajectory of the successor if that takes over, else None.
+        """
         job = self.job
         try:
             if successor is not None:
@@ -218,8 +221,8 @@ class Attempt:
                 trajectory = successor.take_over(self.problem, self._trajectory(), job)
                 if trajectory is not None:
                     return trajectory
-                # The next stiffness test, which computes eigenvalues, follows when the number of
-                # steps has doubled.
+                # The next stiffness test follows after twice as many steps, since it computes
+                # eigenvalues.
                 job.pause_if_stiff(2 * int(job.job.n_steps))
                 self._advance()
             return None
@@ -227,9 +230,9 @@ class Attempt:
             job.end()
 
     def _trajectory(self, note: str = "", compile_seconds: float = 0.0) -> Trajectory:
-        """Return the stored values, with the last good point if the job failed.
+        """Return the stored points, with the last valid point if the job failed.
 
-        ``note`` ends the message; ``compile_seconds`` is the time that the C of the method took.
+        ``note`` ends the message; ``compile_seconds`` is the compilation time of the method, [s].
         """
         job, problem, method, c = self.job, self.problem, self.row.name, self.job.job
         t, z = job.rows.stored(job.z, is_cut=self.status != 0 or bool(self.reason))
@@ -274,7 +277,7 @@ class Attempt:
             self.problem.shared.release(self.job)
 
     def _advance(self, until: int | None = None) -> None:
-        """Advance the job to its end, or by ``until`` steps."""
+        """Advance the job to its end or, if given, by ``until`` steps."""
         with Progress(self.row.name, self.problem.settings.t_span) as progress:
             begin = time.perf_counter() - self.seconds
             self.status, self.reason, self.is_waiting = self._steps(begin, progress, until)
@@ -283,11 +286,11 @@ class Attempt:
             self.seconds = time.perf_counter() - begin
 
     def _steps(self, begin: float, progress: Progress, until: int | None) -> tuple[int, str, bool]:
-        """Return the status, the reason of a failure, and whether the job pauses."""
+        """Take steps; return the status, the reason of a failure, and whether the job pauses."""
         job, problem = self.job, self.problem
         settings, others = problem.settings, problem.steps_taken
         limit, time_limit = settings.max_steps, settings.time_limit
-        # A step that calls Python functions may be slow.
+        # If a step calls Python functions, it may be slow.
         steps = 1 if problem.functions else _FIRST_STEPS
         while True:
             before, taken = time.perf_counter(), job.job.n_steps
@@ -305,7 +308,7 @@ class Attempt:
             if result == _STIFF:
                 return 0, "", True
             if result == _STOPPED:
-                assert problem.events is not None  # the status is that of an event
+                assert problem.events is not None  # only events stop a job
                 return 0, f"event '{problem.events.rows[job.job.event].name}' ends the run", False
             if result != _MORE:
                 return 0, "", False
@@ -313,20 +316,20 @@ class Attempt:
             has_records = problem.events is not None
             if has_records and 0 < job.job.most_events <= job.job.n_records:
                 return BUDGET_SPENT, events_spent(job.job.most_events), False
-            # Checked after events, which end a run in any case.
+            # The limit is checked after events, which end a run in any case.
             if limit is not None and others + job.job.n_steps >= limit:
                 return BUDGET_SPENT, steps_spent(limit), False
             if time_limit is not None and now - begin > time_limit:
                 return BUDGET_SPENT, time_spent(time_limit), False
-            # Enough steps for a tenth of a second, so that Ctrl-C and the time limit take effect
-            # quickly, and the overhead of calls is small.
+            # The next call takes about a tenth of a second, so that Ctrl-C and the time limit take
+            # effect quickly, and the overhead of calls is small.
             rest = _GLANCE if time_limit is None else time_limit - (now - begin)
             rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
             steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))
 
 
 def begin_in_c(problem: Problem, method: str) -> Attempt | str:
-    """Start the integration of a checked problem in C, or return the reason why C cannot."""
+    """Begin the integration of a checked problem in C, or return the reason why C cannot."""
     why = refusal(method, problem)
     if why:
         return why
@@ -349,18 +352,18 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
 
 
 def engine_of(stepper: str, problem: Problem) -> Engine | str:
-    """Build and load the engine of a stepper for a problem that is not refused, or return why not.
+    """Build and load the engine of a stepper for a problem, or return the reason why that fails.
 
-    The engine contains the search for events only if the model has any.
+    The engine can locate events only if the model has any.
     """
     assert problem.native is not None
     return load_engine(stepper, has_events=problem.native.layout.has_events)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
-    """Build the factorisation for an own implicit method, or return why that fails.
+    """Return the ``cotree_newton`` for cotree's implicit methods, or None for other methods.
 
-    None for other methods.
+    If it cannot be built, the reason is returned.
     """
     if row.family != "cotree" or not row.implicit:
         return None
@@ -369,13 +372,13 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
 
 
 def band_refusal(job: Job, problem: Problem) -> str:
-    """Return a reason to prefer SciPy's sparse factorisation, or an empty text."""
+    """Return a reason to prefer SciPy's sparse factorisation, or an empty string."""
     is_refused = problem.is_sparse and job.is_wide and not beyond_scipy(problem)
     return "the Jacobian's band is wide" if is_refused else ""
 
 
 def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
-    """Restart an idle job of an earlier run; None if there is none."""
+    """Begin a run in an idle job of an earlier run, and return the job; None if there is none."""
     if problem.shared is None:
         return None
     job = problem.shared.acquire(job_kind(row, problem, is_extended=is_extended))

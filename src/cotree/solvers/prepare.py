@@ -1,4 +1,4 @@
-"""Preparation of runs; runs with the same settings share most of it."""
+"""Preparation of runs, most of which is shared by runs with the same settings."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _NONE = np.zeros(0)
 
 
 class Functions:
-    """The functions of one run.
+    """The functions of a model for one run.
 
     ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
     """
@@ -48,23 +48,23 @@ class Functions:
         self._bound: dict[str, Bound] = {}
 
     def augmented_rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of states and sensitivities, a buffer of the kernel."""
+        """Return the rates of states and sensitivities in a buffer of the kernel."""
         return self._kernel("augmented_rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of the states only, a buffer of the kernel."""
+        """Return the rates of the states in a buffer of the kernel."""
         return self._kernel("rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the derivatives of the states' rates, dense."""
+        """Return the state Jacobian as a dense matrix."""
         return self._model.structure.full(self._kernel("jacobian")(t, y, _NONE, self._u(t)))
 
     def sparse_jacobian(self, t: float, y: FloatArray) -> csc_matrix:
-        """Return the same in SciPy's CSC form."""
+        """Return the state Jacobian in SciPy's CSC form."""
         return self._model.jacobian_sparse(t, y, self._p, self._u(t))
 
     def undefined(self, t: float, y: FloatArray) -> str:
-        """Describe why the rates of the states have no value at a point; empty if they have one."""
+        """Return the reason why the rates are undefined at a point, or an empty string."""
         return self._model.why_undefined(t, y, self._p, self._u(t))
 
     def _kernel(self, name: str) -> Bound:
@@ -82,19 +82,20 @@ _T = TypeVar("_T")
 
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
-    """Return the preparation for some settings: one of the last few, or a new one."""
+    """Return the preparation for the given settings from a cache, or a new one."""
     given = {**vars(settings), "parameters": None, "initial": None}
     kept: RecentCache[Preparation] = model.kept
     return cached_for(kept, given, lambda: Preparation(model, settings))
 
 
 def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
-    """Return the value for some settings from a cache, or compute it."""
+    """Return the value for the given settings from a cache, or compute it."""
     key = key_of(given)
     return make() if key is None else kept.of(key, make)
 
 
-# Settings with more numbers are not cached: preparation then takes a small part of the run time.
+# Maximum number of values in settings that are cached; with more, preparation takes only a small
+# part of the run time.
 _MOST_NUMBERS = 10_000
 
 # Arrays up to this size are compared by value.
@@ -103,7 +104,7 @@ _FEW_NUMBERS = 4
 # Types of immutable values.
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
-# Types of functions, which are compared by identity.
+# Types of functions; these are compared by identity.
 _FUNCTIONS = (FunctionType, MethodType, BuiltinFunctionType)
 
 
@@ -120,14 +121,14 @@ def key_of(given: Mapping[str, Any]) -> Hashable | None:
 
 
 class _IncomparableError(Exception):
-    """A value cannot be part of a key."""
+    """Raised if a value cannot be part of a key."""
 
 
 def _tokens(values: Collection[Any]) -> Hashable:
-    """Return a key that is equal for equal values of the same types."""
+    """Return a key that is equal for collections with equal values of the same types."""
     if len(values) > _MOST_NUMBERS:
         raise _IncomparableError
-    # 0.0 and -0.0 are equal but must be distinguished.
+    # Zeros are compared as text, since 0.0 and -0.0 are equal but must be distinguished.
     own = [(x or str(x)) if type(x) in _PLAIN else _token(x) for x in values]
     return tuple(map(type, own)), tuple(own)
 
@@ -157,7 +158,7 @@ def _token(value: Any) -> Hashable:
 
 
 class _Same:
-    """An object that is compared by identity."""
+    """Wrapper of an object that is compared by identity."""
 
     def __init__(self, value: object) -> None:
         self._value = value
@@ -170,10 +171,10 @@ class _Same:
 
 
 class Preparation:
-    """The parts that runs of a model with the same settings share; it is thread-safe.
+    """The parts of a problem that runs with the same settings share; thread-safe.
 
-    Parameters and initial values of ``settings`` are ignored. ``model`` is the given one, or one
-    without sensitivities if none are requested. Raises ModelError if an input is not accepted,
+    Parameters and initial values of ``settings`` are ignored. ``model`` is the given model, without
+    sensitivities if none are requested. Raises ModelError if an input is not accepted, and
     SolveError if settings are inconsistent or the model was not compiled.
     """
 
@@ -197,7 +198,7 @@ class Preparation:
             place not in self._signals.tables for place in self._signals.by_position
         )
         n, m = len(model.states), len(model.sensitivities)
-        # Each run replaces the functions and numbers.
+        # Each run replaces the functions and numbers of the template.
         self._template = Problem(
             rhs=_nothing,
             jacobian=None,
@@ -218,14 +219,14 @@ class Preparation:
             **_replaced_inputs(self._signals),
         )
         self._has_sparse = _has_sparse_jacobian(model)
-        # Start of runs without given initial values, if it does not depend on parameters.
+        # Start of all runs without given initial values, if it does not depend on parameters.
         self._start: Start | None = None
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
-        """Prepare one run; ``parameters`` and ``initial`` replace values of the scene.
+        """Return the problem of one run; ``parameters`` and ``initial`` replace the scene's values.
 
-        Raises ModelError if a value is not accepted, or there is no start.
+        Raises ModelError if a value is not accepted, or no consistent start exists.
         """
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
@@ -241,8 +242,8 @@ class Preparation:
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
-            # The first samples are taken at a start with the scene's inputs, and determine the
-            # actual start.
+            # The first samples are taken at a start with the scene's inputs. The actual start
+            # depends on these samples.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
@@ -274,12 +275,12 @@ class Preparation:
         return filled(Problem, values)
 
     def projection(self, p: FloatArray) -> HeldConstraints | None:
-        """Return the constraints of a run; None if there are none."""
+        """Return the constraints of a run for parameters p; None if there are none."""
         u = _input_function(self.model, p, self._signals)
         return HeldConstraints(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
-        """Return the start of a run; it is computed once if all runs have the same one."""
+        """Return the start of a run, which is computed once if it is the same for all runs."""
         if initial or not self._has_constant_start:
             return find_start(at, initial)
         found = self._start
@@ -288,19 +289,19 @@ class Preparation:
         return found
 
     def _scales(self, p: FloatArray) -> FloatArray:
-        """Return the sizes of the sensitivity parameters: as given, or their values."""
+        """Return the sizes of the sensitivity parameters: given ones, or the parameter values."""
         values = p.tolist()
         sizes = [abs(values[of] or 1.0) if isinstance(of, int) else of for of in self._size_of]
         return np.array(sizes)
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Return fields of corners, which depend on parameters."""
+        """Return the fields of a problem on breakpoints, which depend on parameters."""
         settings, scale = self.settings, self._template.scale
         corners = self.model.restart_times(p, settings.t_span, settings.inputs, signals.breakpoints)
         return {
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
-            # At time events that depend on no parameter, sensitivities are continuous.
+            # Sensitivities jump only at time events that depend on parameters.
             "shifts": corners.moved,
         }
 
@@ -322,12 +323,12 @@ class Preparation:
 
 
 def _nothing(t: float, z: FloatArray) -> FloatArray:
-    """Raise AssertionError; each run has its own rates."""
+    """Raise AssertionError: the rates of the template, which each run replaces."""
     raise AssertionError
 
 
 def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Return indices of states and nonvanishing sensitivities; None if none vanishes."""
+    """Return the indices in z of states and nonvanishing sensitivities; None if none vanishes."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
     # In z, the n states precede the sensitivities.
@@ -335,7 +336,7 @@ def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
 
 
 def n_observed(model: CompiledModel) -> int:
-    """Return the number of values per stored point in addition to states and sensitivities."""
+    """Return the number of values at a stored point besides states and sensitivities."""
     n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
     return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
 
@@ -343,7 +344,7 @@ def n_observed(model: CompiledModel) -> int:
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
     """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
-    If an index is given, the size is the value of that parameter, or one if the value is zero.
+    An index means that the size is the value of that parameter, or one if the value is zero.
     Initial values of states have size one. Sizes in ``given`` take precedence.
     """
     places = {name: i for i, name in enumerate(model.parameters)}
@@ -357,9 +358,9 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
 
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
-    """Raise ParameterError if sensitivities depend on an input that is replaced."""
+    """Raise ParameterError if sensitivities depend on the scene's input that is replaced."""
     for name, value in inputs.items():
-        # Constants have the same rate.
+        # If both inputs are constant, their rates agree.
         is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
@@ -377,13 +378,13 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 
 
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
-    """Return the inputs as a function of time; the value None represents the model's own inputs."""
+    """Return the inputs as a function of time, whose value is None for the model's own inputs."""
     if not model.inputs:
         return lambda t: _NONE
     if not signals.by_position:
         return lambda t: None
     own = model.bound("inputs", p)
-    # A copy, since the inputs of the scene are a buffer of the kernel.
+    # Copied, since the scene's inputs are a buffer of the kernel.
     return lambda t: signals.apply(t, own(t, _NONE, _NONE, _NONE).copy())
 
 
@@ -393,12 +394,12 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
     # Elimination of algebraic unknowns fills the Jacobian.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return False
-    # For matrices that fill in, dense factorisations are faster than sparse ones.
+    # Matrices with many entries fill in, and dense factorisation is then faster.
     return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
 
 
 def _replaced_inputs(signals: ReplacedInputs) -> dict[str, Any]:
     """Return the fields of a problem that describe replaced inputs."""
-    # C evaluates tables, and calls only Python functions.
+    # C evaluates tables itself, but must call Python functions.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"replaced": signals.tables, "functions": others}

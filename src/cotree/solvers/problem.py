@@ -1,15 +1,15 @@
-"""The initial value problem of every solver, and the checks made before work.
+"""The initial value problem that every solver takes, and its checks before integration.
 
-In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the culprit.
-The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
-parameter by parameter, so each block of ``n_states`` entries obeys the same state Jacobian.
+In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the cause. The
+vector z = [y, s_1, ..., s_np] contains the states y, then their sensitivities to each parameter.
+Each of its blocks of ``n_states`` entries has the same state Jacobian.
 
-At a breakpoint whose time t* depends on the parameters, rates may jump from f- to f+. Sensitivities
-of the states, which are continuous, then jump by ``(f- - f+) dt*/dp``: a later breakpoint prolongs
-the action of f- at the expense of f+.
+At a breakpoint whose time t* depends on the parameters, rates may jump from f- to f+. The states
+are continuous there, but their sensitivities jump by ``(f- - f+) dt*/dp``, since a later breakpoint
+prolongs the action of f- at the expense of f+.
 
-C locates and applies events, see ``templates/runtime/events/cotree_events.h``, and projects on the
-constraints during a run. ``HeldConstraints`` choose methods and judge results.
+C locates and applies events (``templates/runtime/events/cotree_events.h``) and projects onto the
+constraints during a run. Python uses ``HeldConstraints`` to choose methods and check results.
 """
 
 from __future__ import annotations
@@ -43,35 +43,36 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Maximum size of augmented systems for dense factorisation; larger ones are factorised by blocks.
+#: Maximum size of augmented systems that are factorised as dense matrices; larger ones are
+#: factorised by blocks.
 DENSE_LIMIT = 100
 
-#: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding.
+#: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding errors.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
-#: Absolute tolerance of sensitivities outside the error test. Infinite weights would turn norms of
-#: LSODA and SUNDIALS into 0 * inf; the square of this number is finite.
+#: Absolute tolerance of sensitivities outside the error test. With infinity, norms of LSODA and
+#: SUNDIALS would be 0 * inf; the square of this number is finite.
 UNTESTED = 1e100
 
 
 def _own_inputs(t: float) -> None:
-    """Return None: the inputs of the model."""
+    """Return None, which represents the model's own inputs."""
     return
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An initial value problem M z' = rhs(t, z) over states and sensitivities.
+    """An initial value problem M z' = rhs(t, z) in states and sensitivities.
 
-    M is the identity, but for algebraic unknowns: these are determined by rhs = 0.
+    M is the identity except in rows of algebraic unknowns, which are determined by rhs = 0.
 
     Attributes
     ----------
     rhs : callable
-        ``rhs(t, z)``, both shapes (n_states * (1 + n_sensitivities),), [state unit / s]. It always
+        ``rhs(t, z)``; z and the result have shape (n_states * (1 + n_sensitivities),). It always
         receives a contiguous array and may return the same buffer at every call.
     jacobian : callable or None
-        ``jacobian(t, y)`` of the states only, dense, shape (n_states, n_states), [1/s and mixed].
+        ``jacobian(t, y)`` returns the dense state Jacobian, shape (n_states, n_states).
     n_states : int
         Number of states.
     n_sensitivities : int
@@ -79,73 +80,74 @@ class Problem:
     z0 : ndarray, shape (n_states * (1 + n_sensitivities),)
         Initial states and sensitivities.
     settings : Settings
-        Span, times, tolerances and budgets. An rtol below ``RTOL_FLOOR`` is raised to it, and the
-        message states that. Its other values are contained in the fields below.
+        Span, requested times, tolerances and limits. An rtol below ``RTOL_FLOOR`` is raised to it,
+        which the message states. Solvers do not use its other values, but the fields below.
     sizes : ndarray, shape (n_states,), or None
-        Factors of the absolute tolerances of states. For the content of a storage, the factor is
-        the change of the content per unit of the variable that follows from it. None for one.
+        Factors of the absolute tolerances of states; None if all are one. For a storage content,
+        the factor is the change of the content per unit of the variable that follows from it.
     scales : ndarray, shape (n_sensitivities,), or None
-        Sizes of the parameters, by which absolute tolerances of sensitivities are divided: the
-        effect of a change of a parameter by its own size is then tested as the states are. None
-        for one.
+        Sizes of the parameters; None if all are one. Absolute tolerances of sensitivities are
+        divided by them: the effect of a change of a parameter by its own size is then tested as
+        the states are.
     breakpoints : sequence of float
-        Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
-        no pulse between two of them is stepped over. Those outside the span are ignored; nothing
-        beyond an end of the span that is one is evaluated.
+        Times at which the right-hand side jumps or has a kink, [s]. Integration restarts there, so
+        that no pulse between two breakpoints is skipped. Breakpoints outside the span are ignored.
+        If an end of the span is a breakpoint, nothing beyond it is evaluated.
     scale : float
-        The largest time in the computation of breakpoints, whose rounding error they have, [s].
+        The largest time in the computation of breakpoints, which determines their rounding error,
+        [s].
     shifts : RestartTimes
-        Derivatives of breakpoints, and of the start, by the parameters of sensitivity.
+        Derivatives of the breakpoints and of the start time by the sensitivity parameters.
     names, parameters : tuple of str
-        Names of the states and of the parameters of sensitivity, for messages; empty for none.
+        Names of states and sensitivity parameters for messages; empty if there are no names.
     max_step : float
-        The longest step, [s]; a breakpoint or an output may cut it shorter.
+        The maximum step size, [s]; breakpoints and requested times may require shorter steps.
     steps_taken : int
-        Steps of the budget that other runs have taken before this one.
+        Number of steps, part of the limit, that other runs have taken before this one.
     held : HeldConstraints or None
         The constraints onto which C projects; None if there are none.
     constraints : tuple of str
-        Names of the constraints' residuals.
+        Names of the constraint residuals.
     n_algebraic : int
-        Number of algebraic unknowns, which are the last of the states. Their initial values need
-        only be guesses.
+        Number of algebraic unknowns, which are the last states. Their initial values may be
+        guesses.
     state_rhs : callable or None
-        ``state_rhs(t, y)``, the first ``n_states`` entries of rhs, by which algebraic unknowns are
-        found; None takes them from rhs.
+        ``state_rhs(t, y)`` returns the first ``n_states`` entries of rhs, which determine algebraic
+        unknowns; if it is None, rhs is used.
     undefined : callable or None
-        ``undefined(t, y)`` returns why the states' rates have no value at a point, without a
-        capital and a full stop; empty if they have one.
+        ``undefined(t, y)`` returns the reason why rates are undefined at a point, without a capital
+        and full stop, or an empty string.
     sparse_jacobian : callable or None
-        ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, with the same pattern at
-        all points; given if it has few entries, and used by methods that can.
+        ``sparse_jacobian(t, y)`` returns the state Jacobian in SciPy's CSC form, with the same
+        pattern at all points; None if the Jacobian has many entries.
     native : NativeModel or None
-        The model in C with its parameters prepared, if C can integrate the problem.
+        The C model with prepared parameters; None if C cannot integrate the problem.
     u : callable
         ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
     replaced : mapping of int to (ndarray, ndarray)
-        Inputs that are replaced by piecewise linear functions.
+        Times and values of the inputs that are replaced by piecewise linear functions, by index.
     functions : mapping of int to callable
-        Inputs that are functions of time in Python, ``f(t)`` with t in [s].
+        Inputs that are Python functions of time, ``f(t)`` with t in [s], by index.
     note : str
-        A sentence on the start, for the message of the run.
+        A sentence on the start, which the message of the run contains.
     not_native : str
-        The reason why C cannot integrate it, without a capital and a full stop.
+        The reason why C cannot integrate the problem, without a capital and full stop.
     singular : callable or None
-        ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point; None
-        where no edges are constrained.
+        ``singular(t, z)`` returns the edges whose constraints are nearly dependent at a point; None
+        if no edges are constrained.
     events : ModelEvents or None
-        The events of the problem, for methods in C; time must increase.
+        The events of the problem, which only C methods locate; time must increase.
     has_kinks : bool
-        Whether the rates have kinks that methods in C locate while time increases; they restart
-        after each.
+        Whether the rates have kinks that C methods locate, and at which they restart, if time
+        increases.
     n_observed : int
-        Number of values per stored point in addition to z, for the limit of memory.
+        Number of values at a stored point besides z, for the limit of memory.
     reach : callable or None
         ``reach(t, z)`` is called at the start of each segment between breakpoints, before any
-        evaluation in it: inputs may change there.
+        evaluation in it, and may change inputs.
     places : ndarray of int or None
-        The positions in z of the entries that do not vanish at all times, states first, in order:
-        methods integrate only these. None if no entry is known to vanish.
+        Indices in z of the entries that methods integrate, in ascending order; all others always
+        vanish. None if all entries are integrated.
     shared : Shared or None
         Jobs and results of other runs of the same model with the same settings.
     """
@@ -186,60 +188,61 @@ class Problem:
     shared: Shared | None = None
 
     def with_settings(self, **values: Any) -> Problem:
-        """Return the problem with some other settings, which are not checked."""
+        """Return the problem with the given settings changed; they are not checked."""
         return changed(self, settings=changed(self.settings, **values))
 
     @property
     def most_rows(self) -> int:
-        """Return the largest number of stored steps if no times are requested."""
+        """The maximum number of stored steps if no times are requested."""
         return most_rows(1 + self.size + self.n_observed)
 
     @property
     def state_atol(self) -> FloatArray:
-        """Return the absolute tolerance of each state."""
+        """The absolute tolerance of each state."""
         if self.sizes is None:
             return np.full(self.n_states, self.settings.atol)
         return np.asarray(self.settings.atol * self.sizes)
 
     @property
     def size(self) -> int:
-        """Return the length of z."""
+        """The length of z."""
         return self.n_states * (1 + self.n_sensitivities)
 
     @property
     def integrated(self) -> npt.NDArray[np.intp]:
-        """Return the positions in z of the entries that are integrated."""
+        """The indices in z of the entries that are integrated."""
         return np.arange(self.size) if self.places is None else self.places
 
     @property
     def is_sparse(self) -> bool:
-        """Return whether methods iterate with a sparse Jacobian.
+        """Whether methods iterate with a sparse Jacobian.
 
-        With sensitivities, the first columns of the Jacobian of z are dense finite differences.
+        They do not if there are sensitivities, since the first columns of the Jacobian of z are
+        then finite differences, which are dense.
         """
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
     def direction(self) -> float:
-        """Return +1 if time increases, -1 if it decreases."""
+        """+1 if time increases, -1 if it decreases."""
         start, end = self.settings.t_span
         return 1.0 if end > start else -1.0
 
 
 class Tolerances:
-    """Absolute tolerances of entries of z, for problems that differ only in values of parameters.
+    """Tolerances of the entries of z, for problems that differ only in parameter values.
 
-    Absolute tolerances of sensitivities are those of the states divided by the sizes of the
-    parameters, as in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F
-    to a capacitance of 1e-12 F exceeds the tolerance of a voltage.
+    Absolute tolerances of sensitivities are those of the states divided by the parameter sizes, as
+    in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F to a
+    capacitance of 1e-12 F exceeds the tolerance of a voltage.
 
-    Solvers cannot exclude entries from the error test, so untested sensitivities have an absolute
-    tolerance that no error reaches. Solvers average squares over all entries, so the states'
-    tolerances are divided by the square root of the ratio of both numbers: states are then tested
+    Solvers cannot exclude entries from the error test, so untested sensitivities have a tolerance
+    that no error reaches. Since solvers average squares over all entries, the tolerances of states
+    are then divided by the square root of (number of entries / number of states): states are tested
     as without sensitivities. LSODA uses the maximum and becomes stricter by that factor.
 
-    Sizes of states and of parameters may have a row for each of several problems. ``is_left``
-    selects entries; by default all that are integrated.
+    Sizes of states and parameters may have a row for each of several problems. ``is_left`` selects
+    among the integrated entries; by default, all of them are selected.
     """
 
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
@@ -251,11 +254,11 @@ class Tolerances:
         self._share = 1.0 if self._is_tested else _share(problem)
 
     def rtol_of(self, problem: Problem) -> float:
-        """Return the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
+        """Return the relative tolerance for a problem, at least ``RTOL_FLOOR``."""
         return max(problem.settings.rtol / self._share, RTOL_FLOOR)
 
     def of(self, problem: Problem) -> FloatArray:
-        """Return the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
+        """Return the absolute tolerances for a problem in a new array of shape (..., n_entries)."""
         scales = problem.scales
         atol: Any = self._atol
         if problem.sizes is not None:
@@ -264,7 +267,7 @@ class Tolerances:
             return np.where(self._block > 0, UNTESTED, atol / self._share)
         if scales is None:
             scales = np.ones(problem.n_sensitivities)
-        # The divisor of states is one.
+        # Tolerances of states are divided by one.
         divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
         divisors[..., 0], divisors[..., 1:] = 1.0, scales
         found: FloatArray = atol / divisors.take(self._block, axis=-1)
@@ -278,16 +281,16 @@ def tested_rtol(problem: Problem) -> float:
 
 
 def _share(problem: Problem) -> float:
-    """Return the square root of the number of entries divided by that of states."""
+    """Return the square root of (number of integrated entries / number of states)."""
     return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
 
 
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return the places in z of integrated entries, (n,), and their tolerances, (..., n).
+    """Return the indices in z of entries integrated in C, (n,), and their tolerances, (..., n).
 
-    ``is_extended``: an explicit method integrates the algebraic unknowns, too.
+    If ``is_extended``, an explicit method also integrates the algebraic unknowns.
     """
     is_left = is_integrated(row, problem, is_extended=is_extended)
     known = as_tested(row, problem)
@@ -295,12 +298,12 @@ def tested(
 
 
 def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
-    """Return which of the entries that do not vanish are integrated in C."""
+    """Return a mask of the entries ``problem.integrated`` that are integrated in C."""
     places = problem.integrated
     cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
     # Sensitivities of algebraic unknowns are always solved for.
     lead = problem.n_states if is_extended else cut
-    # States up to `lead`, and sensitivities up to `cut` in each block.
+    # The first `lead` states and, in each block, the first `cut` sensitivities are integrated.
     found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
         places < problem.n_states, lead, cut
     )
@@ -308,12 +311,12 @@ def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.ND
 
 
 def as_tested(row: Method, problem: Problem) -> Problem:
-    """Return the problem with sensitivities in the error test if SUNDIALS excludes them itself."""
+    """Return the problem with tolerances for sensitivities if SUNDIALS itself can exclude them."""
     return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem
 
 
 def describe_entry(problem: Problem, index: int) -> str:
-    """Name an entry of z by its state, and by its parameter if it is a sensitivity."""
+    """Return a name for an entry of z, from its state and, for a sensitivity, its parameter."""
     # Block 0 of z contains the states, block k the sensitivities to parameter k - 1.
     block, state = divmod(index, problem.n_states)
     name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
@@ -330,7 +333,7 @@ def check_problem(problem: Problem) -> None:
 
 
 def check_values(problem: Problem) -> None:
-    """Raise SolveError for values that depend on parameters; see :func:`check_problem`."""
+    """Raise SolveError if a value that may depend on parameters cannot be accepted."""
     if problem.direction < 0 and problem.events is not None:
         raise SolveError("A scene with events runs forwards only, since events are not reversible.")
     times = problem.breakpoints
@@ -338,7 +341,7 @@ def check_values(problem: Problem) -> None:
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     if not problem.max_step > 0:  # from the settings or the model; nan is rejected, too
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
-    # A dot product finds nan and infinity in one pass; squares may overflow, too.
+    # A dot product detects nan and infinity in one pass, but squares may also overflow.
     if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
         return
     index = int(np.flatnonzero(~np.isfinite(problem.z0))[0])
@@ -362,13 +365,13 @@ def _check_sizes(problem: Problem) -> None:
         raise SolveError(
             f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."
         )
-    # The matrix of Newton's method for the unknowns is a block of the Jacobian.
+    # Newton's method for the unknowns uses a block of the Jacobian.
     if problem.n_algebraic and problem.jacobian is None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
 
 
 def restart_times(problem: Problem) -> FloatArray:
-    """List start, breakpoints inside the span, and end, in the order of the run."""
+    """Return start, breakpoints inside the span, and end, in the order of the run."""
     start, end = map(float, problem.settings.t_span)
     if not len(problem.breakpoints):
         return np.array([start, end])
@@ -380,16 +383,16 @@ def restart_times(problem: Problem) -> FloatArray:
 
 
 def segments(problem: Problem) -> list[tuple[float, float]]:
-    """Cut the span at the breakpoints inside it."""
+    """Return the start and end of each segment between breakpoints."""
     return list(itertools.pairwise(restart_times(problem).tolist()))
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:
-    """Return the absolute tolerance of sensitivities to each parameter, shape (..., m).
+    """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m).
 
-    Sizes may have rows; see :class:`Tolerances`.
+    Sizes may have a row for each of several problems; see :class:`Tolerances`.
     """
-    # Tolerance of the state divided by the size of the parameter, as in the error test.
+    # The least tolerance of states is divided by the parameter size, as in the error test.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
     found: FloatArray = least / np.array(
         [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales
@@ -398,7 +401,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Return a message that the sensitivity at ``entry`` of z does not exist after time t."""
+    """Return a message that the sensitivity z[entry] does not exist after time t."""
     what = describe_entry(problem, entry)
     if t == problem.settings.t_span[0]:
         return (
@@ -412,14 +415,14 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     )
 
 
-# A contact jams if friction increases its normal force by more than this factor.
+# Factor above which the increase of a normal force by friction counts as jamming.
 _JAMMED = 100.0
 
 
 class ModelEvents:
-    """The events of a model at fixed parameters.
+    """The events of a model for fixed parameters.
 
-    ``rows`` has their names and directions, and which of them end a run. ``u(t)`` returns the
+    ``rows`` contains their names and directions, and whether they end a run. ``u(t)`` returns the
     inputs, (n_inputs,), or None for the model's own.
     """
 
@@ -436,12 +439,12 @@ class ModelEvents:
         return EvaluationPoint(self._model, t, self._p, self._u(t))
 
     def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the states, and the sensitivities of each parameter in a column."""
+        """Return the states, and the sensitivities with a column for each parameter."""
         n = len(self._model.states)
         return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the event functions, shape (n_events,), a fresh array."""
+        """Return the values of the event functions in a new array, shape (n_events,)."""
         return self._at(t).event_values(*self._parts(z))
 
     def jammed(self, t: float, z: FloatArray) -> str:
@@ -455,7 +458,7 @@ class ModelEvents:
         y, s = self._parts(z)
         at, found = self._at(t), []
         for row in self.rows:
-            # Its targets are its mode, then the mode of the stop.
+            # The targets of such an event are its own mode, then the mode of the stop.
             if not row.is_pressed or round(abs(y[row.targets[0]])) != 1:
                 continue
             force = next(
@@ -480,7 +483,7 @@ class ModelEvents:
         )
 
 
-# Edges that contribute more than this fraction to a dependent combination of constraints are named.
+# Messages name edges that contribute more than this to a dependent combination of constraints.
 _INVOLVED = 0.1
 
 
@@ -492,7 +495,7 @@ class HeldConstraints:
     model : CompiledModel
         A model with constraints.
     p : ndarray, shape (n_parameters,)
-        Its parameters.
+        Parameters of the model.
     u : callable
         ``u(t)`` returns the inputs, shape (n_inputs,), or None for the model's own.
     """
@@ -506,18 +509,18 @@ class HeldConstraints:
         self._residual = model.bound("constraints", p)
 
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
-        """Return gradients, and the singular value below which they are nearly dependent."""
+        """Return the gradients, and the singular value below which they are nearly dependent."""
         starts, n = self._model.start_in_c, len(self._model.states)
         assert starts is not None  # only used with a compiler
         return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])
 
     @property
     def has_rows(self) -> bool:
-        """Whether there are constraints, and not only norms of quaternions."""
+        """Whether there are constraints besides quaternion norms."""
         return bool(self._edges)
 
     def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
-        """Name the edges whose constraints are dependent, or nearly so, at a point."""
+        """Return the edges whose constraints are dependent, or nearly dependent, at a point."""
         rows, weakest = self._gradients(t, z)
         # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine constraints.
         squares, directions = np.linalg.eigh(rows @ rows.T)
@@ -533,23 +536,23 @@ class HeldConstraints:
         return len(rows) - int(np.linalg.matrix_rank(rows, tol=RANK))
 
     def residual(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
+        """Return the residuals of the constraints in a new array, shape (n_constraints,)."""
         n = len(self._model.states)
         return np.array(self._residual(t, z[:n], z[n:], self._u(t)))
 
 
-# Maximum number of states for which algebraic unknowns are eliminated, which fills the Jacobian.
+# Maximum number of states with which algebraic unknowns are eliminated, which fills the Jacobian.
 _MOST_REDUCED = 2000
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Return why a method in C cannot solve a checked problem; empty if it can."""
+    """Return the reason why a C method cannot solve a checked problem, or an empty string."""
     row = METHODS[method]
     if problem.native is None:
         return problem.not_native
     if row.family == "correctors" and problem.events is not None:
         return "there are events"
-    # SUNDIALS requires at least one rate.
+    # The conditions below apply to SUNDIALS, which also requires at least one rate.
     if row.family == "cotree":
         return _dependent(problem) if row.implicit else ""
     if problem.n_states == problem.n_algebraic:
@@ -561,7 +564,7 @@ def refusal(method: str, problem: Problem) -> str:
 
 
 def beyond_scipy(problem: Problem) -> str:
-    """Return the part of a problem that SciPy's methods do not support; empty if there is none."""
+    """Return the part of a problem that SciPy's methods do not support, or an empty string."""
     if problem.events is not None:
         return f"events, such as '{problem.events.rows[0].name}'"
     if problem.n_algebraic:
@@ -579,9 +582,9 @@ def beyond_scipy(problem: Problem) -> str:
 
 
 def _dependent(problem: Problem) -> str:
-    """Return a message on constraints that are dependent at the start; empty if none are.
+    """Return a message on constraints that are dependent at the start, or an empty string.
 
-    Stages of Rosenbrock methods violate these, which then contradict each other.
+    Stages of Rosenbrock methods violate such constraints, which then contradict each other.
     """
     edges = (
         () if problem.singular is None else problem.singular(problem.settings.t_span[0], problem.z0)

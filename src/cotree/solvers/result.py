@@ -1,7 +1,7 @@
-"""The record of a simulation, by name, and the outcome of every solver.
+"""Results of a simulation by name, and the trajectory that every solver returns.
 
 In: trajectories of states, sensitivities, outputs and inputs with their names. Out: arrays by
-name, tables, a text. Pictures are made above this room, in :mod:`cotree.results`.
+name, tables, a report. Figures are made in :mod:`cotree.results`.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 
 
 class UnknownNameError(ModelError, KeyError):
-    """A result does not contain this name."""
+    """Raised if a result does not contain a name."""
 
     def __str__(self) -> str:
-        """Return the sentence itself; KeyError would quote it."""
+        """Return the sentence without the quotes that KeyError would add."""
         return str(self.args[0]) if self.args else ""
 
 
 @dataclass(frozen=True, eq=False)
 class EventTimes:
-    """Times of an event in a simulation, and the states before and after it.
+    """The times of an event in a simulation, and the states before and after each.
 
     Attributes
     ----------
     t : ndarray, shape (n_events,)
         Times, [s].
     y_before, y_after : ndarray, shape (n_states, n_events)
-        States, modes among them.
+        States, including modes.
     s : ndarray, shape (n_parameters, n_events)
         Sensitivities of the times, [s / parameter unit].
     """
@@ -53,25 +53,25 @@ class EventTimes:
     s: FloatArray
 
 
-# Key in a record's dict under which the functions of lazy fields are stored.
+# Key of a record's ``__dict__`` under which the functions of deferred fields are stored.
 _PENDING = "_pending"
 
 
 def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the entry of a record's values that computes others on first use.
+    """Return an item for a record's values, with which fields are computed on first use.
 
-    ``makes`` has, by field, the function that computes it and all fields computed with it. Threads
-    may call it concurrently, so it must return the same values each time.
+    ``makes`` has, for each such field, a function that returns this field and all that are computed
+    with it. Threads may call it concurrently, so it must return the same values each time.
     """
     return {_PENDING: makes}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RunRecord(Reported):
-    """The outcome of one simulation as numbers.
+    """The numerical results of one simulation.
 
-    Outputs, inputs, events and values of parameters are evaluated when they are first read; an
-    output that is not determined somewhere then raises ``SingularSystemError``.
+    Outputs, inputs, events and parameter values are evaluated when they are first read. An output
+    that is undetermined at a stored time then raises ``SingularSystemError``.
 
     Attributes
     ----------
@@ -98,24 +98,24 @@ class RunRecord(Reported):
     units : mapping of str to str
         Unit of each name that has one.
     status : int
-        0 for success, negative for an integration that stopped early.
+        0 if the integration succeeded, negative if it stopped early.
     message : str
         The solver's report.
     statistics : Statistics
         Work done by the solver.
     times : mapping of str to float
-        Seconds spent in each stage: formulate, generate, compile, start (of the
-        model: its operating point, or its initial values), integrate.
+        Time of each stage, [s]: formulate, generate, compile, start (operating point or initial
+        values), integrate.
     drift : Drift or None
-        Residuals of the constraints along the run; None where the model has none.
+        Residuals of the constraints along the run; None if the model has no constraints.
     redundant : int
-        The largest number of constraints that follow from the others.
+        The largest number of constraints that follow from the others during the run.
     events : mapping of str to EventTimes
         Times and states of each event of the scene.
     parameter_values : mapping of str to float
-        The tunable parameters of the run.
+        Values of the tunable and derived parameters.
     positions : tuple of PositionRow
-        Positions in networks that are sums of states; ``result["k.s"]`` finds them, too.
+        Positions in networks that are sums of states; ``result["k.s"]`` also returns them.
     """
 
     t: FloatArray
@@ -139,11 +139,11 @@ class RunRecord(Reported):
     parameter_values: Mapping[str, float] = field(default_factory=dict)
     positions: tuple[PositionRow, ...] = ()
 
-    # Type checkers see only the fields of the dataclass.
+    # Hidden from type checkers, so that they report unknown attributes.
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Compute a lazy field, and those that are computed with it."""
+            """Compute a deferred field, and those that are computed with it."""
             own = vars(self)
             pending = own.get(_PENDING, {})
             make = pending.get(name)
@@ -151,14 +151,14 @@ class RunRecord(Reported):
                 made = make()
                 for key, value in made.items():
                     own.setdefault(key, value)  # if two threads compute it, the first value is kept
-                # A new dict, since records made by `changed` share the old one.
+                # The dict is replaced, since records made by `changed` share it.
                 own[_PENDING] = {key: row for key, row in pending.items() if key not in made}
-            if name in own:  # or another thread computed the value in the meantime
+            if name in own:  # another thread may have computed it in the meantime
                 return own[name]
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all values, since the functions of lazy fields cannot be pickled."""
+        """Return all values, since the functions of deferred fields cannot be pickled."""
         own = vars(self)
         for name in own.get(_PENDING, ()):
             getattr(self, name)
@@ -169,11 +169,11 @@ class RunRecord(Reported):
 
     @property
     def success(self) -> bool:
-        """Return whether the integration reached its end."""
+        """Whether the integration reached its end."""
         return self.status == 0
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is a state, position, output or input of a name, or "t"."""
+        """Return whether a name is "t" or that of a state, position, output or input."""
         return name == "t" or name in (*self._known, *self.inputs)
 
     @property
@@ -187,7 +187,7 @@ class RunRecord(Reported):
         Parameters
         ----------
         name : str
-            Its name, or "t".
+            Name of the variable, or "t".
 
         Returns
         -------
@@ -196,7 +196,7 @@ class RunRecord(Reported):
         Raises
         ------
         UnknownNameError
-            If there is none of this name; it is also a KeyError.
+            If the name is unknown; the error is also a KeyError.
         """
         if name == "t":
             return self.t
@@ -217,11 +217,11 @@ class RunRecord(Reported):
         Raises
         ------
         UnknownNameError
-            If there is no such state or output, or its sensitivities to this parameter were not
-            asked for.
+            If there is no such variable, or the sensitivities to this parameter were not
+            requested.
         """
         column = self._column(parameter)
-        # Inputs are omitted: their sensitivities are not stored.
+        # Sensitivities of inputs are not stored.
         for names, values in self._groups(("s", "output_sensitivities")):
             if name in names:
                 row: FloatArray = values[names.index(name), column]
@@ -229,7 +229,7 @@ class RunRecord(Reported):
         raise UnknownNameError(f"There is no state or output '{name}'{_hint(name, self._known)}")
 
     def event_sensitivity(self, event: str, parameter: str) -> FloatArray:
-        """Return the derivatives of the times of an event with respect to a parameter.
+        """Return the derivatives of an event's times by a parameter.
 
         Returns
         -------
@@ -255,7 +255,7 @@ class RunRecord(Reported):
         return self.parameters_of_sensitivity.index(parameter)
 
     def unit(self, name: str) -> str:
-        """Return the unit of a state, output, input or parameter; "" if it is unknown."""
+        """Return the unit of a state, output, input or parameter, or "" if it is unknown."""
         if name == "t":
             return "s"
         known = {*self._known, *self.inputs, *self.parameters_of_sensitivity}
@@ -268,8 +268,8 @@ class RunRecord(Reported):
     def columns(self) -> dict[str, FloatArray]:
         """Return all columns of a table by their titles.
 
-        These are t, the states, positions, outputs and inputs, then "d(name)/d(parameter)" of all
-        but inputs, each of shape (n_t,).
+        These are t, the states, positions, outputs and inputs, then "d(name)/d(parameter)" for all
+        except inputs, each of shape (n_t,).
         """
         table = {"t": self.t}
         for names, values in self._groups():
@@ -282,7 +282,7 @@ class RunRecord(Reported):
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with the columns of ``columns()``.
 
-        Its ``attrs["units"]`` has the unit of each column that has one.
+        ``attrs["units"]`` contains the units of its columns.
 
         Raises
         ------
@@ -295,10 +295,10 @@ class RunRecord(Reported):
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns of ``columns()``, with numbers that read back equal.
+        """Write the columns of ``columns()`` to a CSV file, with all digits of each number.
 
-        A reader never sees a file half written, and an interrupted call leaves an older file as
-        it was.
+        The file is replaced in one step, so it is never incomplete: if the call is interrupted, an
+        older file remains unchanged.
 
         Raises
         ------
@@ -309,9 +309,9 @@ class RunRecord(Reported):
         write_csv(path, itertools.chain([table], zip(*table.values(), strict=True)))
 
     def report(self) -> Report:
-        """Build the report: the message, the last point with 10 digits, events, and the work.
+        """Build the report: message, last point with 10 digits, events, and work of the solver.
 
-        In notebooks values have their start, least and largest value, too.
+        In notebooks it also contains initial, least and largest values.
         """
         size = f"{counted(len(self.states), 'state')} at {counted(len(self.t), 'time')}"
         tables, span = [], ""
@@ -356,7 +356,7 @@ class RunRecord(Reported):
         self, fields: Sequence[str] = ("y", "output_values", "input_values")
     ) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
         """Pair names with values, or sensitivities, of states, positions, outputs and inputs."""
-        # A generator, so that outputs are evaluated only when needed.
+        # This is a generator, so that outputs are evaluated only when needed.
         of_states = getattr(self, fields[0])
         yield self.states, of_states
         if self.positions:
@@ -367,7 +367,7 @@ class RunRecord(Reported):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence with the nearest known name."""
+    """Return the end of a sentence, which proposes the nearest known name."""
     hint = nearest(name, known)
     return hint if hint.endswith("?") else f"{hint}."
 
@@ -382,20 +382,20 @@ class Statistics:
     Attributes
     ----------
     method : str
-        Name of the method that ran, never "auto".
+        Name of the method, never "auto".
     nfev, njev : int
-        Calls of the right-hand side, those for differences included, and state Jacobians.
+        Numbers of right-hand side calls, including those for differences, and of state Jacobians.
     nlu : int
-        Factorisations, 0 where the solver does not report them.
+        Number of factorisations, 0 if the solver does not report it.
     n_steps : int
-        Accepted steps.
+        Number of accepted steps.
     seconds : float
-        Wall-clock time, [s].
+        Wall-clock time of the integration, [s].
     compile_seconds : float
-        Wall-clock time that the C of the method itself took before, once on a machine, [s].
+        Wall-clock time in which the method's C code was compiled, once on a machine, [s].
     began_with : str
-        The method that ran before it, up to where the problem became stiff; or empty. The other
-        numbers count both.
+        The method that ran until the problem became stiff, or empty. The numbers above include its
+        work.
     """
 
     method: str
@@ -410,18 +410,18 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """A measure of how well a constrained motion satisfies its constraints.
+    """Violation of the constraints along a motion.
 
     Attributes
     ----------
     names : tuple of str
-        Constraints, their rates, and norms of quaternions less one.
+        Names of the constraints, constraint rates and quaternion norms.
     residual : ndarray, shape (n_rows, n_t)
-        Their residuals at the stored points, in their own units. A point that could not be
-        projected, the last one of a failed integration, has its residuals as they are.
+        Residuals at the stored points, in the units of the constraints. The last point of a failed
+        integration may not be projected.
     correction : float
-        The largest change that a projection made to a state, divided by that state or by 1 where
-        it is less. A step's own error is part of it, so it grows with the tolerances.
+        The largest change of a state in a projection, divided by max(abs(state), 1). It includes
+        the error of the step, so it increases with the tolerances.
     """
 
     names: tuple[str, ...]
@@ -430,7 +430,7 @@ class Drift:
 
     @property
     def worst(self) -> float:
-        """Return the largest residual of all rows and points."""
+        """The largest magnitude of all residuals."""
         return float(np.max(np.abs(self.residual), initial=0.0))
 
 
@@ -440,26 +440,26 @@ FAILED, BUDGET_SPENT = -1, -2
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The outcome of an integration, complete or not."""
+    """The result of an integration, complete or not."""
 
-    #: Times, [s]. After a failure, the last time is that of the last valid point, even if it is no
-    #: output time.
+    #: Times, [s]. After a failure, the last one is that of the last valid point, even if it was not
+    #: requested.
     t: FloatArray
     z: FloatArray  # states and sensitivities at the times
-    status: int  # 0: success, -1: the integration failed, -2: a budget was exhausted
-    message: str  # description of the end of the run, one or two sentences
-    statistics: Statistics  # counts of steps, evaluations and factorisations
-    #: Residuals of the constraints during the run; None without constraints.
+    status: int  # 0: success, -1: the integration failed, -2: a limit was reached
+    message: str  # one or two sentences on the end of the run
+    statistics: Statistics  # numbers of steps, evaluations and factorisations
+    #: Residuals of the constraints along the run; None without constraints.
     drift: Drift | None = None
-    #: Events in order, one row each: time, [s], event index, derivatives of the time by the
-    #: parameters, states before, and states after.
+    #: One row for each event that occurred: time, [s], index of the event, derivatives of the time
+    #: by the parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     #: Whether the run failed because equations could not be solved with any step size.
     is_unsolved: bool = False
 
 
 def _row(title: str, unit: str, values: FloatArray) -> tuple[object, ...]:
-    # Sensitivities of reactions that are not unique are nan at all times.
+    # Sensitivities of outputs that are not unique are nan at all times.
     is_known = bool(np.any(np.isfinite(values)))
     low, high = (np.nanmin(values), np.nanmax(values)) if is_known else (np.nan, np.nan)
     return (title, float(values[-1]), unit, *map(float, (values[0], low, high)))
