@@ -1,8 +1,8 @@
-"""Tables of a scene: functions of time or of expressions, given by points.
+"""Tables of a scene: functions of time or of expressions, defined by points.
 
-In: knots, values, and the rules between and beyond them. Out: a function of one or two arguments
-that becomes nodes. Numbers stay data of the generated code; values that are expressions of
-parameters are written out, so that sensitivities include them.
+Points, and rules for interpolation and extrapolation, define a function of one or two arguments
+that becomes nodes. Numbers are data of the generated code; values that are expressions of
+parameters become separate terms, so that sensitivities include them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
 
 
-#: Maximum numbers of values in a table: of numbers, and of expressions, which are written out.
+#: Largest number of values in a table: of numbers, and of expressions, which become separate terms.
 LARGEST_TABLE, _MOST_EXPRESSIONS = 100_000, 100
 
 _INTERPOLATIONS = ("linear", "monotone")
@@ -45,17 +45,17 @@ _BEYOND = ("hold", "extend")
 
 @dataclass(frozen=True)
 class LookupTable:
-    """A function given by its points."""
+    """A function defined by its points."""
 
-    name: str  # name in expressions; "table" if the table belongs to one field
-    x: tuple[float, ...]  # ascending arguments, at least two
-    y: tuple[float, ...]  # arguments along the second axis; empty for a table of one argument
-    #: Values at the points, for two arguments row by row, one row for each ``x``.
+    name: str  # name in expressions; "table" if it belongs to a single field
+    x: tuple[float, ...]  # ascending values of the argument, at least two
+    y: tuple[float, ...]  # values of the second argument; empty for a table of one argument
+    #: Values at the points; for two arguments one row per ``x``, row after row.
     values: tuple[Expression, ...]
     interpolation: str = "linear"  # ``linear`` (bilinear) or ``monotone`` (cubic)
-    #: Extrapolation: ``hold`` keeps the last value, ``extend`` the last slope.
+    #: Extrapolation: ``hold`` keeps the last value, ``extend`` keeps the last slope.
     beyond: str = "hold"
-    doc: str = field(default="")  # description
+    doc: str = field(default="")  # its meaning, as text
 
     @property
     def n_arguments(self) -> int:
@@ -64,11 +64,11 @@ class LookupTable:
 
     @property
     def names(self) -> frozenset[str]:
-        """Parameters on which its values depend."""
+        """Parameters on which the values depend."""
         return frozenset[str]().union(*(value.names for value in self.values))
 
     def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
-        """Return the node of its value."""
+        """Return the node of the table's value."""
         from cotree.dag.lookup import CubicTable, PlaneTable, look_up
         from cotree.dag.multi_output import table
 
@@ -77,7 +77,7 @@ class LookupTable:
             return self._written_out(dag, args[0], [v.lower(dag, resolve) for v in self.values])
         z = cast("tuple[float, ...]", tuple(numbers))
         if self.y:
-            # Unless arguments are clamped, the outermost intervals extend beyond the ends.
+            # If arguments are not clamped, the outermost intervals extend beyond the ends.
             if self.beyond == "hold":
                 args = [_held(at, axis) for at, axis in zip(args, (self.x, self.y), strict=True)]
             return look_up(dag, PlaneTable(self.x, self.y, z), args)
@@ -96,7 +96,7 @@ class LookupTable:
         return inside + below + above
 
     def _written_out(self, dag: Dag, at: Node, values: Sequence[Node]) -> Node:
-        """Write out a linear table: each piece adds the change of the value within it."""
+        """Return a linear table as a sum: each interval adds the change of the value within it."""
         found, last = values[0], len(self.x) - 2
         for k, (start, end) in enumerate(pairwise(self.x)):
             way = at - start
@@ -110,14 +110,14 @@ class LookupTable:
 
 
 def _held(at: Node, axis: Sequence[float]) -> Node:
-    """Clamp an argument to an axis."""
+    """Clamp an argument to the range of an axis."""
     dag = at.dag
     low, high = dag.constant(axis[0]), dag.constant(axis[-1])
     return dag.select(at - low, dag.select(at - high, high, at), low)
 
 
 def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
-    """Choose slopes for which a cubic stays within the range of neighbouring values.
+    """Return slopes for which cubic pieces stay within the range of their end values.
 
     F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, as in SciPy.
     """
@@ -137,12 +137,12 @@ def make_lookup(
     doc: str = "",
     where: str = "",
 ) -> LookupTable:
-    """Check a table.
+    """Create a table from checked data.
 
-    A table of one argument has ``x`` and ``y``, one of two also ``values``, with a row of as many
-    values as ``y`` for each ``x``. ``where`` names it in messages. Raises SceneError or
-    ExpressionError if arguments do not ascend, numbers are not finite, rows have the wrong length,
-    or there are too many.
+    A table of one argument has ``x`` and ``y``; a table of two arguments also has ``values``, with
+    one row per ``x`` and one value per ``y``. ``where`` describes the table in error messages.
+    Raises SceneError or ExpressionError if arguments are not ascending, numbers are not finite,
+    rows have the wrong length, or there are too many values.
     """
     where = where or f"table '{name}'"
     if beyond == "stop":
@@ -157,7 +157,7 @@ def make_lookup(
         if value not in known:
             hint = nearest(str(value), known)
             raise SceneError(f"{key} of {where} is {brief(repr(value))}{hint}")
-    # The values of a table of one argument are called ``y`` or ``values``.
+    # The values of a table of one argument are given as ``y`` or as ``values``.
     is_plane = values is not None and y is not None
     rows = _listed(values if values is not None else y, "values", where)
     first = _axis(x, "x", where)
@@ -185,7 +185,7 @@ def make_lookup(
 
 
 def _listed(value: object, what: str, where: str) -> list[Any]:
-    """Return a list, a tuple or an array as a tuple."""
+    """Return a list, tuple or array as a list."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -194,7 +194,7 @@ def _listed(value: object, what: str, where: str) -> list[Any]:
 
 
 def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
-    """Check ascending finite numbers, at least two."""
+    """Return at least two finite numbers in ascending order; raise for other values."""
     items = _listed(value, what, where)
     if len(items) < 2:
         raise SceneError(f"{what} of {where} needs two numbers or more")
@@ -210,7 +210,7 @@ def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
 
 
 def _flat(rows: list[Any], width: int, where: str) -> list[Any]:
-    """Return the values of a table of two arguments, row by row."""
+    """Return the values of a table of two arguments as one list, row after row."""
     found: list[Any] = []
     for i, row in enumerate(rows, 1):
         items = _listed(row, f"row {i} of values", where)
@@ -226,7 +226,7 @@ _OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
 
 
 def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
-    """Check a table over an expression: ``of``, ascending ``x``, ``y``, and the interpolation."""
+    """Check a table over an expression, with ``of``, ascending ``x``, ``y``, and interpolation."""
     if not {"of", "x", "y"} <= set(value) <= set(_OF_FIELDS):
         raise SceneError(
             f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"
@@ -239,9 +239,9 @@ def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
 
 
 def make_table(value: object, where: str, argument: str) -> Table:
-    """Check a pair of arguments and values."""
+    """Create a table over one argument from a checked pair of arguments and values."""
     try:
-        # Unpack any value of the user; if it is not a pair of rows, one message covers all cases.
+        # The value may be any object; if it is not a pair, one error message covers all cases.
         x, y = cast("Any", value)
         made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
     except (TypeError, ValueError, OverflowError):
@@ -253,24 +253,24 @@ def make_table(value: object, where: str, argument: str) -> Table:
         raise SceneError(f"{where} needs as many values as {argument}, at least two")
     if not all(math.isfinite(number) for number in made.x + made.y):
         raise SceneError(f"{where} holds an argument or a value that is not finite")
-    # Equal arguments would define a jump without a value.
+    # Equal arguments would define a jump whose value is unknown.
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made
 
 
-#: Maximum size of a file of points, [byte].
+#: Largest size of a file of points, [byte].
 LARGEST_POINTS = 20_000_000
 
 
 def read_points(
     text: str, file: str, where: str
 ) -> tuple[list[float], list[float] | None, list[float] | list[list[float]]]:
-    """Read the points of a table: arguments, those of a second axis, and values.
+    """Read the points of a table from a file: arguments, second arguments, and values.
 
-    Two columns are arguments and values, below a line of names or without one. More columns are a
-    table of two arguments: its first line holds the second argument after an empty or named corner,
-    and each further line an argument and its values.
+    Two columns contain arguments and values; a line of names may precede them. More columns are a
+    table of two arguments: the first line contains an empty or named corner and the values of the
+    second argument; each further line contains a value of the first argument and a row of values.
     """
     rows = read_rows(text, f"{where}: {file}")
     if not rows:

@@ -1,7 +1,7 @@
-"""Scene files: reading TOML to a scene, with the file named in every message.
+"""Scene files: converts TOML to scenes, and names the file in every error message.
 
-Scene files may come from untrusted sources. The files of parts that they name must be within the
-folder of the outermost file, and end in .toml.
+Scene files may be untrusted. Files of parts must be within the folder of the outermost file, and
+their names must end in .toml.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-# Parser messages with advice for users; the first match is used.
+# Advice on error messages of the parser, of which the first match is used.
 _ADVICE = (
     (
         "Cannot overwrite a value",
@@ -62,12 +62,12 @@ _ADVICE = (
 
 
 def advice(message: str, text: str) -> str:
-    """Return advice on an error of the TOML parser, from its message and the text."""
+    """Return advice on a parser error, given its message and the text."""
     lines = text.split("\n")
     place = re.search(r"\(at line (\d+), column (\d+)\)", message)
     number = int(place[1]) if place else len(lines)
-    # If something is not closed, the parser reports the next line; the error is at the end of the
-    # previous line.
+    # If something is not closed, the parser reports the next line, but the error is at the end of
+    # the previous line.
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     line = brief(lines[number - 1], 80)
@@ -75,12 +75,12 @@ def advice(message: str, text: str) -> str:
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 
-# Keys that edges of all types have.
+# Keys of all edges, whatever their type.
 _OF_EDGES = ("type", "nodes", "initial")
 
 
 def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
-    """Return the key that a misspelt ``type``, ``nodes`` or ``initial`` stands for; or ""."""
+    """Return ``type``, ``nodes`` or ``initial`` if a key is a misspelling of it, otherwise ""."""
     component = COMPONENTS.get(str(edge.get("type")))
     own = {row.name for row in component.fields} if component else set()
     absent = [key for key in _OF_EDGES if key not in edge]
@@ -94,9 +94,9 @@ def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
 
 
 if TYPE_CHECKING:
-    #: Callback that returns the scene that a part names, and its source.
+    #: Callback that returns the scene that a part names, and the scene's source.
     Parts = Callable[[str], tuple[SceneDescription, str]]
-    #: Callback that returns the text of a table's file.
+    #: Callback that returns the text of a table's data file.
     Points = Callable[[str], str]
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -121,10 +121,10 @@ _SECTIONS = (
 def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
-    """Make a scene from the tables of its file; ``stem`` is the default name.
+    """Fill a scene from the tables of its file; ``stem`` is the default name.
 
-    ``parts`` returns the scene that a part names with its source, ``points`` the text of a table's
-    file.
+    ``parts`` returns the scene that a part names and the scene's source, ``points`` the text of a
+    table's data file.
     """
     # Each statement calls the method for Python users, so that files are checked in the same way.
     for name, value in data.items():
@@ -136,7 +136,7 @@ def fill(
             )
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
-    # Tables first, because expressions call them.
+    # Tables come first, since expressions call them.
     for name, table in _table(data, "tables").items():
         if not isinstance(table, dict):
             raise SceneError(f"table '{brief(name)}' must be a table with 'x' and its values")
@@ -155,7 +155,7 @@ def fill(
     for name, value in _table(data, "modes").items():
         given = _named_value("mode", name, value, ("doc",))
         scene.mode(name, given["value"], doc=given.get("doc", ""))
-    # Edges come after parts, to whose nodes they may connect.
+    # Edges come after parts, since they may connect to nodes of parts.
     for name, part in _table(data, "parts").items():
         _add_part(scene, name, part, parts)
     for name, edge in _table(data, "edges").items():
@@ -167,7 +167,7 @@ def fill(
     scene.simulation(**_table(data, "simulation"))
     scene.allow(*check_allowed(data.get("allow", [])))
     scene.port(*_ports(data.get("ports", []), scene))
-    # Shapes come after edges, whose nodes they name.
+    # Shapes come after edges, since they name nodes of edges.
     if "origin" in data:
         scene.origin = read_origin(data["origin"], set(scene.nodes))
     return scene
@@ -239,7 +239,7 @@ def _add_edge(scene: SceneDescription, name: str, edge: Any) -> None:
     scene.edge(name, rest.pop("type"), *nodes, initial=rest.pop("initial", None), **rest)
 
 
-#: Maximum size of a scene file, [byte].
+#: Largest size of a scene file, [byte].
 LARGEST_FILE = 50_000_000
 
 
@@ -254,8 +254,8 @@ def shipped_parts() -> tuple[str, ...]:
 
 
 def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene."""
-    # Shipped scenes and parts take precedence over files of the same name.
+    """Read a scene from a file, or a shipped scene by name."""
+    # Names of shipped scenes and parts take precedence over files with the same name.
     known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
     if isinstance(source, str) and source in known:
         return _read_shipped(known[source], source, scene_type)
@@ -267,7 +267,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def load_part(source: str | Path) -> tuple[SceneDescription, str]:
-    """Read the scene of a part, and its source."""
+    """Read the scene of a part; also return its source."""
     known = shipped_parts()
     if isinstance(source, str) and source in known:
         return _read_shipped("parts", source, SceneDescription), source
@@ -277,7 +277,7 @@ def load_part(source: str | Path) -> tuple[SceneDescription, str]:
 
 
 def _shipped(folder: str) -> tuple[str, ...]:
-    """Return the names of the files in a shipped folder."""
+    """Return the names of the files in a folder of shipped scenes or parts."""
     found = resources.files("cotree") / folder
     return tuple(sorted(f.name[:-5] for f in found.iterdir() if f.name.endswith(".toml")))
 
@@ -295,38 +295,38 @@ def _read_file(path: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from TOML text, whose parts are shipped ones or in the same text."""
+    """Read a scene from TOML text; its parts are shipped ones, or scenes in the same text."""
     return _Reading(text, where).scene(scene_type)
 
 
 _NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event|table) '([^']+)'")
-_DEEPEST = 20  # maximum depth of nested parts
+_DEEPEST = 20  # largest depth of nested parts
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """The reading of one file, with the files and scenes that its parts may name."""
+    """Reads one file, including the files and scenes that its parts may name."""
 
-    #: Text of the file, and its name in messages.
+    #: Text of the file, and its name in error messages.
     text: str
     where: str
     file: str = ""  # path of the file; empty if the text is not from a file
-    #: Folder that must contain the files of parts, and folder of this file; empty if parts may not
-    #: name files.
+    #: Folder that must contain the files of all parts, and folder of this file; empty if parts must
+    #: not name files.
     root: str = ""
     folder: str = ""
-    trail: tuple[str, ...] = ()  # files that are being read, the outermost first
-    #: Scenes already read, by path.
+    trail: tuple[str, ...] = ()  # files that are currently being read, the outermost first
+    #: Scenes that have already been read, by path.
     made: dict[str, SceneDescription] = field(default_factory=dict)
 
     def scene(self, scene_type: type[_Scene]) -> _Scene:
-        """Read the scene of the file."""
+        """Return the scene that the file describes."""
         try:
             data = tomllib.loads(self.text)
         except tomllib.TOMLDecodeError as error:
             what = f"{error}{advice(str(error), self.text)}"
             raise SceneError(f"{self.where}: not valid TOML: {what}") from None
-        except ValueError:  # Python does not read integers of thousands of digits
+        except ValueError:  # Python refuses to read integers of thousands of digits
             raise SceneError(f"{self.where}: holds an integer of thousands of digits") from None
         except RecursionError:
             raise SceneError(f"{self.where}: nested too deeply") from None
@@ -339,12 +339,12 @@ class _Reading:
         return made
 
     def located(self, error: ModelError, where: str, section: str) -> ModelError:
-        """Prefix a message with the file, and the line of the first declaration that it names."""
+        """Return the error with its file, and line of the first declaration that it names."""
         from cotree.scene.part_adding import statement_lines
 
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
-        # Elements of an array of parts are named after the array.
+        # Members of an array of parts have the array's name and a number.
         named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
         found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)
@@ -353,7 +353,7 @@ class _Reading:
         return type(error)(f"{place}: {error}")
 
     def part_file(self, name: str) -> tuple[SceneDescription, str]:
-        """Read the file that a part names."""
+        """Read the scene file that a part names."""
         hint = "name a shipped part, or a scene of the same text, [scenes.name]"
         path, real = self.place(name, "scene", hint, "add the part in Python", ".toml")
         self.check_trail(real)
@@ -371,7 +371,7 @@ class _Reading:
         return self.made[real], name
 
     def points(self, name: str) -> str:
-        """Read the file of points that a table names."""
+        """Read the data file that a table names."""
         if not isinstance(name, str):
             raise SceneError(f"file {brief(repr(name))} of a table must be a path in quotes")
         path, _ = self.place(name, "file", "write the points here", "add the table in Python", "")
@@ -380,7 +380,7 @@ class _Reading:
         return read_text(path, LARGEST_POINTS)
 
     def place(self, name: str, kind: str, here: str, beside: str, suffix: str) -> tuple[str, str]:
-        """Find a file that this one names, in its folder or below."""
+        """Find a file that this file names, in the same folder or below it."""
         if not self.folder:
             raise SceneError(
                 f"{kind} '{brief(name)}' is a file, but the scene that names it was not read "
@@ -416,15 +416,15 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Scenes that the tables of a file define for its parts, after those of outer tables."""
+    """Scenes that a table of a file defines for its parts; inner definitions take precedence."""
 
     reading: _Reading  # the file that contains the tables
-    section: str  # table that contains the scenes; empty at the top level
-    tables: Mapping[str, Any]  # tables of the scenes, by name
+    section: str  # table of the file that contains the scenes; empty at the top level
+    tables: Mapping[str, Any]  # tables of these scenes by name
     around: _Scenes | None = None  # scenes of the enclosing table
 
     def find(self, name: str) -> tuple[SceneDescription, str]:
-        """Return the scene that a part names: one of this file, a file, or a shipped one."""
+        """Return the scene that a part names: in this file, in another file, or a shipped one."""
         if name in self.tables:
             return self._defined(name), name
         if self.around is not None:

@@ -1,7 +1,7 @@
-"""Writing scenes as TOML that reads back as the same scene.
+"""Conversion of scenes to TOML that yields the same scene when it is read.
 
-A scene that was read from a file keeps its comments and its order (tomlkit). New text is written
-here: other writers put each number of a list on its own line.
+If a scene was read from a file, its comments and its order are kept (tomlkit). New text is written
+here, since other writers put each number of a list on a separate line.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 _Row = TypeVar("_Row")
 
-_LARGEST_KEPT = 200_000  # maximum size in bytes of a file whose comments are kept
-_WIDEST = 99  # maximum number of columns
+_LARGEST_KEPT = 200_000  # largest size of a file whose comments are kept, [byte]
+_WIDEST = 99  # largest number of columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
 def save_scene(scene: SceneDescription, path: Path) -> None:
-    """Write a scene to a file, completely or not at all; see :func:`scene_text`."""
+    """Write a scene to a file, either completely or not at all; see :func:`scene_text`."""
     if path.suffix.lower() != ".toml":
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
     text = scene_text(scene)
@@ -46,19 +46,19 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
 
 
 def _kept_text(scene: SceneDescription, text: str) -> str:
-    """Return the text of a scene's file with the changes; empty if it has none."""
+    """Return the text of a scene's file with its comments and the changes, or "" if impossible."""
     import tomlkit
 
     if not scene.file.endswith(".toml"):
         return ""
-    # Entries that the new text lacks may equal a default: first keep them, then remove them.
+    # Entries that the new text lacks may equal a default: try to keep them, then to remove them.
     for has_removed in (False, True):
         try:
             old = tomlkit.parse(read_text(scene.file, _LARGEST_KEPT))
             _merge(old, tomlkit.parse(text), has_removed)
             kept = tomlkit.dumps(old)
             read = read_scene(kept, scene.name, SceneDescription)
-        except (ModelError, tomlkit.exceptions.TOMLKitError):  # the file has changed
+        except (ModelError, tomlkit.exceptions.TOMLKitError):  # the file has been changed
             continue
         orders = [[list(getattr(made, name)) for name in TABLES] for made in (read, scene)]
         if orders[0] == orders[1] and not _changed_field(read, scene):
@@ -67,12 +67,12 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
 
 
 def _plain(item: Any) -> Any:
-    """Return the value of an item of a document; booleans are plain values."""
+    """Return the plain value of an item of a document; booleans are already plain."""
     return item if isinstance(item, bool) else item.unwrap()
 
 
 def _merge(old: Any, new: Any, has_removed: bool) -> None:
-    """Change the entries that differ in the tables of a document, and keep the rest as written."""
+    """Change only those entries of a document's tables that differ."""
     for key in [key for key in old if has_removed and key not in new]:
         del old[key]
     for key, value in new.items():
@@ -90,10 +90,10 @@ def _changed_field(read: SceneDescription, scene: SceneDescription) -> str:
 
 
 def scene_text(scene: SceneDescription) -> str:
-    """Write a scene as TOML.
+    """Return a scene as TOML text.
 
-    The text is read back before it is returned: attributes may have been changed without the
-    methods of a scene, and the file must describe the scene that runs.
+    The text is read back before it is returned, to ensure that it describes this scene even if
+    attributes were changed without the scene's methods.
     """
     text = "\n".join(_lines(scene)) + "\n"
     if len(text.encode()) > LARGEST_FILE:
@@ -111,12 +111,12 @@ def scene_text(scene: SceneDescription) -> str:
 
 
 def table_text(name: str, rows: Mapping[str, Any]) -> str:
-    """Write one table as TOML, after an empty line."""
+    """Return one table as TOML text, preceded by an empty line."""
     return "\n".join(_table(name, rows)) + "\n"
 
 
 def _lines(scene: SceneDescription) -> Iterator[str]:
-    """Write a scene, and the scenes of its parts."""
+    """Return the lines of a scene and of the scenes of its parts."""
     found: dict[str, SceneDescription] = {}
     names: dict[int, str] = {}
     _scenes_of_parts(scene, found, names)
@@ -127,9 +127,9 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
 
 
 def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterator[str]:
-    """Write the tables of a scene, each below a table of the file."""
+    """Return the tables of a scene as text, each below the table ``at`` of the file."""
     yield f"name = {_text(scene.name)}"
-    # Defaults are not written, here and below.
+    # Here and below, default values are omitted.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.canonical for item in scene.gravity])}"
     if scene.allowed:
@@ -156,7 +156,7 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
         yield from _table(f"{at}simulation", settings)
     if scene.origin is not None:
         table = origin_table(scene.origin)
-        # An array of tables follows the table that it belongs to.
+        # An array of tables comes after the table to which it belongs.
         visuals = table.pop("visuals")
         yield from _table(f"{at}origin", table)
         for visual in visuals:
@@ -164,19 +164,19 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
 
 
 def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
-    """List the declarations that do not belong to parts."""
+    """List the declarations that do not come from parts."""
     return [(name, row) for name, row in rows.items() if "." not in name]
 
 
 def _scenes_of_parts(
     scene: SceneDescription, found: dict[str, SceneDescription], names: dict[int, str]
 ) -> None:
-    """Return the names of the scenes of parts, inner ones first."""
+    """Return names for the scenes of all parts, inner ones first."""
     for part in scene.parts.values():
         made = part.scene
         if id(made) in names:
             continue
-        # Shipped parts are written by name, all other parts in full: the file does not depend on
+        # Shipped parts are written by name, all others in full, so that the file does not depend on
         # the files from which the scene was read.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
@@ -191,7 +191,7 @@ def _scenes_of_parts(
 
 
 def _lookup(table: LookupTable) -> dict[str, object]:
-    """Write a table with its points, also if these were read from a file."""
+    """Return a lookup table with its points, even if they were read from a file."""
     values = [value.canonical for value in table.values]
     found: dict[str, object] = {"x": list(table.x)}
     if table.y:
@@ -205,13 +205,13 @@ def _lookup(table: LookupTable) -> dict[str, object]:
 
 
 def _named(row: Any, value: Expression | Table | float) -> object:
-    """Return the value of a parameter, input or mode, in a table if it has other entries."""
+    """Return the value of a parameter, input or mode, or a table if there are other entries."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
     stated: object = value.canonical if isinstance(value, Expression) else value
     if isinstance(value, Table):
         stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
-        stated, more["unit"] = given  # the file contains the user's text
+        stated, more["unit"] = given  # the file contains the value as the user stated it
     more = {key: text for key, text in more.items() if text}
     if not getattr(row, "tunable", True):
         more["tunable"] = False
@@ -232,8 +232,8 @@ def _event(event: Event) -> dict[str, object]:
 
 
 def _settings(given: Simulation) -> dict[str, object]:
-    """List the settings that differ from the defaults."""
-    # Settings that were not set use the defaults of later versions.
+    """Return the settings that differ from the defaults."""
+    # Omitted settings will follow the defaults of later versions.
     usual = Simulation()
     table = {
         key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
@@ -244,17 +244,17 @@ def _settings(given: Simulation) -> dict[str, object]:
 
 
 def _rows(name: str, rows: Mapping[str, object]) -> Iterator[str]:
-    """Write a section whose rows stay in order, each on one line."""
+    """Return a section as text, with its rows in order and one line per row."""
     if rows:
         yield from ("", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in rows.items()))
 
 
 def _table(name: str, rows: Mapping[str, Any], heading: str = "[{}]") -> Iterator[str]:
-    """Write a section; tables too long for a line follow as separate sections."""
+    """Return a section as text; tables that are too long for a line follow as separate sections."""
     yield from ("", heading.format(name))
     long = {}
     for key, value in rows.items():
-        # In TOML the keys of a table precede its sections, to which they would otherwise belong.
+        # TOML keys must precede subsections, since a key after a subsection belongs to it.
         line = f"{_key(key)} = {_value(value)}"
         if isinstance(value, Mapping) and (len(line) > _WIDEST or "\n" in line):
             long[key] = value
@@ -272,7 +272,7 @@ def _value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):
-        return repr(value)  # repr gives the shortest digits that read back as the same number
+        return repr(value)  # repr returns the shortest digits from which the same number is read
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, Mapping):
@@ -283,9 +283,9 @@ def _value(value: object) -> str:
 
 
 def _list(items: list[str]) -> str:
-    """Write a list, on several lines if it is long, with a row of a matrix on each."""
+    """Return a list as text; if it is long, on several lines with one matrix row per line."""
     line = f"[{', '.join(items)}]"
-    # Leave space for a short key.
+    # Leave enough columns for a short key.
     if len(line) <= _WIDEST - 20 and "\n" not in line:
         return line
     lines = [""]
@@ -297,7 +297,7 @@ def _list(items: list[str]) -> str:
 
 
 def _text(text: str) -> str:
-    """Quote a string, with escapes for invisible characters; lone surrogates become "?"."""
+    """Return a string in quotes, with invisible characters escaped and lone surrogates as "?"."""
     whole = text.encode("utf-8", "replace").decode()
     return '"' + "".join(_escaped(char) for char in whole) + '"'
 

@@ -1,13 +1,13 @@
-"""Modes and events of dry friction and of rigid stops.
+"""Modes and events for dry friction and rigid stops.
 
-In: a scene with edges that stick and slide, or with rigid stops. Out: the same scene, with a mode
-``EDGE.mode`` for each of them, and with the events at which it may change.
+For each edge that sticks and slides, or that has rigid stops, a mode ``EDGE.mode`` and the events
+at which it may change are added to the scene.
 
 The mode of dry friction selects one of its laws. Its events are zeros of the slip rate, limits of
-its force, and engagement or disengagement. The mode of a stop is the limit at which it is closed;
-the impulse of its last impact is ``EDGE.impulse``. Its events are gaps that close, impacts that end
-in rest, and forces of a limit that would pull. The next modes are chosen in C, for all edges at
-once; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
+the friction force, and engagement or disengagement. The mode of a stop is the limit at which it is
+closed; ``EDGE.impulse`` is the impulse of its last impact. The events of a stop are closing gaps,
+impacts that end in rest, and forces that would pull at a limit. C code selects the next modes of
+all edges together; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-#: A mode: field, description, name and initial value.
+#: Row of a mode: field, description, name and initial value.
 _ModeRow = tuple[str, str, str, str]
-#: An event: name, condition, direction, role, and the modes that are selected at it.
+#: Row of an event: name, condition, direction, role, and the modes that are selected at it.
 _EventRow = tuple[str, str, int, ModePart, Mapping[str, str]]
 
 
 def with_friction(scene: _Scene) -> _Scene:
-    """Add mode and events to every edge with dry friction; return scenes without any unchanged."""
+    """Add a mode and events to each edge with dry friction; return other scenes unchanged."""
     ports = [
         port
         for port in scalar_ports(scene).values()
@@ -53,7 +53,7 @@ def with_friction(scene: _Scene) -> _Scene:
 
 
 def with_stops(scene: _Scene) -> _Scene:
-    """Add modes and events to rigid stops and to the friction at their contacts."""
+    """Add modes and events to rigid stops, and to the friction at their contacts."""
     scene = _with_discs(scene)
     ports = [
         port
@@ -64,7 +64,7 @@ def with_stops(scene: _Scene) -> _Scene:
 
 
 def _with_discs(scene: _Scene) -> _Scene:
-    """Extend the friction of rigid contacts to two directions of slip if the scene is spatial."""
+    """In spatial scenes, extend the friction of rigid contacts to two slip directions."""
     frictional = [
         edge
         for edge in scene.edges.values()
@@ -76,7 +76,7 @@ def _with_discs(scene: _Scene) -> _Scene:
     made.edges = dict(scene.edges)
     for edge in frictional:
         component = with_discs(edge.component)
-        # All points of a contact act between the same two nodes.
+        # All points of a contact act between the same pair of nodes.
         ports = (edge.ports[0],) * len(component.ports)
         made.edges[edge.name] = replace(edge, component=component, ports=ports)
     return made
@@ -91,7 +91,7 @@ def _with(
     *,
     is_jump: bool,
 ) -> _Scene:
-    """Add the modes and events of some ports; events of the scene follow theirs."""
+    """Add the modes and events of the given ports, followed by the scene's own events."""
     if not ports:
         return scene
     made = copy.copy(scene)
@@ -109,7 +109,7 @@ def _with(
         for _, _, mode, start in modes:
             made.modes[mode] = Mode(mode, parse(start, where), is_jump=is_jump)
         for name, when, way, part, values in rows_of(port):
-            # The modes are selected together with those of all other edges.
+            # The modes are selected together with the modes of all other edges.
             new = {target: parse(text, where) for target, text in values.items()}
             made.events[name] = Event(name, parse(when, where), way, new, part=part)
     made.events.update(scene.events)
@@ -119,7 +119,7 @@ def _with(
 def _friction_modes(port: Port) -> list[_ModeRow]:
     friction, edge = port.terminal.friction, port.edge.name
     assert friction is not None
-    # The mode is the direction of the speed at the start. At rest the engine selects the mode.
+    # The initial mode is the direction of the slip rate. At rest, the engine selects the mode.
     start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     if friction.grip is not None:
         start = f"where({port.name}.grip > 0, {start}, 2)"
@@ -135,7 +135,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     row = DOMAINS[port.terminal.domain]
     speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
     mode, side = f"{edge}.mode", f"{edge}.side"
-    # Factors that are nonzero in one mode only, and zero in all others.
+    # These factors are nonzero in one mode and zero in all others.
     direction, stuck = mode, f"(1 - {mode}**2)"
     if friction.grip is not None:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
@@ -151,7 +151,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     if friction.grip is not None:
         rows.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
     if friction.load is not None:
-        # While it sticks, no sliding law applies.
+        # While the edge sticks, no law of sliding applies.
         text = f"{mode}**2*{side}*{name}.load"
         rows.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
     return rows
@@ -163,7 +163,7 @@ def _laws(port: Port) -> Stop | Friction | None:
 
 
 def _holder(port: Port, of: str = "") -> str:
-    """Return the name of a port that sticks: that of its edge if it is the only one."""
+    """Return the name of a port that sticks: that of its edge if no other port does."""
     ports = port.edge.component.ports
     is_alone = sum(terminal.kind.may_hold for terminal in ports) == 1
     return port.edge.name if is_alone else port.sibling(of or port.terminal.port)
@@ -172,8 +172,8 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    # In an impact, the speed changes by the impulse. Friction without a normal force is disengaged;
-    # its impulse is zero between evaluations.
+    # In an impact, the speed changes by the impulse. Friction without a normal force is disengaged,
+    # and its impulse is zero between evaluations.
     is_stop = port.kind is Kind.STOP
     doc = "of the last impact" if is_stop else "asked for in an impact"
     rows = [
@@ -196,7 +196,7 @@ def _stop_modes(port: Port) -> list[_ModeRow]:
             )
         )
         if friction.leader:
-            rows = rows[1:]  # the mode belongs to the first direction
+            rows = rows[1:]  # the mode belongs to the first slip direction
     return rows
 
 
@@ -209,7 +209,7 @@ def _stop_rows(port: Port) -> list[_EventRow]:
     return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
 
 
-#: Name, condition, role and targets of an event.
+#: Row of an event at a limit: name, condition, role and targets.
 _Row = tuple[str, str, ModePart, "dict[str, str]"]
 
 
@@ -218,7 +218,7 @@ def _limit_rows(port: Port) -> list[_Row]:
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
     mode, force = f"{holder}.mode", f"{name}.{row.through_symbol}"
-    # Factors that are one in one mode only, and exactly zero in all others.
+    # These factors are one in one mode, and exactly zero in all others.
     free = f"(1 - {mode}**2)*(4 - {mode}**2)/4"
     struck = f"{mode}**2*({mode}**2 - 1)/12"
     sided = stop.upper_gap is not None and stop.lower_gap is not None
@@ -233,14 +233,13 @@ def _limit_rows(port: Port) -> list[_Row]:
         rows.append((f"hits{' lower' if sided else ''}", text, ModePart.LOWER_GAP, rebound))
     at_rest = own | {f"{holder}.impulse": f"-{name}.{row.across_symbol}"}
     rows.append(("rests", f"{struck}*{name}.excess", ModePart.REBOUND, at_rest))
-    # In contact the mode is the side of the limit, in an impact twice the side; its sign is the
-    # side.
+    # While a stop is closed, the mode is the side of the limit; in an impact, it is twice the side.
     rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.FORCE, own))
     return rows
 
 
 def _pressed_rows(port: Port) -> list[_Row]:
-    """Return the events of friction that the contact forces of stops press together."""
+    """Return the events of friction whose normal force is the contact force of a stop."""
     friction, name, holder = port.terminal.friction, port.name, _holder(port)
     assert friction is not None
     row = DOMAINS[port.terminal.domain]
@@ -269,16 +268,16 @@ def _pressed_rows(port: Port) -> list[_Row]:
     ]
 
 
-#: The square of the tangent of the largest angle between the slip and the direction of sliding.
+#: Square of the tangent of the largest angle between slip and sliding direction.
 _WIDEST = 3
 
-#: Speed below which the direction of sliding is the one in which sliding started, [m/s].
+#: Speed below which the sliding direction remains that at the beginning of sliding, [m/s].
 _SLOWEST = "1e-7"
 
-#: Slip at which the direction of sliding is set for the last time before the slip ends, [m/s].
+#: Slip rate at which the sliding direction is set for the last time before slip ends, [m/s].
 _SLOW = "1e-3"
 
-#: Added to squares under roots, whose slope is infinite at zero, [N] and [m/s].
+#: Added to squares under roots, whose slope is infinite at zero, [N^2] and [m^2/s^2].
 _TINY = "1e-30"
 
 _WAY = "component of the direction of the slip"
@@ -286,15 +285,15 @@ _WAY = "component of the direction of the slip"
 
 @dataclass(frozen=True)
 class _Disc:
-    """Expressions of friction on a plane in space."""
+    """Expressions for friction in the plane of a spatial contact."""
 
-    holders: tuple[str, str]  # names of both slip directions in modes
+    holders: tuple[str, str]  # names of both slip directions in their modes
     slip: tuple[str, str]
     force: tuple[str, str]
 
     @classmethod
     def of(cls, port: Port) -> _Disc:
-        """Return the expressions of a disc by the port of its first direction."""
+        """Return the expressions for a disc, given the port of its first slip direction."""
         friction, row = port.terminal.friction, DOMAINS[port.terminal.domain]
         assert friction is not None
         ports = port.name, port.sibling(friction.follower)
@@ -306,28 +305,28 @@ class _Disc:
 
     @property
     def directions(self) -> tuple[str, str]:
-        """The direction in which it began to slide, or turned last: modes."""
+        """Modes that contain the direction in which sliding began, or to which it last turned."""
         return f"{self.holders[0]}.direction", f"{self.holders[1]}.direction"
 
     @property
     def along(self) -> str:
-        """The slip along that direction."""
+        """The slip rate along that direction."""
         (v1, v2), (d1, d2) = self.slip, self.directions
         return f"({v1}*{d1} + {v2}*{d2})"
 
     @property
     def across_slip(self) -> str:
-        """The slip across that direction."""
+        """The slip rate across that direction."""
         (v1, v2), (d1, d2) = self.slip, self.directions
         return f"({v2}*{d1} - {v1}*{d2})"
 
 
 def _ways(port: Port) -> dict[str, str]:
-    """Return the fields of the direction of the slip.
+    """Return the fields that contain the slip direction.
 
-    The direction is given by the tangent of its angle to the initial direction. The tangent is the
-    same on both sides of rest, so that the law continues smoothly through rest, like that of
-    friction along a line.
+    The slip direction is given by the tangent of its angle to the initial direction. The tangent is
+    equal on both sides of rest, so that the law is smooth through rest, like the law of friction
+    along a line.
     """
     friction = port.terminal.friction
     if friction is None or not friction.follower:
@@ -343,7 +342,7 @@ def _ways(port: Port) -> dict[str, str]:
 
 
 def _disc_rows(port: Port) -> list[_Row]:
-    """Return the events of friction on a plane in space."""
+    """Return the events of friction in the plane of a spatial contact."""
     friction = port.terminal.friction
     assert friction is not None
     disc = _Disc.of(port)
@@ -355,11 +354,11 @@ def _disc_rows(port: Port) -> list[_Row]:
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
     force, speed = (f"sqrt({a}**2 + {b}**2 + {_TINY}**2)" for a, b in (disc.force, disc.slip))
     limit = f"{port.name}.upper"
-    # One in an impact of the stop, in which its mode is doubled.
+    # This is one during an impact of the stop, in which the stop's mode is doubled.
     hit = f"{presser}**2*({presser}**2 - 1)/12"
     # The second target identifies the stop that provides the normal force.
     own = {mode: mode, presser: presser}
-    # Direction of the slip or, while friction sticks, that in which it would start to slide.
+    # Slip direction or, while friction sticks, the direction in which sliding would begin.
     directions = {
         d: f"{is_sliding}*{v}/{speed} + {stuck}*{f}/{force}"
         for d, v, f in zip(disc.directions, disc.slip, disc.force, strict=True)
@@ -382,7 +381,7 @@ def _disc_rows(port: Port) -> list[_Row]:
             ModePart.TURN,
             own | directions,
         ),
-        # Sets the direction before the slip ends; it hardly changes afterwards.
+        # This sets the direction before slip ends; afterwards it hardly changes.
         ("slows", f"{slides}*({speed} - {_SLOW})", ModePart.NONE, directions),
         ("has an impulse along slide1", f"{hit}*{f1}", ModePart.FIRST_IMPULSE, own),
         ("has an impulse along slide2", f"{hit}*{f2}", ModePart.SECOND_IMPULSE, own),

@@ -1,6 +1,7 @@
-"""Components as text: docstrings, calls, and the stub of their methods for editors.
+"""Components as text: docstrings, calls, and the stub file of their methods for editors.
 
-The build writes the stub beside :mod:`cotree.scene.component_methods`; see ``src/build_hook.py``.
+The build writes the stub file next to :mod:`cotree.scene.component_methods`; see
+``src/build_hook.py``.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from cotree.errors import SceneError, brief
 from cotree.scene.fields import initial_names
 from cotree.scene.ports import acts_on_multibody
 
-_WIDEST = 88  # maximum number of columns
+_WIDEST = 88  # largest number of columns
 
-_LONGEST = 40  # number of letters of a name that are compared: a name from a file may be long
+_LONGEST = 40  # number of letters of a name that are compared, since names from files may be long
 
-#: Synonyms of components, in the order of the table.
+#: Synonyms of components, in the order of the components' table.
 _ALSO_CALLED = {
     "rigid_body": ("body", "mass", "point_mass", "particle", "inertia"),
     "arm": ("link", "rod", "bar", "beam", "offset"),
@@ -61,32 +62,32 @@ _ALSO_CALLED = {
 
 @dataclass(frozen=True)
 class Entry:
-    """Name, meaning and unit of one entry of an edge besides its positional nodes."""
+    """Name, meaning and unit of an edge's entry other than its listed nodes."""
 
     name: str
     doc: str
     takes: str  # kind of value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
     unit: str = ""
     required: bool = False  # whether the field must be given
-    default: float | None = None  # default; None: the entry may be omitted
+    default: float | None = None  # default value; None: the entry may be omitted
 
 
 @dataclass(frozen=True)
 class Usage:
-    """The form in which edges of a component type are written."""
+    """Nodes and entries with which an edge of a component type is stated."""
 
-    component: Component  # component of the edge
-    #: Node names in the order of the list; empty if each port has separate nodes.
+    component: Component  # component type of the edge
+    #: Names of the nodes in their order; empty if each port has its own nodes.
     nodes: tuple[str, ...]
     n_needed: int  # number of required nodes
-    #: Whether a list of nodes has one node for each port, with the ground as the other one.
+    #: Whether a list of nodes contains one node per port, whose other node is the ground.
     has_ports: bool
-    entries: tuple[Entry, ...]  # ports and fields of the component
-    initial: tuple[str, ...]  # variables for which initial values may be given
+    entries: tuple[Entry, ...]  # entries for ports and fields of the component
+    initial: tuple[str, ...]  # variables whose initial values may be given
 
 
 def usage_of(name: str) -> Usage:
-    """Describe how edges of a component type are written."""
+    """Return how edges of a component type are stated."""
     component = COMPONENTS.get(name)
     if component is None:
         raise SceneError(f"there is no component '{brief(name)}'{proposed_types(name)}")
@@ -98,13 +99,13 @@ def usage_of(name: str) -> Usage:
 
 
 def proposed_types(name: object) -> str:
-    """Return suggestions for an unknown component type, for the end of a message."""
+    """Return suggestions for an unknown component type, as the end of an error message."""
     word = str(name)[:_LONGEST].lower().replace("-", "_").strip()
     rows = COMPONENTS.items()
-    # Synonyms from textbooks first, then names and descriptions that contain the word, then
+    # Textbook synonyms come first, then names and descriptions that contain the word, then
     # misspellings.
     found = [type for type, others in _ALSO_CALLED.items() if word in others]
-    # Transposed letters may form another word: 'ram' for 'arm'.
+    # Transposed letters may form another word, such as 'ram' for 'arm'.
     found += [type for type in COMPONENTS if sorted(type) == sorted(word)]
     found += [type for type, row in rows if word in type.split("_") or word in row.doc.split()]
     if not found:
@@ -117,9 +118,9 @@ def proposed_types(name: object) -> str:
 
 
 def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
-    """List the nodes of a type, how many of them are needed, and whether ports have their own."""
+    """Return a type's nodes, how many are required, and whether each port has its own nodes."""
     if any(field.shape is Shape.NAMES for field in component.fields):
-        return (), 0, False  # nodes are given by fields
+        return (), 0, False  # fields contain the nodes
     if component.terminals:
         nodes = (*component.terminals, *component.optional_terminals)
         return nodes, len(component.terminals), False
@@ -133,7 +134,7 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
 
 
 def _ports(component: Component) -> list[Entry]:
-    """List the entries for nodes of ports, and for the joint or line on which ports act."""
+    """List the entries for nodes of ports, and for the joint or line on which a port acts."""
     if component.terminals or component.geometry is not None:
         return []
     found = []
@@ -167,25 +168,25 @@ def _entry(field: Field) -> Entry:
     takes = field.shape.value
     if field.shape is Shape.SCALAR:
         takes = "constant" if field.constant and not field.timed else "value"
-    # A unit of one is not shown.
+    # The unit "1" is not shown.
     unit = "" if field.unit == "1" else field.unit
     return Entry(field.name, field.doc, takes, unit, field.required, field.default)
 
 
 @lru_cache(maxsize=1)
 def examples() -> Mapping[str, tuple[str, Mapping[str, Any]]]:
-    """Return an edge of each built-in component: its name and its statement.
+    """Return an example of each built-in component: the edge's name and statement.
 
-    They are those of the component pages, in a file that a test compares with them.
+    The examples are those on the component pages; a test compares the file with these pages.
     """
     file = resources.files("cotree") / "components" / "examples.toml"
     tables = tomllib.loads(file.read_text(encoding="utf-8"))
-    # Each table holds one edge, under its name.
+    # Each table contains one edge, by name.
     return {type: next(iter(edges.items())) for type, edges in tables.items()}
 
 
 def edge_call(name: str, statement: Mapping[str, Any]) -> str:
-    """Write an edge as a call of its component's method.
+    """Return the call of a component's method that adds an edge.
 
     >>> print(edge_call("R", {"type": "resistor", "nodes": ["a", "b"], "resistance": "R0"}))
     scene.resistor("R", "a", "b", resistance="R0")
@@ -202,7 +203,7 @@ def edge_call(name: str, statement: Mapping[str, Any]) -> str:
 
 
 def _in_rows(value: object) -> str:
-    """Write a table on several lines if it is long."""
+    """Return a table as text, on several lines if it is long."""
     line = _value(value)
     if not isinstance(value, Mapping) or len(line) <= _WIDEST - 20:
         return line
@@ -211,7 +212,7 @@ def _in_rows(value: object) -> str:
 
 
 def _value(value: object) -> str:
-    # Strings are quoted as formatters do, unlike repr().
+    # Strings are quoted like code formatters do, unlike repr().
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, Mapping):
@@ -238,19 +239,19 @@ _TAKES = {
 
 
 def takes_of(entry: Entry) -> str:
-    """Describe the values that an entry takes."""
+    """Return a description of the values that an entry accepts."""
     return _TAKES[entry.takes]
 
 
 def default_of(entry: Entry) -> str:
-    """Return the default of an entry: a number, ``required`` or nothing."""
+    """Return the default of an entry as text: a number, ``required`` or ""."""
     if entry.required:
         return "required"
     return "" if entry.default is None else f"{entry.default:g}"
 
 
 def docstring_of(usage: Usage) -> str:
-    """Write the docstring of a component's method."""
+    """Return the docstring of a component's method."""
     lines = [*_headline(usage), "", "Parameters", "----------"]
     lines += ["name : str", *_wrapped(_name_doc(usage))]
     if usage.nodes:
@@ -268,14 +269,14 @@ def docstring_of(usage: Usage) -> str:
 
 
 def sentence(text: str) -> str:
-    """Begin a text with a capital unless it begins with a name, and end it with a full stop."""
+    """Return a text as a sentence, with a capital letter unless it begins with a name."""
     first = text.partition(" ")[0]
     is_word = first.replace(",", "").isalpha() and first.islower() and len(first) > 1
     return (text[0].upper() + text[1:] if is_word or len(first) == 1 else text) + "."
 
 
 def _headline(usage: Usage) -> list[str]:
-    """Describe the type in one line if it fits, otherwise in a paragraph."""
+    """Return the description of a type, in one line if it fits, otherwise as a paragraph."""
     name, doc = usage.component.name, usage.component.doc
     article = "an" if name[0] in "aeio" else "a"
     line = f"Add {article} ``{name}``: {doc}."
@@ -291,7 +292,7 @@ def _name_doc(usage: Usage) -> str:
 
 
 def nodes_of(usage: Usage) -> str:
-    """Describe the listed nodes in a line."""
+    """Return a description of the listed nodes in one line."""
     needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
     if usage.has_ports:
         return "those of its ports, below; or a list of one of each, the other being the ground"
@@ -390,7 +391,7 @@ class ComponentMethods:
 
 
 def stub_text() -> str:
-    """Return the stub of all methods of components."""
+    """Return the stub of the methods of all components."""
     return "\n".join([_HEAD, *map(_method, sorted(OWN))]).rstrip() + "\n"
 
 
@@ -417,5 +418,5 @@ def _keyword(entry: Entry) -> str:
         return f"{entry.name}: {kind}"
     if entry.default is None:
         return f"{entry.name}: {kind} | None = None"
-    # Formatters write exponents without a plus sign.
+    # Code formatters write exponents without a plus sign.
     return f"{entry.name}: {kind} = {entry.default!r}".replace("e+", "e")

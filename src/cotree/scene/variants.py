@@ -1,12 +1,12 @@
-"""Scenes made from others: with other inputs, with fixed parameters, and at rest.
+"""Scenes made from other scenes: with other inputs, with fixed parameters, or at rest.
 
-In: a scene, and replacements of its inputs. Out: another scene. An input that becomes an expression
-of time and parameters stays an input. With states, outputs or measured variables in it, it becomes
-an output of the same name: fields may use outputs, so that equations, Jacobian, sensitivities,
-events and C projects include it like any expression of a scene.
+An input that is replaced by an expression of time and parameters remains an input. If the
+expression also contains states, outputs or measured variables, the input becomes an output of the
+same name: fields may use outputs, so that equations, Jacobian, sensitivities, events and C projects
+include it like any expression of a scene.
 
-At rest nothing changes with time. A capacity is replaced by its current at a constant voltage:
-zero, or the static current of a junction. Inductances become short circuits.
+At rest nothing changes with time. Capacities are replaced by their current at constant voltage,
+which is zero, or the static current of a junction. Inductances become short circuits.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ def with_inputs(
     parameters: Mapping[str, float] | None = None,
     kind: str = "output",
 ) -> _Scene:
-    """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
+    """Return the scene with the given inputs; see :meth:`cotree.Scene.with_inputs`.
 
-    ``parameters`` are new ones that the expressions use; ``kind`` is the name that messages use for
-    an input that becomes an output.
+    ``parameters`` are new parameters that the expressions use. Error messages call an input that
+    becomes an output ``kind``.
     """
     given = dict(parameters or {})
     changed = scene.copied()
@@ -69,7 +69,7 @@ def with_inputs(
         changed.parameter(name, number)
     for name, value in found.items():
         if owner_of(changed, name) is not None:
-            # The statement of the part is changed as well, and saved with the scene.
+            # The statement of the part is changed as well, so that it is saved with the scene.
             if isinstance(value, Expression):
                 _check_names(value, changed)
             set_in_part(changed, name, inputs[name])
@@ -86,7 +86,7 @@ def with_inputs(
 
 
 def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
-    """List the inputs given by expressions; numbers in quotes do not count."""
+    """Return the inputs that are expressions; numbers in quotes are none."""
     found = {}
     for name, value in inputs.items():
         if isinstance(value, str):
@@ -97,7 +97,7 @@ def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
 
 
 def new_names(scene: SceneDescription, inputs: Mapping[str, str], known: Any) -> list[str]:
-    """List the names in expressions that the scene does not have, but ``known`` does."""
+    """Return the names in expressions that ``known`` contains but the scene does not."""
     signals = [parse_signal(text, "input") for text in inputs.values()]
     used = {name for row in signals if isinstance(row, Expression) for name in row.names}
     return sorted(name for name in used if name in known and name not in scene.parameters)
@@ -111,7 +111,7 @@ def _check_names(value: Expression, scene: SceneDescription) -> None:
     """Raise if a name without a dot is unknown."""
     known = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, "t", "pi"}
     for name in sorted(value.names):
-        # Names with a dot are resolved like those in fields.
+        # Names with a dot are resolved later, as in fields.
         if "." not in name and name not in known:
             raise ParameterError(
                 f"{value.where} uses the unknown name '{name}'{nearest(name, known)}; a new "
@@ -120,7 +120,7 @@ def _check_names(value: Expression, scene: SceneDescription) -> None:
 
 
 def _check_loop(name: str, scene: SceneDescription) -> None:
-    """Raise if an input depends on itself, by way of outputs or other inputs."""
+    """Raise if an input depends on itself, directly or through outputs or other inputs."""
     if name not in scene.outputs:
         return
     waiting: list[tuple[str, tuple[str, ...]]] = [(name, (name,))]
@@ -128,7 +128,7 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
     while waiting:
         at, path = waiting.pop()
         for other in sorted(scene.outputs[at].names & scene.outputs.keys()):
-            if other in scene.parameters:  # parameters hide outputs of the same name
+            if other in scene.parameters:  # parameters take precedence over outputs
                 continue
             if other == name:
                 way = " -> ".join(f"'{step}'" for step in (*path, name))
@@ -142,7 +142,7 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
 
 
 def keep_tunable(scene: _Scene, tunable: Sequence[str], sensitivities: Sequence[str]) -> _Scene:
-    """Return the scene with only the wanted parameters tunable."""
+    """Return the scene with only the given parameters tunable."""
     wanted = check_names(tunable, "tunable")
     after = ", which is no parameter"
     check_known(wanted, scene.parameters, "tunable names", after, ParameterError)
@@ -154,9 +154,9 @@ def keep_tunable(scene: _Scene, tunable: Sequence[str], sensitivities: Sequence[
                 f"tunable names '{name}', which is derived, {name} = {row.value.text}: name "
                 f"{of or 'none'} instead"
             )
-    # A parameter that is folded into the code as a number has no derivative.
+    # A parameter that is a fixed number in the code has no derivative.
     kept = {*wanted, *sensitivities}
-    # The caller's scene is unchanged: only the table of parameters is replaced.
+    # Only the table of parameters is replaced; the caller's scene is unchanged.
     changed = copy.copy(scene)
     changed.parameters = {
         name: row if name in kept or row.is_derived else replace(row, tunable=False)
@@ -171,20 +171,19 @@ _DOMAIN = "electrical"
 def scene_at_rest(
     scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
 ) -> SceneDescription:
-    """Make the scene of an operating point, with the variables as outputs ``wanted_0``, ..."""
-    # A shallow copy: only what differs at rest is replaced.
+    """Return the scene of an operating point; outputs ``wanted_0``, ... are the given variables."""
+    # In this shallow copy only what differs at rest is replaced.
     at_rest = copy.copy(scene)
     at_rest.edges = {name: _edge_at_rest(edge) for name, edge in scene.edges.items()}
     at_rest.events, at_rest.defaults = {}, Simulation()
     for number, (node, voltage) in enumerate(scene.defaults.held):
         if node not in scene.nodes:
             raise SceneError(f"held of the simulation names the unknown node '{node}'")
-        # The scene's method checks the statement and creates the edge, whose name is changed
-        # afterwards.
+        # The scene's method checks the statement and creates the edge, which is then renamed.
         source, own = "voltage_source", at_rest.edges
         at_rest.edges = {}
         at_rest.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
-        own[f"held {number}"] = replace(  # a name that no edge of a scene can have
+        own[f"held {number}"] = replace(  # no edge of a scene can have this name
             at_rest.edges[f"held_{number}"], name=f"held {number}"
         )
         at_rest.edges = own
@@ -206,16 +205,16 @@ def _edge_at_rest(edge: Edge) -> Edge:
             "part of an electrical network, or stores a quantity that does not come to rest; "
             "start from initial values instead"
         )
-    # No circuit equation determines a port with both ends at one node; see below.
+    # A port with both ends at one node is in no circuit equation; see below.
     short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
-    # Initial values of junctions are guesses, and are kept.
+    # Initial values of junctions are guesses for the solution, and are kept.
     guesses = {} if any(_is_storage(port) for port in component.ports) else dict(edge.initial)
     return replace(edge, component=_at_rest(component, short), initial=guesses)
 
 
 @lru_cache(maxsize=1024)
 def _at_rest(component: Component, short: frozenset[int]) -> Component:
-    """Return a component at rest; some of its ports, by number, have both ends at one node."""
+    """Return a component at rest; ``short`` contains the ports with both ends at one node."""
     if not any(_is_storage(port) for port in component.ports):
         return component
     ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
@@ -229,24 +228,23 @@ def _is_storage(port: Terminal) -> bool:
 
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
-    # At rest the current is constant and no voltage is induced: a source of zero voltage.
+    # At rest the current is constant, so that no voltage is induced: a source of zero voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
-        if is_short:  # the circulating current is undetermined: any resistance would end it
+        if is_short:  # the circulating current is undetermined, but any resistance would end it
             return replace(
                 terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
             )
         return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal
-    # At rest the voltage is constant: only the static current remains, with zero rates of all
-    # voltages.
+    # At rest the voltage is constant: only the static current remains, with all rates zero.
     static = None if terminal.through is None else terminal.through.expression
     if static is not None:
         rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
         static = static.subs(rates)
-    # If the current does not depend on the voltage of the port, it is given; otherwise the port is
-    # a dissipator.
+    # If the current does not depend on the port's voltage, the port is a source; otherwise it is a
+    # dissipator.
     if static is None or law_symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)
