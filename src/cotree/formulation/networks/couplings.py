@@ -1,7 +1,7 @@
-"""Ports of transducers that act on a multibody system: on a joint, or between two nodes.
+"""Transducer ports that act on a multibody system: on a joint, or between two nodes.
 
-The across variable of such a port is the rate of a measure, like that of a chord parallel to the
-joint; its through variable acts along the measure.
+The across variable of such a port is the rate of a measure, as for a chord parallel to the joint;
+its through variable acts along the measure.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A port that acts on a multibody system."""
+    """A port of a network that acts on a multibody system."""
 
     port: Port
     measure: Measure  # measure along which the port acts
-    #: Across variable, with its integral and its rate.
+    #: Across variable, with its time integral and its time derivative.
     value: Node
     rate: Node
     acceleration: Node
-    pull: Pull  # wrenches and efforts per unit of its through variable
+    pull: Pull  # wrenches and efforts per unit of the port's through variable
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
-    """Find the measures along which transducers act, at the symbols of the accelerations.
+    """Return the couplings of all transducers, with symbolic accelerations of the mechanism.
 
-    Raises SceneError if the joint or node is unknown, or the port rotates but the joint slides.
+    Raises SceneError if a joint or node is unknown, or if a port rotates but its joint slides.
     """
     found = {}
     for name, port in ports.items():
@@ -60,8 +60,8 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
                 measure,
                 measure.value(view),
                 measure.rate(view),
-                # At the symbols of the accelerations, since storages coupled to the joint need this
-                # rate.
+                # The accelerations are symbols, since storages coupled to the joint need their
+                # coefficients.
                 measure.acceleration(view),
                 measure.pull(view),
             )
@@ -77,7 +77,7 @@ def _measure(port: Port, motion: Motion) -> Measure:
     if touch is not None:
         _check_nodes(port, motion)
         return touching(motion, motion.system.edges[port.edge.name], touch)
-    # Two nodes: the port acts along the line between them.
+    # Between two nodes, the port acts along the line that connects them.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)
     turns = port.terminal.domain == "rotational"
@@ -110,18 +110,18 @@ def _line(port: Port, motion: Motion) -> Measure:
             'revolute joint as joint = "..."'
         )
     first, second = (motion.clusters.points[node] for node in port.ends.acts_on)
-    # Power is force times the rate of the distance, as across times through requires.
+    # Force times the rate of the distance is power, as across times through variable must be.
     return Distance(Ends.of(motion.clusters, first, second))
 
 
 def coupling_loads(
     couplings: Mapping[str, Coupling], throughs: Mapping[str, Node]
 ) -> list[Applied]:
-    """Apply the through variables of couplings to the multibody system."""
+    """Return the through variables of couplings as loads on the multibody system."""
     return [
         Applied(
-            # A port absorbs power if across and through have the same sign: the reaction acts on
-            # the mechanism.
+            # A port absorbs power if its across and through variables have the same sign, so that
+            # the reaction acts on the mechanism.
             coupling.port.edge.name,
             f"{name}.law",
             coupling.measure,

@@ -1,4 +1,4 @@
-"""Names of the variables of networks in scenes: ``C1.v``, ``M.shaft.tau``, ``n3.v``."""
+"""Names of network variables in scenes, such as ``C1.v``, ``M.shaft.tau``, ``n3.v``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Names:
-    """Lookup of the variables of nodes and edges by name."""
+    """Finds the variables of nodes and edges by name."""
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
@@ -28,15 +28,14 @@ class Names:
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
-        """Return the ports' variables by their names in scenes: in full, and by the edge."""
+        """Return the variables of all ports by name, both with and without the name of the port."""
         found: dict[str, Variable] = {}
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
-                # Both the full name with the port and the short one if the edge alone is
-                # unambiguous.
+                # The name without the port is included if it is unambiguous.
                 found[state_name(port, symbol)] = (quantity, port.name)
-            # A total of several contents has a name in addition to those of its parts.
+            # A total of several contents has its own name, besides those of the contents.
             store = self.stores.get(port.name)
             if store is not None and not store.is_alone:
                 found[state_name(port, store.symbol[0])] = ("total", port.name)
@@ -45,17 +44,17 @@ class Names:
         return found
 
     def of_edge(self, edge: str) -> list[str]:
-        """List the suffixes that follow an edge's name in the names of its variables."""
+        """List the names of an edge's variables without the edge's name."""
         start = f"{edge}."
         return [name.removeprefix(start) for name in self._of_ports if name.startswith(start)]
 
     def variable(self, name: str) -> Variable | None:
-        """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
+        """Return the variable ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``, or None."""
         if name in self._of_ports:
             return self._of_ports[name]
-        # Names of ports contain a dot, so that the symbol follows the last one.
+        # Names of ports contain a dot, so that the symbol comes after the last dot.
         first, _, symbol = name.rpartition(".")
-        # A node may belong to several domains; the variable's symbol determines which one is meant.
+        # A node may belong to several domains; the symbol determines which one is meant.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
@@ -64,7 +63,7 @@ class Names:
 
 
 def _symbols(port: Port) -> dict[str, str]:
-    """Return the symbols of a port's variables by quantity."""
+    """Return the symbol of each quantity of a port."""
     row = DOMAINS[port.terminal.domain]
     found = {"across": row.across_symbol, "through": row.through_symbol}
     integral = integral_of(port.terminal)
@@ -73,7 +72,7 @@ def _symbols(port: Port) -> dict[str, str]:
     if content := content_of(port.terminal):
         found["content"] = content[0]
     if (friction := port.terminal.friction) is not None:
-        # The limits of friction on either side, and whether it is engaged.
+        # The force limits on both sides, whether friction is engaged, and its load.
         rows = ("upper", "lower", "grip", "load")
         found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
     if (stop := port.terminal.stop) is not None:
@@ -83,10 +82,10 @@ def _symbols(port: Port) -> dict[str, str]:
 
 
 def state_name(port: Port, symbol: str) -> str:
-    """Name a port's variable by its edge alone if no other port has the same symbol."""
+    """Return a port's variable name, without the port if no other port has the same symbol."""
     own = port.edge.component.ports
     domains = [terminal.domain for terminal in own]
-    # An open edge in parallel with a source is not one of its ports.
+    # An open edge parallel to a source is not one of its component's ports.
     is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
 
@@ -94,9 +93,9 @@ def state_name(port: Port, symbol: str) -> str:
 def argument_of(
     port: Port, name: str, fields: Container[tuple[str, str]], reference: str
 ) -> Variable:
-    """Return the variable of an argument of a port's law.
+    """Return the variable that an argument of a port's law represents.
 
-    ``fields`` are the names (edge, field), which take precedence; potentials are relative to
+    ``fields`` are pairs (edge, field), which take precedence; node potentials are relative to
     ``reference``.
     """
     first, underscore, rest = name.partition("_")

@@ -1,4 +1,4 @@
-"""The scalar networks of a scene, solved: from components to rates of their states."""
+"""The solved scalar networks of a scene: from components to the rates of their states."""
 
 from __future__ import annotations
 
@@ -57,31 +57,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Network:
-    """The scalar networks of a scene."""
+    """The scalar networks of a scene and their solution."""
 
     ports: Mapping[str, Port]  # ports with an edge in a scalar graph
     #: The graphs and their normal trees, by domain.
     graphs: Mapping[str, LinearGraph]
     trees: Mapping[str, NormalTree]
-    states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
+    states: tuple[State, ...]  # states of storages and springs, followed by algebraic unknowns
     solved: Solved  # values of all variables that states and outputs require
-    #: Variables that are the rates of the states; residuals for algebraic unknowns.
+    #: Variables that are the rates of the states, or the residuals of algebraic unknowns.
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     observed: Mapping[str, Variable]  # variables that outputs and other fields use, by name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
-    #: Fields whose rates jump at unknown times, and the symbols on which these times depend.
+    #: Fields whose rates jump at unknown times, with the symbols on which these times depend.
     corners: Mapping[str, frozenset[Node]]
-    #: Symbols of the mechanism that only fields of friction and dampers on it use. They may be
-    #: reactions, since such a field is an unknown together with the accelerations.
+    #: Symbols of the mechanism that are used only in fields of friction and dampers acting on it.
+    #: They may be reactions, since such a field is solved for together with the accelerations.
     of_friction: frozenset[Node]
-    names: Names  # names of the network's variables in the scene
-    holding: tuple[Holding, ...]  # friction and stops on the mechanism that have multipliers
+    names: Names  # names of network variables in the scene
+    holding: tuple[Holding, ...]  # friction and stops on the mechanism whose forces are multipliers
 
     @property
     def watched(self) -> tuple[Variable, ...]:
-        """Variables that are needed in addition to the rates of the states."""
+        """Variables that are required in addition to the rates of the states."""
         return (*self.observed.values(), *(row.variable for row in self.redundant))
 
     @property
@@ -91,14 +91,14 @@ class Network:
 
     @property
     def rate_values(self) -> tuple[Node, ...]:
-        """Rates of the states, then residuals of the algebraic unknowns."""
+        """Rates of the states, followed by the residuals of the algebraic unknowns."""
         return tuple(self.solved.values[variable] for variable in self.rates)
 
 
 def draw_networks(
     scene: SceneDescription,
 ) -> tuple[dict[str, Port], dict[str, LinearGraph], dict[str, NormalTree]]:
-    """List the ports of a scene, form its scalar graphs and choose their normal trees."""
+    """Return the ports of a scene, its scalar graphs and their normal trees."""
     ports = scalar_ports(scene)
     graphs = scalar_graphs(ports)
     return ports, graphs, normal_trees(graphs, ports)
@@ -113,34 +113,34 @@ def form_network(
     is_motion: Callable[[str], bool],
     has_multipliers: bool,
 ) -> tuple[Network, dict[str, Node]]:
-    """Form the equations of the scalar networks of a scene, and the nodes of the ``wanted`` names.
+    """Form the equations of a scene's scalar networks, and the nodes of the ``wanted`` names.
 
     Parameters
     ----------
     scene, system : SceneDescription, System
-        The scene, and its multibody system, whose states precede those of the networks.
+        The scene, and its multibody system, whose states come before those of the networks.
     couplings : mapping of str to Coupling
         The ports that act on the multibody system.
     wanted : sequence of str
         Names that outputs and other fields use.
     is_motion : callable
-        Returns whether a name of the mechanism is that of a position or a velocity.
+        Function that returns whether a name of the mechanism is that of a position or velocity.
     has_multipliers : bool
-        Whether friction and stops on the mechanism have multipliers as forces. Their fields that
-        name forces or accelerations are algebraic unknowns then, otherwise their forces.
+        Whether the forces of friction and stops on the mechanism are multipliers. If so, their
+        fields that name forces or accelerations are algebraic unknowns; otherwise their forces are.
 
     Raises
     ------
     TopologyError
         If a graph has no normal tree.
     FormulationError
-        If dry friction acts where no inertia decides whether it sticks.
+        If dry friction acts where no inertia determines whether it sticks.
     ParameterError, ExpressionError
-        If a field or an initial value is wrong.
+        If a field or an initial value is invalid.
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
-    # Ideal amplifiers have one tree for circuits and another for cutsets.
+    # With ideal amplifiers, circuits and cutsets have different trees.
     cutsets = {
         domain: Topology(domain, tree.through) if tree.is_split else topologies[domain]
         for domain, tree in trees.items()
@@ -153,19 +153,19 @@ def form_network(
     positions = position_trees(graphs, ports, topologies, used)
     held = held_variables(ports, topologies, positions, stores, used)
     dag = system.dag
-    # The state vector consists of coordinates, speeds and modes of the mechanism, then the states
-    # of the networks, then the algebraic unknowns.
+    # The state vector contains the mechanism's coordinates, speeds and modes, then the networks'
+    # states, then the algebraic unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
     held_ports = holding_ports(ports) if has_multipliers else []
-    # Numbered downwards, since the other multipliers are numbered upwards from the accelerations.
+    # These are numbered downwards, all other multipliers upwards, after the accelerations.
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
-    # Open edges that measure controlling variables occur in the equations, but are not edges of the
-    # scene.
+    # Open edges that measure controlling variables are used in the equations, but are not edges of
+    # the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
         all_ports,
@@ -191,10 +191,10 @@ def form_network(
     at = dag, system.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
-    # If a state is a total of contents, the variable that it determines is always an unknown.
+    # If a total of contents is a state, the variable that it determines is always an unknown.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
-    # Algebraic unknowns are numbered after all states that have a rate.
+    # Algebraic unknowns are numbered after all states with a rate.
     first = n_before + len(held)
     solved = solve_plan(
         terminals,
@@ -224,7 +224,7 @@ def form_network(
         (*guards, *terminals.guards.values()),
         observed,
         summed_positions(ports, topologies, positions, used, places),
-        # An initial value of an algebraic unknown is a guess of the start, not a condition.
+        # The initial value of an algebraic unknown is a guess for the start, not a condition.
         tuple(row for row in redundant if row.variable not in solved.algebraic),
         terminals.corners,
         used_by_friction(ports, fields),
@@ -237,7 +237,7 @@ def form_network(
 
 
 def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
-    """Return the entry of a field that is an algebraic unknown."""
+    """Return the state entry of a field that is an algebraic unknown."""
     edge, _, field = name.partition("|")
     row = next(p.edge.component.field(field) for p in ports.values() if p.edge.name == edge)
     unit = row.unit if row else ""
@@ -247,7 +247,7 @@ def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
     """Return whether a field depends on parameters only."""
-    field = port.edge.fields.get(name)  # neither time nor a potential is a field
+    field = port.edge.fields.get(name)  # time and potentials are not fields
     return field is not None and all(
         n in scene.parameters or n == "pi"
         for n in field.names  # type: ignore[union-attr]
@@ -255,7 +255,7 @@ def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
 
 
 def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
-    """List the names in the fields of all components."""
+    """List the names that occur in the fields of all components."""
     values = (value for port in ports.values() for value in port.edge.law_fields.values())
     return {name for value in values for name in value.names}  # type: ignore[union-attr]
 
@@ -266,7 +266,7 @@ def _is_passive(
     port = ports.get(variable[1])
     if port is None:
         return True
-    # Pivots of ideal couplings may vanish at some ratios.
+    # Pivots of ideal couplings may vanish for some ratios.
     is_own = port.terminal.is_passive and port.kind is not Kind.COUPLED
     tree = trees.get(port.terminal.domain)
     return is_own and not (tree is not None and tree.is_split)
@@ -278,7 +278,7 @@ def _bind_fields(
     names: Names,
     system: System,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
-    """Form the nodes of the fields of all components, and find edges that may supply power."""
+    """Return the nodes of all components' fields, and the edges that may supply power."""
     fields: dict[tuple[str, str], Node] = {}
     symbol_of: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
@@ -287,18 +287,18 @@ def _bind_fields(
     def resolve(name: str) -> Node:
         variable = names.variable(name)
         if variable is None:
-            # Outputs may consist of variables of the networks.
+            # An output may contain variables of the networks.
             return system.signals.node(name, resolve)
         if variable in symbols:
             return symbols[variable]
         if variable not in symbol_of:
-            # Its value is not known yet: a symbol represents it until the plan is evaluated.
+            # The value is not known yet: until the plan is evaluated, a symbol represents it.
             symbol_of[variable] = system.dag.symbol("network", len(symbol_of))
         return symbol_of[variable]
 
     def ask(guard: Guard) -> None:
         if guard.value.value is None:
-            # If several edges share a value, the first is named.
+            # If several edges share a value, only the first edge is named.
             guards.setdefault((guard.value, guard.is_strict, guard.breach), guard)
         else:
             guard.check(guard.value.value)
@@ -312,7 +312,7 @@ def _bind_fields(
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
             system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
-            # A source whose value follows from another variable is a controlled one.
+            # If the value of a source depends on another variable, the source is controlled.
             if not row.sign and not set(symbol_of.values()).isdisjoint(symbols_in([node])):
                 active.add(edge.name)
             if row.sign and not is_varying(node):
@@ -326,30 +326,30 @@ def _bind_fields(
         for demand in edge.component.demands:
             arguments = {name: fields[edge.name, name] for name in demand.law.arguments}
             node = demand.law.value(system.dag, arguments)
-            # Values that change during a run cannot be checked before it.
+            # Values that change during a run cannot be checked before the run.
             if not is_varying(node):
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
-    # Fields that use a variable of the networks make it an argument, by its symbol.
+    # If a field uses a variable of the networks, its symbol is an argument of the field.
     measured = {symbol: variable for variable, symbol in symbol_of.items()}
     return fields, measured, list(guards.values()), active
 
 
 def _negative(node: Node, what: str, at_scene: float) -> Guard:
-    """Return the condition on a value that is negative, or zero, at the scene's values."""
+    """Return a guard on the sign of a value that is negative or zero at the scene's values."""
     breach = "must be negative, as in the scene" if at_scene else "must not be zero"
     return Guard(-node, what, True, breach)
 
 
 @dataclass(frozen=True)
 class Attached:
-    """Networks coupled to a multibody system."""
+    """Networks and their couplings to a multibody system."""
 
     network: Network | None  # the networks; None if the scene has none
-    observed: Mapping[str, Node]  # values of the network variables that outputs and fields name
+    observed: Mapping[str, Node]  # values of network variables that are named in outputs and fields
     couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
     throughs: Mapping[str, Node]  # symbols of the through variables of these ports
-    #: Derivatives of through variables by accelerations, by index of the acceleration: inertia of
-    #: storages coupled to joints.
+    #: Derivatives of these through variables with respect to accelerations, by index of the
+    #: acceleration: the inertia of storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
     #: Names that only fields of friction and dampers on the mechanism use; they may be reactions.
     reacting: frozenset[str] = frozenset()
@@ -361,38 +361,38 @@ class Attached:
 
     @property
     def loads(self) -> list[Applied]:
-        """Apply the through variables of the couplings to the multibody system."""
+        """Return the through variables of the couplings as loads on the multibody system."""
         return coupling_loads(self.couplings, self.throughs)
 
     def with_inertia(
         self, mass: Sequence[Sequence[Node]], motion: Motion
     ) -> tuple[tuple[Node, ...], ...]:
-        """Add to a mass matrix the storages that are coupled to joints."""
+        """Add the inertia of storages that are coupled to joints to a mass matrix."""
         rows = [list(row) for row in mass]
         for name, slopes in self.slopes.items():
             pull = along_speeds(motion, self.couplings[name].pull)
             for i, gradient in enumerate(pull):
                 for j, slope in slopes.items():
-                    # A through variable tau = s_j v_j' + ... acts along its pull p: the balance
-                    # gains p_i s_j.
+                    # A through variable tau = s_j v_j' + ... acts along its pull p, which adds p_i
+                    # s_j to the balance.
                     rows[i][j] = rows[i][j] + gradient * slope
         return tuple(tuple(row) for row in rows)
 
 
 def attach_network(scene: SceneDescription, view: View) -> Attached:
-    """Form the scalar networks of a scene, if any, at the symbols of its accelerations."""
-    # Purely multibody scenes form no network at all.
+    """Form a scene's scalar networks, with symbolic accelerations of the mechanism."""
+    # Purely multibody scenes have no networks.
     if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         return Attached(None, {}, {}, {}, {})
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
-    named = set(system.signals.measured)  # network variables that fields of the mechanism use
+    named = set(system.signals.measured)  # network variables in fields of the mechanism
     throughs = {
         name: system.signals.node(through_name(coupling.port))
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
-    # Networks are formed as far as outputs, events and fields of the mechanism use them.
+    # Networks are only formed as far as outputs, events and fields of the mechanism require.
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
@@ -409,7 +409,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         has_multipliers=True,
     )
     if network.holding and not _is_linear(network, couplings, observed, named):
-        # The forces are then algebraic unknowns.
+        # In this case the forces are algebraic unknowns.
         network, observed = form_network(
             scene,
             system,
@@ -437,26 +437,26 @@ def _is_linear(
     observed: Mapping[str, Node],
     named: Collection[str],
 ) -> bool:
-    """Return whether the forces on the mechanism are linear in the multipliers."""
+    """Return whether forces on the mechanism are linear in the multipliers."""
     multipliers = [row.multiplier for row in network.holding]
     one = multipliers[0].dag.one
     forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
     slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
-    # Fields of the mechanism must not use a force that depends on them.
+    # Fields of the mechanism must not contain a force that depends on them.
     acting = [observed[name] for name in named if name in observed]
     return set(multipliers).isdisjoint(symbols_in([*slopes, *acting]))
 
 
 def _slopes(through: Node, system: System) -> dict[int, Node]:
-    """Differentiate a through variable by the accelerations."""
+    """Differentiate a through variable with respect to the accelerations."""
     found = {}
     occurring = set(symbols_in([through]))
     for speed in system.speeds:
-        # Only storages coupled to joints react to accelerations, as inertia.
+        # Only storages coupled to joints react to accelerations, as an inertia does.
         if speed.acceleration not in occurring:
             continue
-        # Through variables are affine in accelerations: the slope is added to the mass matrix, the
-        # rest is a load.
+        # Through variables are affine in the accelerations: the slope is added to the mass matrix,
+        # and the remainder is a load.
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

@@ -1,11 +1,12 @@
-"""Rules: how each variable of a network follows from others, with its differentiated form.
+"""Rules: how each variable of a network is computed from others, and its derivatives.
 
-A variable is a pair of a quantity and a name. Its rule is an f-circuit or f-cutset equation (a
-sum) or a terminal equation (a law). Differentiated, sums stay sums and laws become sums of their
-pre-formed partial derivatives, so a sensitivity graph has the same topology (paper, Eq. (4)).
+A variable is a pair of a quantity and a name. Its rule is a sum (an f-circuit or f-cutset equation)
+or a law (a terminal equation). The derivative of a sum is a sum; that of a law is a sum with its
+partial derivatives as factors. Therefore a sensitivity graph has the same topology (paper, Eq.
+(4)).
 
-A terminal equation that is solved for a rate, or is a residual, or is differentiated, is a SymPy
-expression with partial derivatives too, formed once.
+A terminal equation that is solved for a rate, that is a residual, or that is differentiated with
+respect to time is a SymPy expression, whose partial derivatives are also computed only once.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 #: Quantity and name of a variable.
 Variable = tuple[str, str]
 
-#: Derivatives of a value along several directions; zero ones are absent.
+#: Derivatives of a value along several directions; zero derivatives are omitted.
 Tangent = dict["Hashable", "Node"]
 
 
@@ -37,12 +38,12 @@ class Given(Protocol):
     """Function that differentiates nodes of states, parameters, inputs and fields."""
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node in which ``replacements`` replace symbols."""
+        """Differentiate a node in which the values in ``replacements`` replace symbols."""
         ...
 
 
 class Rule:
-    """Equation from which a variable follows."""
+    """The equation from which a variable is computed."""
 
     @property
     def needs(self) -> tuple[Variable, ...]:
@@ -50,29 +51,29 @@ class Rule:
         raise NotImplementedError
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Form the variable."""
+        """Return the value of the variable."""
         raise NotImplementedError
 
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Form the partial derivatives by some of the variables."""
+        """Return the partial derivatives with respect to the given variables."""
         raise NotImplementedError
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
-        """Form the derivatives for constant values of the other variables."""
+        """Return the derivatives at constant values of the other variables."""
         return {}
 
     def tangent(
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
-        """Form the derivatives of the variable along all directions ([1] eq. 4).
+        """Return the derivatives of the variable along all directions ([1] eq. 4).
 
-        ``d`` has the derivatives of the variables, ``given`` those of states, parameters, inputs,
-        fields.
+        ``d`` contains the derivatives of other variables; ``given`` differentiates states,
+        parameters, inputs and fields.
         """
         total = self.explicit(values, given)
-        # A rule whose arguments have no derivatives needs no partial derivatives.
+        # If the derivatives of all arguments are zero, no partial derivatives are needed.
         changing = [variable for variable in self.needs if d[variable]]
         for variable, partial in self.partials(values, changing) if changing else ():
             for key, term in d[variable].items():
@@ -86,7 +87,7 @@ def _add(total: Tangent, key: Hashable, term: Node) -> None:
         return
     known = total.get(key)
     result = term if known is None else known + term
-    # Zero derivatives are absent, so that later rules skip them.
+    # Zero derivatives are removed, so that later rules skip them.
     if result.is_zero:
         del total[key]
     else:
@@ -95,17 +96,17 @@ def _add(total: Tangent, key: Hashable, term: Node) -> None:
 
 @dataclass(frozen=True)
 class Sum(Rule):
-    """A sum of variables with signs: an f-circuit or an f-cutset equation."""
+    """A signed sum of variables: an f-circuit or f-cutset equation."""
 
     terms: tuple[tuple[int, Variable], ...]
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables that are added."""
+        """The variables in the sum."""
         return tuple(variable for _, variable in self.terms)
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Form the sum."""
+        """Return the sum."""
         total = dag.zero
         for sign, variable in self.terms:
             total = total + values[variable] if sign > 0 else total - values[variable]
@@ -114,8 +115,8 @@ class Sum(Rule):
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Return the signs."""
-        # Topology has no parameters: the sensitivity graph sums with the same signs.
+        """Return the signs of the given variables."""
+        # The topology has no parameters, so that the sensitivity graph has the same signs.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
 
@@ -129,22 +130,22 @@ class Lawful(Rule):
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The law's arguments."""
+        """The arguments of the law."""
         return tuple(variable for _, variable in self.arguments)
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Evaluate the law."""
+        """Return the value of the law."""
         return self.law.value(dag, {name: values[variable] for name, variable in self.arguments})
 
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Evaluate the law's partial derivatives."""
+        """Return the law's partial derivatives."""
         known = {name: values[variable] for name, variable in self.arguments}
         dag = next(iter(known.values())).dag
         for name, variable in self.arguments:
             if variable in changing:
-                # Pre-formed with the component: the constitutive equation of the sensitivity graph.
+                # Computed once per component: the terminal equation of the sensitivity graph.
                 partial = self.law.partial_value(dag, known, name)
                 if partial is not None:
                     yield variable, partial
@@ -152,29 +153,29 @@ class Lawful(Rule):
 
 @dataclass(frozen=True)
 class FieldRule(Rule):
-    """A field of a component, or a state: a node of symbols."""
+    """A field of a component, or a state: a node that depends on symbols."""
 
     node: Node  # value of the field, with symbols for the variables on which it depends
-    variables: tuple[tuple[Node, Variable], ...] = ()  # symbols in the node, with their variables
+    variables: tuple[tuple[Node, Variable], ...] = ()  # symbols, and variables that they represent
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables on which it depends."""
+        """The variables on which the field depends."""
         return tuple(variable for _, variable in self.variables)
 
     def _symbol_values(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
-        """Return the values of the symbols of variables."""
+        """Return the values of the symbols that represent variables."""
         return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Substitute the variables for their symbols."""
+        """Replace the symbols in the field by the values of their variables."""
         return (
             substitute([self.node], self._symbol_values(values))[0] if self.variables else self.node
         )
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
-        """Differentiate by the other symbols."""
-        # Derivatives may contain symbols of variables, too, which are replaced as in the field.
+        """Differentiate with respect to the symbols that do not represent variables."""
+        # Derivatives may also contain symbols of variables, which are replaced as in the field.
         symbols = self._symbol_values(values)
         found = given(self.node, symbols)
         if not self.variables:
@@ -184,27 +185,27 @@ class FieldRule(Rule):
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Differentiate by the symbols of variables."""
+        """Differentiate with respect to the symbols that represent variables."""
         symbols = self._symbol_values(values)
         for symbol, variable in self.variables:
             if variable in changing:
-                # A field is an expression of the scene; its partial derivatives are formed here.
+                # A field is an expression of the scene: its partial derivatives are computed here.
                 along = tangents([self.node], {symbol: symbol.dag.one}, symbols)
                 yield variable, substitute(along, symbols)[0]
 
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown, determined such that the variable ``residual`` is zero.
+    """An unknown, whose value is such that the variable ``residual`` is zero.
 
-    Its value comes from a block of equations (:mod:`cotree.formulation.networks.solved`).
+    Its value is the solution of a block of equations (:mod:`cotree.formulation.networks.solved`).
     """
 
     residual: Variable
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The residual that determines the unknown."""
+        """The residual of the equation that determines the unknown."""
         return (self.residual,)
 
 
@@ -216,13 +217,13 @@ def _or_zero(law: Law | None) -> Any:
 
 @lru_cache(maxsize=1024)
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
-    """Solve a storage's terminal equation for the rate of its state.
+    """Return a storage's terminal equation, solved for the rate of its state.
 
-    Capacities: ``rate = (through - leak) / capacity``; inertances ``rate = (across - drop) /
-    inertance``.
+    For a capacity, ``rate = (through - leak) / capacity``; for an inertance, ``rate = (across -
+    drop) / inertance``.
     """
     assert terminal.storage is not None
-    # Dual cases share one formula: through minus loss over capacity, across minus loss over
+    # Both cases have the same form: through minus loss over capacity, or across minus loss over
     # inertance.
     given, loss = _sides(terminal, is_across)
     return Law.of((given - loss) / terminal.storage.expression)
@@ -236,7 +237,7 @@ def stored_value(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
-    """Form the residual of a storage: rate of its content plus loss, minus the inflow."""
+    """Return the residual of a storage: rate of its content plus loss, minus the inflow."""
     return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
 
 
@@ -245,7 +246,7 @@ def linear_content(terminal: Terminal) -> Law | None:
     """Return the content of a storage of constant capacity; None if its loss stores energy, too."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
-    # A loss that contains rates stores something itself, so that the content is incomplete.
+    # A loss that contains rates stores energy itself, so that the content would be incomplete.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
@@ -256,7 +257,7 @@ def _stored(terminal: Terminal, is_across: bool) -> Any:
     if terminal.content is not None:
         return rate_of(terminal.content).expression + loss
     assert terminal.storage is not None
-    # A linear storage: capacity * rate of across, or inertance * rate of through, plus its loss.
+    # Linear storage: capacity * rate of across, or inertance * rate of through, plus the loss.
     rate = law_symbol("across_rate" if is_across else "through_rate")
     return terminal.storage.expression * rate + loss
 
@@ -269,18 +270,18 @@ def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
 
 @lru_cache(maxsize=1024)
 def across_residual(terminal: Terminal) -> Law:
-    """Return the equation of a branch whose across variable is unknown."""
+    """Return the equation of a branch with an unknown across variable."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
-        # Symmetric if the laws are.
+        # This form is symmetric if the laws are.
         return Law.of(terminal.through.expression - law_symbol("through"))
     assert terminal.across is not None
-    # The variable minus its law. If the law does not depend on the variable, the slope is one.
+    # Variable minus law; if the law does not depend on the variable, the slope is one.
     return Law.of(law_symbol("across") - terminal.across.expression)
 
 
 @lru_cache(maxsize=1024)
 def through_residual(terminal: Terminal) -> Law:
-    """Return the equation of a chord whose through variable is unknown."""
+    """Return the equation of a chord with an unknown through variable."""
     if terminal.through is not None:
         return Law.of(law_symbol("through") - terminal.through.expression)
     assert terminal.across is not None
@@ -289,10 +290,9 @@ def through_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def friction_residual(terminal: Terminal) -> Law:
-    """Form the equation of dry friction: zero relative acceleration, or the law of the mode.
+    """Return the equation of dry friction: zero relative acceleration, or the law of the mode.
 
-    The equation contains the same variables in all modes, so that one elimination is valid for all
-    of them.
+    It contains the same variables in all modes, so that one elimination is valid for all modes.
     """
     assert terminal.friction is not None
     own = terminal.friction
@@ -303,8 +303,8 @@ def friction_residual(terminal: Terminal) -> Law:
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
-    # The sign is chosen so that the derivative by the through variable is positive in every mode:
-    # the through variable opposes the motion.
+    # With this sign, the derivative with respect to the through variable is positive in every mode,
+    # since the through variable opposes the motion.
     return Law.of(
         -stuck * law_symbol("across_rate")
         + forward * (through - own.forward.expression)
@@ -316,11 +316,11 @@ def friction_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
-    """Return the force of a unilateral constraint on a mechanism, its share and its jump.
+    """Return force, share and jump of a unilateral constraint on a mechanism.
 
-    The force is the multiplier times the share, one while the edge sticks or is closed and zero
-    otherwise, plus the law of the mode. In an impact the jump is the change of the across variable,
-    which replaces its rate: the rates of all states are then their changes by the impact.
+    The share is one while the edge sticks or is closed, otherwise zero. The force is the multiplier
+    times the share, plus the law of the mode. In an impact, the jump is the change of the across
+    variable and replaces its rate; then the rates of all states are their changes by the impact.
     """
     import sympy
 
@@ -346,15 +346,15 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
 
 @lru_cache(maxsize=1024)
 def stop_residual(terminal: Terminal) -> Law:
-    """Form the equation of a rigid stop: no force, no relative acceleration, or an impact.
+    """Return the equation of a rigid stop: no force, no relative acceleration, or an impact.
 
     In an impact the mode is doubled, and the required change of the across variable replaces the
-    relative acceleration: the rates of all states are then their changes by the impact.
+    relative acceleration; then the rates of all states are their changes by the impact.
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
     mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
-    # Each factor is exactly one in its own modes, and zero in the others.
+    # Each factor is exactly one in its own modes, and zero in all others.
     free = (1 - mode**2) * (4 - mode**2) / 4
     held = mode**2 * (4 - mode**2) / 3
     struck = mode**2 * (mode**2 - 1) / 12
@@ -363,7 +363,7 @@ def stop_residual(terminal: Terminal) -> Law:
 
 
 def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
-    """Return factors that are one in one mode of a stop: open, closed, or in an impact."""
+    """Return factors that are each one in one mode of a stop: open, closed, or in an impact."""
     return (
         (1 - mode**2) * (4 - mode**2) / 4,
         mode**2 * (4 - mode**2) / 3,
@@ -372,9 +372,9 @@ def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
 
 
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
-    """Return expressions that are one in one mode of friction and zero in the others.
+    """Return expressions that are each one in one mode of friction and zero in all others.
 
-    They are exact in doubles for the modes 0, 1, -1 and 2: stuck, forwards, backwards and free.
+    Doubles represent them exactly for the modes 0, 1, -1, 2: stuck, forwards, backwards, free.
     """
     if not may_be_free:
         return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, 0
@@ -387,7 +387,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return the weights of :func:`mode_weights` for friction whose normal force is that of a stop.
+    """Return weights like :func:`mode_weights` for friction that the force of a stop presses.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """
@@ -402,39 +402,39 @@ def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
 
 @lru_cache(maxsize=1024)
 def spring_residual(terminal: Terminal) -> Law:
-    """Form the rate of a spring's through variable by its law, minus that by the f-cutset."""
+    """Return the rate of a spring's through variable by its law, minus the rate by the f-cutset."""
     assert terminal.through is not None
     return Law.of(rate_of(terminal.through).expression - law_symbol("through_rate"))
 
 
 @lru_cache(maxsize=1024)
 def spring_rate(terminal: Terminal) -> Law:
-    """Solve the differentiated law of a linear spring for the rate of its stretch."""
+    """Return a linear spring's time-differentiated law, solved for the rate of its stretch."""
     assert terminal.storage is not None
-    # The differentiated law is affine in the rate of the stretch, with the same slope k.
+    # The differentiated law is affine in the rate of the stretch, with slope k.
     at_rest = spring_residual(terminal).expression.subs(law_symbol("stretch_rate"), 0)
     return Law.of(-at_rest / terminal.storage.expression)
 
 
 @lru_cache(maxsize=1024)
 def spring_stretch(terminal: Terminal) -> Law:
-    """Solve the law of a linear spring for its stretch."""
+    """Return the law of a linear spring, solved for the stretch."""
     assert terminal.through is not None
     assert terminal.storage is not None
-    # The law is affine in the stretch: f = f0 + k s, where ``storage`` is k.
+    # The law is affine in the stretch s: f = f0 + k s, where k is ``storage``.
     unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
     return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
 
 
 @lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
-    """Form the residual of an explicit law: the variable minus the law."""
+    """Return the residual of an explicit law: the variable minus the law."""
     return Law.of(law_symbol(name) - law.expression)
 
 
 @lru_cache(maxsize=1024)
 def rate_of(law: Law) -> Law:
-    """Differentiate a law by time: the sum of its partial derivatives times rates."""
+    """Return a law's time derivative: the sum of its partial derivatives times rates."""
     import sympy
 
     total = sympy.Integer(0)
@@ -444,16 +444,16 @@ def rate_of(law: Law) -> Law:
 
 
 def rate_name(name: str) -> str:
-    """Name the rate of a law's argument."""
+    """Return the name of the rate of a law's argument."""
     first, _, rest = name.partition("_")
-    # The marker of the rate precedes the name of a sibling port: across_rate_secondary.
+    # "_rate" precedes the name of another port, as in across_rate_secondary.
     if first in ("across", "through") and name != first:
         return f"{first}_rate_{rest}"
     return f"{name}_rate"
 
 
 def higher_index(port: Port) -> FormulationError:
-    """Return the error for an edge whose rate of change no equation determines."""
+    """Return the error for an edge if no equation determines its rate of change."""
     if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
         why = (
             "sources, gyrators or other storages determine its rate of change, which would have to"

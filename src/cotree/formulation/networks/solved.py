@@ -1,17 +1,17 @@
-"""Plans of the order of variables, and their evaluation: values, blocks solved, derivatives.
+"""Plans: the order in which variables are computed, blocks of equations, and derivatives.
 
 Variables that depend on themselves (resistive meshes, loops of storages) form a strongly connected
-component of the dependency graph. Some of its variables are torn: they become unknowns with an
-equation each, such that the others follow from them one by one.
+component of the dependency graph. Some of its variables are torn: they become unknowns with one
+equation each, so that all other variables can be computed one after the other.
 
-Unknown branches cut their tree into parts; the across variable of each is the difference of the
-potentials of two parts. With these potentials as unknowns, and the balance of each part instead of
-the f-cutset equations, a chord couples the two parts that it connects; in terms of branches it
-would couple all those along its f-circuit.
+Unknown branches divide their tree into parts; the across variable of each branch is the difference
+between the potentials of two parts. If these potentials are the unknowns, and the balances of the
+parts replace the f-cutset equations, a chord couples only the two parts that it connects; in terms
+of branch variables, it would couple all branches along its f-circuit.
 
 Linear blocks are solved by elimination. Unknowns that occur nonlinearly become algebraic unknowns,
 and their equations residuals. A sensitivity graph is evaluated in the same order with
-differentiated rules; a block has the same matrix there, factorised once.
+differentiated rules; the matrix of a block is the same, so that it is factorised only once.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Block:
-    """Variables that depend on each other, and are solved for together."""
+    """Variables that depend on each other and are solved for together."""
 
-    unknowns: tuple[Variable, ...]  # unknowns, each with one equation
-    residuals: tuple[Variable, ...]  # residuals of the equations, which must be zero
-    inner: tuple[Variable, ...]  # variables computed from the unknowns, in order; residuals last
+    unknowns: tuple[Variable, ...]  # unknowns of the block, each with one equation
+    residuals: tuple[Variable, ...]  # residuals of these equations, which must be zero
+    inner: tuple[Variable, ...]  # variables computed from the unknowns, residuals last
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Variables and blocks, each after those it needs, and the rules of all variables."""
+    """Variables and blocks in the order of their computation, and the rules of all variables."""
 
     steps: tuple[Variable | Block, ...]
     rules: dict[Variable, Rule]
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Order the variables that the roots need.
+    """Return the order in which the variables for the given roots are computed.
 
     Raises FormulationError if an equation does not depend on its unknown.
     """
@@ -64,9 +64,9 @@ def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
-        # A single variable that does not depend on itself is computed from earlier ones.
+        # A single variable that does not depend on itself is computed from earlier variables.
         if not others and first not in rules[first].needs:
-            # An unknown outside every loop: its equation does not depend on it.
+            # An unknown outside all loops: its equation does not depend on it.
             if isinstance(rules[first], Unknown):
                 raise FormulationError(_undetermined(terminals, first))
             steps.append(first)
@@ -90,7 +90,7 @@ def _gather(
     roots: Iterable[Variable],
     known: Container[Variable] = (),
 ) -> dict[Variable, Rule]:
-    """Collect the rules of all variables that the roots need, known ones excepted."""
+    """Collect the rules of all variables that the roots require, except those already known."""
     rules: dict[Variable, Rule] = {}
     waiting = list(dict.fromkeys(roots))[::-1]
     while waiting:
@@ -109,7 +109,7 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
     graph.add_nodes_from(needs)
     graph.add_edges_from((a, b) for a, others in needs.items() for b in others)
     order = {variable: i for i, variable in enumerate(needs)}
-    # The search completes a component after all components on which it depends.
+    # The search completes a component only after all components on which it depends.
     return [
         sorted(part, key=order.__getitem__)
         for part in networkx.strongly_connected_components(graph)
@@ -117,10 +117,10 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 
 
 def _rank(variable: Variable, terminals: Terminals) -> int:
-    """Return the tearing priority of a variable: symmetric equations come before couplings."""
+    """Return the priority of a variable for tearing: symmetric equations precede couplings."""
     quantity, name = variable
-    # Rates of states have the matrix of capacities or inertances, which is symmetric, as is that of
-    # resistive branches in terms of conductances.
+    # The equations for rates of states have the matrix of capacities or inertances, which is
+    # symmetric, and so is the conductance matrix of resistive branches.
     if quantity.endswith("_rate") and (quantity.removesuffix("_rate"), name) in terminals.states:
         return 0
     if not terminals.is_branch(name):
@@ -129,15 +129,15 @@ def _rank(variable: Variable, terminals: Terminals) -> int:
 
 
 def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:
-    """Make some variables of a component unknowns; the others follow one by one."""
+    """Turn variables of a component into unknowns, so that all others can be computed in order."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
-    # Select tear variables, rank by rank, until the remaining variables can be computed one after
-    # the other. Rank -1: variables that are unknowns in any case.
+    # Select variables rank by rank until all others can be computed one after the other. Rank -1
+    # contains variables that are always unknowns.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
-        # Equations of torn variables may need variables that were not needed before.
+        # The equations of torn variables may require further variables.
         extra = _gather(terminals.rule, residuals, rules)
         inside = {v: rules[v] for v in part if v not in torn} | extra
         needs = {v: [n for n in rule.needs if n in inside] for v, rule in inside.items()}
@@ -147,7 +147,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
             return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
     raise AssertionError(
         "a component without a variable to tear"
-    )  # a cycle consists of more than sums
+    )  # a cycle cannot consist of sums only
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,14 @@ class _Nodal:
 
     dag: Dag
     factors: LinearSolver  # solves the balances of the parts for their potentials
-    #: For each branch, its sign and the branch that leads to it; -1 if there is none.
+    #: For each branch, its sign and the branch that leads to it, or -1 if there is none.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve for one right-hand side."""
         if all(value.is_zero for value in rhs):
             return list(rhs)
-        # A right-hand side of a branch enters the balances of the parts on both sides.
+        # The right-hand side of a branch enters the balances of the parts on both sides.
         balances = [self.dag.zero] * len(rhs)
         for i, (value, (sign, parent)) in enumerate(zip(rhs, self.above, strict=True)):
             out = value if sign > 0 else -value
@@ -173,7 +173,7 @@ class _Nodal:
         potentials = self.factors.solve(balances)
         found = []
         for potential, (sign, parent) in zip(potentials, self.above, strict=True):
-            # From potentials of parts to across variables of the branches between them.
+            # The across variable of a branch is the difference between the potentials of two parts.
             across = potential - potentials[parent] if parent >= 0 else potential
             found.append(across if sign > 0 else -across)
         return found
@@ -186,31 +186,32 @@ def factorise_nodal(
     values: Mapping[Variable, Node],
     n_nonzeros: float = inf,
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
-    """Factorise the linear equations of a block in the potentials of its parts.
+    """Factorise the linear equations of a block in the potentials of parts of the tree.
 
-    Returns the solver with the nonlinear unknowns, which are treated as known. None if the block
-    contains anything but one-port resistances whose unknowns are branches with linear chords, or if
-    potentials give no fewer entries than the ``n_nonzeros`` of the branches' equations.
+    Returns the solver and the nonlinear unknowns, whose values it takes as known. Returns None
+    unless the block consists of one-port resistances whose unknowns are branches and whose chords
+    are linear, and unless potentials have fewer entries than the ``n_nonzeros`` of the branch
+    equations.
     """
     conductances = _conductances(terminals, block, rules, values)
     if conductances is None:
         return None
     linear = [unknown for unknown in block.unknowns if unknown in conductances]
     names = [name for _, name in linear]
-    # Cutting the unknown branches divides the tree into parts; within a part potentials differ by
-    # known amounts. The part of the reference has the number -1 and potential zero.
+    # The unknown branches divide the tree into parts; within a part, potentials differ by known
+    # amounts. The part of the reference has the number -1 and the potential zero.
     parts = terminals.parts(names) if linear else {}
     rows: list[dict[int, Node]] = [{} for _ in linear]
     for (_, name), conductance in conductances.items():
         port = terminals.ports[name]
         ends = parts.get(port.head, -1), parts.get(port.tail, -1)
-        # Both ends are in one part: the across variable is known.
+        # If both ends are in one part, the across variable is known.
         if ends[0] == ends[1]:
             continue
         signs = [(i, sign) for i, sign in zip(ends, (1, -1), strict=True) if i >= 0]
         for i, a in signs:
             for j, b in signs:
-                # Laplacian matrix of the parts, weighted by conductances.
+                # Laplacian matrix of the parts, with conductances as weights.
                 rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
     # Potentials are used only if their equations have fewer entries.
     if not linear or sum(map(len, rows)) >= n_nonzeros:
@@ -226,12 +227,12 @@ def _conductances(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
-    """List the conductances of a block's resistances, nonlinear branches excepted."""
+    """List the conductances of a block's resistances except nonlinear branches, or None."""
     unknowns = set(block.unknowns)
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
     for quantity, name in (*block.unknowns, *block.inner):
-        # Sums and equations have no conductance.
+        # Sums and residuals have no conductance.
         if quantity in ("path", "flow", "residual_across"):
             continue
         port = terminals.ports[name] if quantity in ("across", "through") else None
@@ -240,15 +241,15 @@ def _conductances(
         if quantity == "through":
             continue
         is_unknown = (quantity, name) in unknowns
-        # Potentials determine across variables of branches only; other unknowns exclude them.
+        # Potentials determine only across variables of branches; other unknowns exclude them.
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
         conductance = _conductance(rules[law], values)
         if conductance is None:
             return None
-        # Linear if the slope does not depend on the unknowns. A nonlinear branch stays unknown; a
-        # nonlinear chord would couple parts nonlinearly, and excludes potentials.
+        # A law is linear if its slope does not depend on the unknowns. A nonlinear branch remains
+        # an unknown; a nonlinear chord couples parts nonlinearly, so potentials are not used.
         if symbols.isdisjoint(symbols_in([conductance])):
             found[quantity, name] = conductance
         elif not is_unknown:
@@ -257,7 +258,7 @@ def _conductances(
 
 
 def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:
-    """Return the derivative of a one-port's law by its across variable."""
+    """Return the derivative of a one-port's law with respect to its across variable."""
     if not isinstance(rule, Lawful):
         return None
     known = {name: values[variable] for name, variable in rule.arguments}
@@ -267,7 +268,7 @@ def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:
 
 @dataclass(frozen=True)
 class _AtRunTime:
-    """Equations with pivots chosen at run time, and scaled rows and columns."""
+    """Equations with scaled rows and columns, whose pivots are chosen at run time."""
 
     dag: Dag
     matrix: tuple[tuple[Node, ...], ...]
@@ -276,7 +277,7 @@ class _AtRunTime:
     n_determined: int
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side, also of zeros: its solution is checked with the rank."""
+        """Solve for a right-hand side, even if zero: the solution includes a check of the rank."""
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
         found = solve(
@@ -286,10 +287,10 @@ class _AtRunTime:
 
 
 def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
-    """Divide rows, then columns, by the sums of their magnitudes, which makes pivots comparable."""
+    """Divide rows, then columns, by the sums of their magnitudes, so that pivots are comparable."""
     n = range(len(matrix))
-    # Units differ between rows (volts, amperes, newtons): without scaling the largest pivot, and
-    # the rank, would depend on the units.
+    # Rows have different units (volts, amperes, newtons): without scaling, the largest pivot and
+    # the rank would depend on the choice of units.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
@@ -303,7 +304,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    # At least TINY: a row of zeros stays a row of zeros, which lowers the rank, and not nan.
+    # Because of TINY, a row of zeros remains zero and lowers the rank, instead of becoming nan.
     total = dag.constant(TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
@@ -313,12 +314,12 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
 def factorise_block(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
 ) -> LinearSolver:
-    """Factorise the equations of a block, given as rows without zeros.
+    """Factorise the equations of a block, given as rows of nonzero entries.
 
-    ``is_safe``: if symmetric, the matrix is positive definite for every state. The first
+    ``is_safe`` states that the matrix, if symmetric, is positive definite in every state. The first
     ``n_determined`` unknowns must have a unique solution.
     """
-    # Symmetric and positive definite: any order of pivots is stable.
+    # If the matrix is symmetric and positive definite, any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
         return factorise_definite(dag, matrix)
     n = range(len(matrix))
@@ -326,34 +327,34 @@ def factorise_block(
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
-    """Return whether entries across the diagonal are the same nodes.
+    """Return whether symmetric entries of a matrix are the same nodes.
 
-    The entries have opposite signs if branches and chords are torn together.
+    The entries have opposite signs if both branches and chords are torn.
     """
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
     )
 
 
-#: An unknown and the equation from which it is computed.
+#: An unknown and the residual of the equation that determines it.
 _Pair = tuple["Variable", "Variable"]
 
-#: Minimum number of unknowns for which blocks of resistances are solved in potentials without
-#: counting the entries of the branch equations: the derivatives of those grow with the square of
-#: the number.
+#: Number of unknowns from which blocks of resistances are solved in potentials without counting the
+#: entries of the branch equations, since the cost of their derivatives grows with the square of
+#: this number.
 _MANY = 64
 
-#: Minimum number of nonlinear unknowns for which linear unknowns also remain algebraic unknowns, if
-#: no method benefits from their elimination: each equation then has few unknowns, and no full
-#: matrix is formed.
+#: Number of nonlinear unknowns from which linear unknowns also remain algebraic unknowns, if no
+#: method benefits from their elimination: then each equation has few unknowns, and no full matrix
+#: is formed.
 _MANY_BENT = 24
 
 
 @dataclass(frozen=True)
 class SolvedBlock:
-    """A block whose linear unknowns have been solved for."""
+    """A block whose linear unknowns have been eliminated."""
 
-    #: Unknowns and the equations from which they are computed.
+    #: Linear unknowns, and the equations from which they are computed.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
     factors: LinearSolver  # factors of the linear equations in the linear unknowns
@@ -361,18 +362,18 @@ class SolvedBlock:
 
 @dataclass(frozen=True)
 class Solved:
-    """The values of a network's variables."""
+    """The values of all variables in a network."""
 
     dag: Dag  # arena that holds the nodes
     plan: Plan  # order in which variables are computed
     values: dict[Variable, Node]  # values of the variables computed so far
     blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
-    #: The remaining unknowns, with their symbols.
+    #: Algebraic unknowns, which are not eliminated, with their symbols.
     algebraic: dict[Variable, Node] = field(default_factory=dict)
 
     @property
     def residuals(self) -> list[Variable]:
-        """The equations of the algebraic unknowns."""
+        """The residuals of the equations for the algebraic unknowns."""
         return [r for block in self.blocks.values() for _, r in block.nonlinear]
 
 
@@ -384,10 +385,11 @@ def solve_plan(
     *,
     is_static: bool = False,
 ) -> Solved:
-    """Form the value of every variable of a plan.
+    """Compute the values of all variables in a plan.
 
-    ``is_safe`` returns whether a block's linear equations are symmetric and positive definite by
-    physics. ``is_static``: there are no states, so that only a start is solved for.
+    ``is_safe`` returns whether a block's linear equations must be symmetric and positive definite
+    for physical reasons. ``is_static`` states that there are no states, so that only a start is
+    computed.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
@@ -411,11 +413,11 @@ def _solve_block(
     is_safe: bool,
     is_static: bool,
 ) -> None:
-    """Find which unknowns are linear, and solve for them."""
+    """Determine which unknowns of a block are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # Differentiating at symbols of the unknowns shows which equations are linear, and in which
-    # unknowns.
+    # Derivatives with respect to symbols of the unknowns show which equations are linear, and in
+    # which unknowns.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -444,7 +446,7 @@ def _solve_block(
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}
-    # The negative right-hand side is the residuals at zero linear unknowns.
+    # The negative right-hand side consists of the residuals at zero linear unknowns.
     rest = substitute(
         [trial[r] for _, r in linear], {**known, **{symbols[u]: dag.zero for u, _ in linear}}
     )
@@ -452,7 +454,7 @@ def _solve_block(
         n_nonzeros = sum(map(len, matrix))
         entries = iter(substitute([e for row in matrix for e in row.values()], known))
         matrix = [{j: next(entries) for j in row} for row in matrix]
-        # Potentials may be fewer unknowns than branch variables: the cheaper form is used.
+        # If potentials are fewer unknowns than branch variables, the cheaper form is used.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
     factors = (
@@ -472,15 +474,15 @@ def _solve_block(
 
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Return whether an unknown may be indeterminate: a force shared by sticking edges."""
+    """Return whether an unknown may be indeterminate, as a force shared by sticking edges is."""
     # Brakes on both sides of a gear make their torques and that of the teeth indeterminate.
     return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
-    """Return whether an unknown is kept: a variable of contents, or friction on a joint."""
+    """Return whether an unknown is not eliminated: of contents, or of friction on a joint."""
     quantity, name = variable
-    # Accelerations of a mechanism are eliminated later, at the forces that act on it.
+    # A mechanism's accelerations are eliminated later, for given forces on the mechanism.
     if quantity == "field":
         return True
     if name in terminals.couplings and is_holding(terminals.ports, variable):
@@ -496,18 +498,18 @@ def _linearise(
     stays: Callable[[Variable], bool],
     is_shared: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
-    """Separate linear from nonlinear unknowns; return the matrix of the linear ones.
+    """Separate linear from nonlinear unknowns, and return the matrix of the linear ones.
 
-    ``stays`` returns whether an unknown is solved for by iteration although the equations are
-    linear in it, as for a start from a given total of contents. ``is_shared`` marks unknowns that
-    may be indeterminate.
+    ``stays`` returns whether an unknown is solved for iteratively although the equations are linear
+    in it, such as at a start from a given total of contents. ``is_shared`` returns whether an
+    unknown may be indeterminate.
     """
-    # Values outside the block are constant.
+    # Variables outside the block count as constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
     _differentiate(solved.plan, block.inner, trial, d, _nothing)
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
-    # An unknown that occurs in a derivative by the unknowns enters some equation nonlinearly.
+    # If a derivative with respect to the unknowns contains an unknown, this is a nonlinear one.
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
@@ -535,9 +537,9 @@ def _differentiate(
 
 
 def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
-    """Differentiate the plan along several directions at once, over their sensitivity graphs.
+    """Differentiate a plan along several directions at once, in their sensitivity graphs.
 
-    Derivatives along directions on which a variable does not depend are absent.
+    For each variable, directions on which it does not depend are omitted.
     """
     d: dict[Variable, Tangent] = {}
     for step in solved.plan.steps:
@@ -551,15 +553,15 @@ def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
 def _differentiate_block(
     solved: Solved, block: Block, d: dict[Variable, Tangent], given: Given
 ) -> None:
-    """Solve for the derivatives of a block's unknowns with the factorised matrix."""
+    """Solve for the derivatives of a block's unknowns with its factorised matrix."""
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown], {}))
-    # With zero derivatives of the linear unknowns, the residuals are the right-hand sides.
+    # If the derivatives of linear unknowns are zero, the residuals are the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)
-    # Nonlinear unknowns only: their tangents are given, and nothing is solved for.
+    # If all unknowns are nonlinear, their tangents are given and nothing is solved for.
     if not own.linear:
         return
     zero = solved.dag.zero
@@ -571,6 +573,6 @@ def _differentiate_block(
         for (unknown, _), value in zip(own.linear, found, strict=True):
             if not value.is_zero:
                 d[unknown][key] = value
-    # With the tangents of the unknowns known, those of the inner variables follow again.
+    # The tangents of the inner variables are computed again from those of the unknowns.
     if keys:
         _differentiate(solved.plan, block.inner, solved.values, d, given)

@@ -1,4 +1,4 @@
-"""States of the networks: of storages, of integrals such as stretches, and algebraic unknowns."""
+"""States of the networks: states of storages, integrals such as stretches, algebraic unknowns."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Held:
-    """A variable of a port that is a state."""
+    """A port variable that is a state."""
 
     port: Port
     quantity: str  # ``across``, ``through``, ``stretch`` or ``total`` (of contents)
-    #: Name of the variable without that of the port, and unit.
+    #: Name of the variable without the port's name, and its unit.
     short: str
     unit: str
 
@@ -54,12 +54,12 @@ class Held:
 
 
 class _Use(IntEnum):
-    """Reason to choose an edge whose position is needed as a branch, in increasing order."""
+    """Reason to choose an edge as a branch if its position is needed, in increasing priority."""
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
-    LAW = 2  # law: the terminal equation depends on the variable
-    NAMED = 3  # named by a field, an output or an event
+    LAW = 2  # the terminal equation depends on the variable
+    NAMED = 3  # named in a field, an output or an event
     NONE = 4
 
 
@@ -71,10 +71,10 @@ def position_trees(
 ) -> dict[str, Topology]:
     """Choose the trees of positions, whose branches are states if they are needed.
 
-    Positions are across variables: those of chords follow along f-circuits ([1] eq. 2). Branches
-    are first the springs whose stretch a balance of springs gives, then edges with an initial
-    value, then those whose laws depend on their position, in the order of the scene. ``used`` are
-    the names that fields and outputs use.
+    Positions are across variables: positions of chords follow from f-circuits ([1] eq. 2). Branches
+    are first the springs whose stretch a balance of springs determines, then edges with an initial
+    value, then edges whose laws depend on their position, in the scene's order. ``used`` contains
+    the names in fields and outputs.
     """
     found = {}
     for domain, graph in graphs.items():
@@ -94,7 +94,7 @@ def _use(port: Port, branches: AbstractSet[str], used: AbstractSet[str]) -> _Use
         return _Use.GIVEN
     if _uses_stretch(port):
         return _Use.LAW
-    # A position may be named in short or with its port.
+    # A position may be named with or without its port.
     return _Use.NAMED if {item.name, f"{port.name}.{item.short}"} & used else _Use.NONE
 
 
@@ -107,27 +107,27 @@ def held_variables(
 ) -> list[Held]:
     """List the states of the networks; raise ParameterError if a given content is not a state.
 
-    ``positions`` are the trees of positions and ``stores`` the contents that are states. Integrals
-    are states if they are ``used`` by fields or outputs, or have an initial value.
+    ``positions`` are the trees of positions, and ``stores`` the contents that are states. Integrals
+    are states if fields or outputs use them (``used``), or if they have an initial value.
     """
     found = []
     for port in ports.values():
         if port.is_coupling:
-            # Its motion is that of the multibody system; its integral is a state.
+            # The multibody system determines the port's motion, but the integral is a state.
             if port.terminal.integral is not None:
                 found.append(_held(port, "stretch"))
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))
-        # In a normal tree, across storages are branches and through storages are chords; otherwise
-        # the value of a storage depends on the states of other storages.
+        # In a normal tree, across storages are branches and through storages are chords; any other
+        # storage depends on the states of other storages.
         if port.name in stores:
             found.append(Held(port, "total", *stores[port.name].symbol))
         elif port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        # A position is a state if it is a branch; an integral of the component is always a state.
+        # A position is a state if it is a branch; a component's own integral is always a state.
         is_held = port.terminal.integral is not None or (
             port.terminal.domain in positions
             and port.name in positions[port.terminal.domain].branches
@@ -137,7 +137,7 @@ def held_variables(
     return found
 
 
-#: Reasons for a position to be a state, if it is a branch.
+#: Reasons for which the position of a branch is a state.
 _HELD = (_Use.GIVEN, _Use.LAW, _Use.NAMED)
 
 
@@ -148,9 +148,9 @@ def summed_positions(
     used: AbstractSet[str],
     places: Mapping[Variable, int],
 ) -> tuple[PositionRow, ...]:
-    """List the positions that are sums of states, if fields or outputs use them.
+    """List the positions that are sums of states and that fields or outputs use.
 
-    ``places`` numbers the states.
+    ``places`` contains the index of each state.
     """
     rows = []
     for domain, topology in positions.items():
@@ -158,8 +158,8 @@ def summed_positions(
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # A stretch that a linear balance of springs determines is no state, and a sum with it
-            # is no row.
+            # A stretch that a linear balance of springs determines is not a state, so that a sum
+            # with it is not listed.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -168,9 +168,9 @@ def summed_positions(
 
 
 def _check_content(port: Port, store: Store | None) -> None:
-    """Raise for the initial value of a content that is not independent of others."""
+    """Raise if an initial value is given for a content that depends on others."""
     content = content_of(port.terminal)
-    # The content of a single storage is a state, and takes its initial value directly.
+    # The content of a single storage is a state, which uses its initial value directly.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
         return
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
@@ -210,16 +210,16 @@ def _names(terminal: Terminal, argument: str) -> bool:
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
     """Return the entry of a state.
 
-    Raises ParameterError if the scene gives two initial values that follow from each other.
+    Raises ParameterError if the scene gives two initial values that determine each other.
     """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
-    # Other states have only one name.
+    # All other states have only one name.
     if item.quantity != "total":
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
     follows = _held(item.port, quantity)
-    # A charge and its voltage determine each other, so only one of them can be given.
+    # A charge and its voltage determine each other, so that only one of them may be given.
     if is_given and follows.short in item.port.initial:
         raise ParameterError(
             f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "
@@ -231,11 +231,11 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Return the entry of an algebraic unknown of a port; its initial value is a guess.
+    """Return the entry of a port's algebraic unknown; its initial value is only a guess.
 
-    ``quantity`` is the across or through variable, or the rate of one.
+    ``quantity`` is the across or through variable, or the rate of one of them.
     """
-    # The unknown may be a rate, which has no name and unit in scenes: it is named after the
+    # If the unknown is a rate, which has no name and unit in scenes, it gets the name of the
     # variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
@@ -261,9 +261,9 @@ def redundant_values(
 ) -> list[Redundant]:
     """List the initial values of variables that are not states.
 
-    They must agree with the initial values of the states. Those that may be guesses are left out.
+    They must agree with the initial values of the states. Values that may be guesses are omitted.
     """
-    # States take their initial values directly; the others must follow from them.
+    # States use their initial values directly; other initial values must agree with them.
     known = {item.variable for item in held}
     return [
         Redundant(item.name, item.variable, _initial(item, dag, of_parameters))
@@ -274,7 +274,7 @@ def redundant_values(
 
 
 def _given(port: Port) -> list[Held]:
-    """List the variables of a port that have an initial value."""
+    """List the variables of a port for which an initial value is given."""
     quantities = ["across", "through"]
     if integral_of(port.terminal) is not None:
         quantities.append("stretch")
@@ -282,8 +282,8 @@ def _given(port: Port) -> list[Held]:
     return [item for item in items if item.short in port.initial]
 
 
-#: Variables that states and sources determine, by kind. Others may be unknowns of nonlinear
-#: equations, for which initial values are guesses.
+#: Variables that states and sources determine, by kind. Other variables may be unknowns of
+#: nonlinear equations, for which initial values are guesses.
 _FOLLOWING = {
     Kind.ACROSS_SOURCE: ("across",),
     Kind.ACROSS_STORAGE: ("across", "through"),
@@ -296,7 +296,7 @@ _FOLLOWING = {
 def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
     if item.quantity == "stretch":
-        return False  # the variable is determined by an f-circuit, or by the mechanism
-    # A nonlinear spring in a cutset of springs is an unknown of an equation.
+        return False  # an f-circuit or the mechanism determines the variable
+    # The stretch of a nonlinear spring in a cutset of springs is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

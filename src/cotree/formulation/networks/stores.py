@@ -1,9 +1,9 @@
-"""Storages by content: totals of contents whose rates need no rate of a storage.
+"""Totals of contents (charges, flux linkages) as states, which need no rates of storages.
 
-The charge of a branch's capacitor and of all capacitors in its f-cutset changes only by the
-currents of the cutset's other chords. Their total is the state, and the voltages follow from it by
-an equation. Integration methods conserve linear invariants to rounding, so that no charge is lost
-at any tolerance. Flux linkages along the f-circuit of an inductor are the dual.
+The charge of a branch's capacitor plus that of all capacitors in its f-cutset changes only by the
+currents of the cutset's other chords. This total is the state, and an equation determines the
+voltages from it. Integration methods conserve linear invariants up to rounding, so that no charge
+is lost at any tolerance. The dual case is the flux linkage along the f-circuit of an inductor.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
-#: For each kind of storage: its state variable, and the variable that is the rate of its content.
+#: For each kind of storage: its state variable, and the variable that is its content's rate.
 _VARIABLES = {
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("through", "across"),
@@ -34,36 +34,36 @@ _VARIABLES = {
 class Store:
     """A total of contents that is a state."""
 
-    port: Port  # the storage whose f-cutset, or f-circuit, defines the total
-    #: Storages whose contents are added, with signs; the port itself first.
+    port: Port  # the storage whose f-cutset or f-circuit defines the total
+    #: Signs and names of the storages whose contents are added; the first one is the port.
     parts: tuple[tuple[int, str], ...]
-    #: Variables whose sum, with signs, is the rate of the total.
+    #: Signs and variables whose sum is the rate of the total.
     flows: tuple[tuple[int, Variable], ...]
 
     @property
     def is_alone(self) -> bool:
-        """Return whether it is the content of one storage."""
+        """Return whether it is the content of a single storage."""
         return len(self.parts) == 1
 
     @property
     def symbol(self) -> tuple[str, str]:
-        """Name of the total, which follows the name of its port, and its unit."""
+        """Name of the total without its port's name, and its unit."""
         row = DOMAINS[self.port.terminal.domain]
         own = row.content if self.port.kind is Kind.ACROSS_STORAGE else row.impulse
         return (own[0] if self.is_alone else f"{own[0]}_total"), own[1]
 
     @property
     def unknown(self) -> Variable:
-        """The variable of the storage that the total determines."""
+        """The storage's variable that the total determines."""
         return _VARIABLES[self.port.kind][0], self.port.name
 
 
 def contents_of(
     ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
 ) -> dict[str, Law]:
-    """Return the laws of the contents of storages, also of constant capacity or inertance."""
+    """Return the laws of storage contents, including those of constant capacity or inertance."""
     found = {}
-    # Without storages by content, voltages and currents themselves are the states.
+    # Unless some storage is defined by its content, voltages and currents are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
         return {}
     for port in ports.values():
@@ -71,8 +71,8 @@ def contents_of(
         if law is None and port.kind in _VARIABLES:
             law = linear_content(port.terminal)
             own = () if law is None else law.arguments
-            # A time-dependent capacity would add v dC/dt to the current, which is then not the rate
-            # of a content.
+            # A time-dependent capacity would add v dC/dt to the current, so that the current would
+            # not be the rate of the content.
             if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
                 law = None
         if law is not None:
@@ -86,19 +86,19 @@ def find_stores(
     cutsets: Mapping[str, Topology],
     contents: Mapping[str, Law],
 ) -> dict[str, Store]:
-    """List the totals of contents that are states, by their ports.
+    """Return the totals of contents that are states, by port.
 
-    ``topologies`` and ``cutsets`` are the trees of across and of through variables, by domain.
+    ``topologies`` and ``cutsets`` contain the trees of across and through variables, by domain.
     """
     found = {}
     for name in contents:
         port = ports[name]
-        # Ports of multibody systems, and ports with one node, are in no cutset and no circuit.
+        # A port on a multibody system, or with both ends at one node, is in no cutset or circuit.
         if port.is_coupling or port.is_short:
             continue
         across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
         is_branch = name in across.branches
-        # A storage outside its place in the normal tree depends on the state of one inside.
+        # A storage outside its position in the normal tree depends on the states of others.
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
         # Charges are summed over a cutset, flux linkages along a circuit.
@@ -107,7 +107,7 @@ def find_stores(
         elif name in through.branches:
             around = through.crossing(name)
         else:
-            around = {name: 1}  # the controlled source of the storage determines the inflow
+            around = {name: 1}  # the storage's controlled source determines the inflow
         like = [n for n in around if n != name and n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
             found[name] = _store(ports, name, around, like)
@@ -122,18 +122,18 @@ def _store(
     flows: list[tuple[int, Variable]] = [
         (sign, ("loss" if n in within else flow, n))
         for n, sign in around.items()
-        # Storages within the total exchange charge among themselves; only their leakage counts.
+        # Charge flows between storages of the total leave it unchanged; only their leakage counts.
         if n not in within or _has_loss(ports[n])
     ]
     if _has_loss(port):
         flows.append((-1, ("loss", name)))
-    # Contents of edges in the opposite direction change with the opposite sign.
+    # Contents of edges in the opposite direction have the opposite sign.
     parts = ((1, name), *((-around[n], n) for n in like))
     return Store(port, parts, tuple(flows))
 
 
 def _has_loss(port: Port) -> bool:
-    """Return whether the rate of the content contains another term."""
+    """Return whether the rate of a port's content contains another term."""
     is_across = port.kind is Kind.ACROSS_STORAGE
     return (port.terminal.through if is_across else port.terminal.across) is not None
 

@@ -1,4 +1,4 @@
-"""The rule of every variable of the networks: circuits, cutsets and terminal equations by name."""
+"""The rules of all network variables: f-circuits, f-cutsets and terminal equations, by name."""
 
 from __future__ import annotations
 
@@ -53,37 +53,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Terminals:
-    """The topological and terminal equations of all networks, as the rule of each variable."""
+    """Topology and terminal equations of all networks, which yield the rule of each variable."""
 
     ports: Mapping[str, Port]  # edges of all scalar graphs, by name
-    #: The graphs with their trees of across and of through variables, and of positions if the
-    #: domain has any, by domain.
+    #: For each domain: the graphs with their trees of across variables, of through variables and,
+    #: if the domain has any, of positions.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]  # symbols of the variables that are states
     fields: Mapping[tuple[str, str], Node]  # values of the components' fields, by edge and field
-    measured: Mapping[Node, Variable]  # variables that the symbols in fields represent
+    measured: Mapping[Node, Variable]  # variables that symbols in fields represent
     time: Node  # symbol of time in the program
-    couplings: Mapping[str, Coupling]  # motion of the ports that act on a multibody system
+    couplings: Mapping[str, Coupling]  # motion of ports that act on a multibody system
     #: Totals of contents that are states, by port.
     stores: Mapping[str, Store]
     contents: Mapping[str, Law]  # contents of storages, by port
-    modes: frozenset[Node]  # symbols of the modes, which change at events only
-    #: Controlled sources whose law determines their controlling variable, by the controlling edge.
+    modes: frozenset[Node]  # symbols of the modes, which change only at events
+    #: Controlled sources whose laws determine their controlling variables, by controlling edge.
     swaps: Mapping[str, Swap]
     #: Multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
-    #: Fields of friction and stops that use forces or accelerations, which are algebraic unknowns.
+    #: Fields of friction and stops that depend on forces or accelerations: algebraic unknowns.
     reacting: frozenset[tuple[str, str]]
-    #: Conditions on parameters under which a value, whose rate is used, does not jump.
+    #: Conditions on parameters under which values whose rates are used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
-    #: Values whose rate is used and jumps at kinks at unknown times, with the symbols on which
-    #: these times depend.
+    #: Values whose rates are used and jump at unknown times, because of kinks; and the symbols on
+    #: which these times depend.
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
-        """Return whether a port's edge is in the tree of across variables."""
+        """Return whether a port's edge is a branch of the tree of across variables."""
         return name not in self.couplings and name in self._topology(name).branches
 
     def _topology(self, name: str) -> Topology:
@@ -93,11 +93,11 @@ class Terminals:
         return self.cutsets[self.ports[name].terminal.domain]
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return the sign of branches of one tree, and the branch that leads to each."""
+        """Return for each branch its sign and the branch that leads to it; all are in one tree."""
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Cut a tree at some branches; see :meth:`Topology.parts`."""
+        """Divide a tree at the given branches; see :meth:`Topology.parts`."""
         return self._topology(branches[0]).parts(branches)
 
     def rule(self, variable: Variable) -> Rule:
@@ -152,7 +152,7 @@ class Terminals:
         if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
-        # The stretch is the time integral of the terminal's variable: its rate is not a state.
+        # The stretch is the time integral of the terminal's variable, so its rate is not a state.
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
@@ -163,18 +163,17 @@ class Terminals:
             return Sum(())  # a circuit without other edges
         positions = self.positions[port.terminal.domain]
         if name not in positions.branches:
-            # Positions are across variables, too: the f-circuit gives that of a chord.
+            # Positions are across variables, so that the f-circuit determines that of a chord.
             return positions.circuit(name, "")
         if port.terminal.storage is None:
             return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
 
     def _content(self, base: str, name: str, rate: str) -> Rule:
-        """Return the rule of a total of contents, of a content, or of the rest of its rate."""
+        """Return the rule of a content, of a total of contents, or of the remainder of its rate."""
         port, store = self.ports[name], self.stores.get(name)
         if base == "content":
-            # If it is a state, it is read directly, not computed from variables that follow from
-            # it.
+            # A state is read directly, and is not computed from variables that depend on it.
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
@@ -191,15 +190,15 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            # The mechanism gives the across variable, as for a chord parallel to the joint (Eq.
-            # (2)).
+            # The mechanism determines the across variable, as for a chord parallel to the joint
+            # (Eq. (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
             return Sum(())  # a circuit without other edges
         if self._is_swapped(name, "across"):
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
-            # Chord: the f-circuit gives the across variable, the law the through variable.
+            # For a chord, the f-circuit determines the across and the law the through variable.
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
@@ -207,12 +206,12 @@ class Terminals:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
             return FieldRule(self.states["across", name])
-        # In a cutset of springs the state of a spring or of a storage of through follows from
-        # theirs.
+        # In a cutset of springs, the other springs determine the state of a spring or through
+        # storage.
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
                 return Unknown(("residual_across", name))
-            # Stretches in a cutset of springs depend on each other: this one is not a state.
+            # Stretches in a cutset of springs depend on each other, and this one is not a state.
             law = spring_rate(port.terminal)
         elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
@@ -227,7 +226,7 @@ class Terminals:
     def _through(self, name: str, rate: str) -> Rule:
         port = self.ports[name]
         if name not in self.couplings and name in self._cutset(name).branches:
-            # Branch: the f-cutset gives the through variable (Eq. (1)).
+            # For a branch, the f-cutset determines the through variable (Eq. (1)).
             return self._cutset(name).cutset(name, rate)
         if self._is_swapped(name, "through"):
             return Unknown((f"residual_through{rate}", name))
@@ -240,7 +239,7 @@ class Terminals:
                 return self._lawful(port, stored_rate(port.terminal, False))
             return FieldRule(self.states["through", name])
         if port.kind is Kind.ACROSS_STORAGE and not rate:
-            # In a loop of across storages its state follows from theirs.
+            # In a loop of across storages, the other storages determine the state.
             law = stored_value(port.terminal, True)
         elif port.terminal.through is not None and port.kind is not Kind.ACROSS_STORAGE:
             law = port.terminal.through
@@ -261,7 +260,7 @@ class Terminals:
         return self._lawful(port, explicit_residual(f"{gives}{rate}", law))
 
     def torn(self, variable: Variable) -> Unknown | None:
-        """Make a variable with its own equation an unknown; None for sums."""
+        """Return the rule of a variable as an unknown with its own equation, or None for sums."""
         quantity, name = variable
         base = quantity.partition("_")[0]
         may_be = base in ("across", "through") or quantity == "stretch"
@@ -279,8 +278,8 @@ class Terminals:
         if self._is_swapped(name, base):
             return self._controlling(self.swaps[name], f"_{rate}" if rate else "")
         if name in self.stores and quantity in ("across", "through"):
-            # The residual: the contents that the laws give minus their total, which is a state. It
-            # vanishes at the right voltages or currents.
+            # The residual is the sum of the contents by their laws minus the total, which is a
+            # state. It is zero for the correct voltages or currents.
             parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
             return Sum((*parts, (-1, ("total", name))))
         if name in self.stores and quantity in ("across_rate", "through_rate"):
@@ -321,13 +320,13 @@ class Terminals:
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:
-        """List the values of symbols in fields, states of networks included."""
+        """Return the variables of all symbols in fields that change, also of network states."""
         return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
 
     def _rate_of_field(
         self, edge: str, field: str, node: Node
     ) -> tuple[Node, dict[Node, Variable]]:
-        """Differentiate a field by time; return its rate and the variables of new symbols."""
+        """Return a field's time derivative, and the variables of new symbols in it."""
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}
@@ -335,7 +334,7 @@ class Terminals:
         for symbol in symbols_in([node]):
             if symbol in self._changing:
                 quantity, name = self._changing[symbol]
-                # Chain rule: rates of variables are variables with symbols of their own.
+                # Chain rule: the rate of a variable is itself a variable with its own symbol.
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):
@@ -357,7 +356,7 @@ class Terminals:
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
-        """Raise if a value jumps; if only parameters decide, guard it."""
+        """Raise if a value jumps; add a guard if only parameters determine whether it does."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
@@ -366,14 +365,14 @@ class Terminals:
             self.corners[what] = looked_at
 
     def _rate_of_law(self, port: Port, law: Law) -> Law:
-        """Differentiate a law; a waveform must not jump."""
+        """Return a law's time derivative; raise if a waveform in it jumps."""
         known = {
             name: self.time if name == "t" else self.fields.get((port.edge.name, name))
             for name in law.arguments
         }
         if port.kind in (Kind.ACROSS_SOURCE, Kind.THROUGH_SOURCE) and None not in known.values():
             value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
-            if value not in known.values():  # a field has its own check
+            if value not in known.values():  # fields have their own check
                 what = f"{port.edge.component.name} '{port.edge.name}'"
                 self._require_continuity(port.edge.name, what, value)
         return rate_of(law)

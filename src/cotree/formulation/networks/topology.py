@@ -1,8 +1,8 @@
-"""f-circuits and f-cutsets of the scalar graphs as sums of variables.
+"""f-circuits and f-cutsets of scalar graphs as sums of variables.
 
-Paths are prefix sums from the nearest common ancestor. Cutsets are suffix sums of those beyond,
-unless one of their chords ends there, so that common parts of equations are formed once and no
-terms are added and subtracted again.
+Circuits are differences of prefix sums that start at the nearest common ancestor. Cutsets are
+suffix sums over the cutsets of outer branches, unless a chord of these ends at the node in between.
+Thus common parts of equations are computed once, and no term is added and subtracted again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Place:
-    """A node of the tree: the branch that leads to it."""
+    """A node of the tree, with the branch that leads to it."""
 
     depth: int
     parent: str
@@ -34,11 +34,11 @@ class _Place:
 
 @dataclass(frozen=True)
 class Topology:
-    """One scalar graph with its tree."""
+    """A scalar graph with its tree."""
 
     domain: str  # physical domain of the graph, such as ``electrical``
-    tree: Tree  # normal tree of the graph, or tree of its positions
-    #: Quantities that circuits sum along a single branch, and along several branches.
+    tree: Tree  # the graph's normal tree, or its tree of positions
+    #: Quantities that circuits sum: along a single branch, and along several branches.
     across: str = "across"
     prefix: str = "path"
 
@@ -46,25 +46,24 @@ class Topology:
     def _places(self) -> dict[str, _Place]:
         places = {self.tree.graph.reference: _Place(0, "", "", 1)}
         for step in tree_walk(self.tree):
-            # The traversal runs outwards from the reference, so that the depth of a parent is
-            # known.
+            # The traversal runs outwards from the reference, so that the parent's depth is known.
             depth = places[step.parent].depth + 1
             places[step.child] = _Place(depth, step.parent, step.edge, step.sign)
         return places
 
     @cached_property
     def branches(self) -> frozenset[str]:
-        """The branches of the tree."""
+        """The names of the tree's branches."""
         return frozenset(self.tree.branches)
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Divide the tree into paths along the largest subtrees.
+        """Divide the tree into paths that follow the largest subtrees.
 
-        For each node: the first node of its path, and the next one outside.
+        Returns for each node the first node of its path, and the next node outwards on it.
         """
-        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a path
-        # outwards changes heavy paths at most log2(n) times.
+        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): any
+        # path outwards changes between heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
         following: dict[str, str] = {}
         for node, place in reversed(self._places.items()):  # children before parents
@@ -83,18 +82,18 @@ class Topology:
         """Return the nearest common ancestor of two nodes."""
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
-            # Move up from the path that starts farther from the reference.
+            # Leave the path that begins farther from the reference.
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
-        # On a common path the node nearer to the reference is the ancestor.
+        # If both nodes are on one path, the one nearer to the reference is the ancestor.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
-        """Return the branch through which an ancestor leads to another node."""
+        """Return the first branch on the way from an ancestor to another node."""
         tops, following = self._tops
-        # Climb path by path until the node's path is the ancestor's, remembering the last node
-        # left.
+        # Move inwards path by path until the ancestor's path is reached; remember the last node
+        # that was left.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -102,18 +101,17 @@ class Topology:
         return self._places[child if node == ancestor else following[ancestor]].branch
 
     def circuit(self, chord: str, rate: str) -> Sum:
-        """Return the sum of across variables, or of their rates, along the f-circuit of a chord."""
+        """Return the sum of across variables, or of their rates, along a chord's f-circuit."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         terms: list[tuple[int, Variable]] = []
         for sign, node in ((1, edge.head), (-1, edge.tail)):
-            # The potential of the head minus that of the tail, both relative to their common
-            # ancestor.
+            # Potential of the head minus that of the tail, both relative to their common ancestor.
             terms += [(sign * own, variable) for own, variable in self._along(ancestor, node, rate)]
         return Sum(tuple(terms))
 
     def potential(self, node: str, rate: str) -> Sum:
-        """Sum the across variables, or their rates, from the reference to a node."""
+        """Return the sum of across variables, or of their rates, from the reference to a node."""
         return Sum(tuple(self._along(self.tree.graph.reference, node, rate)))
 
     def _along(self, ancestor: str, node: str, rate: str) -> list[tuple[int, Variable]]:
@@ -126,18 +124,18 @@ class Topology:
         return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Extend the prefix sum from an ancestor to a node's parent to the node ([1] eq. 2).
+        """Return the prefix sum from an ancestor to a node, extending its parent's ([1] eq. 2).
 
-        ``rate`` is the suffix of the quantity: empty, or ``_rate`` of the across variable.
+        ``rate`` is the suffix of the quantity: "", or "_rate" for the rate of the across variable.
         """
         place = self._places[node]
-        # One variable for each prefix: circuits through the same nodes share it.
+        # Each prefix is one variable, which circuits through the same nodes share.
         before = self._along(ancestor, place.parent, rate)
         return Sum((*before, (place.sign, (f"{self.across}{rate}", place.branch))))
 
     @cached_property
     def _ends(self) -> dict[str, list[tuple[int, int]]]:
-        """List the chords that end at each node, by number, with their direction outwards."""
+        """List the chords that end at each node, as number and direction outwards."""
         ends: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
@@ -147,14 +145,13 @@ class Topology:
 
     @cached_property
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
-        """Sum over the chords in the f-cutset of each branch: their count, numbers and directions.
+        """Return count, sum of numbers and sum of directions of each cutset's chords, by branch.
 
-        The second result contains the branches whose cutset has a chord that is not in the cutset
-        of the previous branch, since the circuit of that chord closes at the node between both
-        branches.
+        Also return the branches whose cutset contains a chord that is not in the cutset of the next
+        inner branch, because the chord's circuit closes at the node between both branches.
         """
-        # For each node: how many ends of chords, the sum of their numbers, the sum of their
-        # directions; a suffix sum turns them into those of the part beyond a branch.
+        # For each node: number of chord ends, sum of chord numbers, sum of directions; suffix sums
+        # turn them into totals over the part beyond a branch.
         totals = {node: (0, 0, 0) for node in self._places}
         open_branches: set[str] = set()
 
@@ -164,12 +161,11 @@ class Topology:
 
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
-            # Counts, numbers and directions are summed at once: if one chord remains, they identify
-            # it.
+            # If only one chord remains, these three totals identify it.
             add(edge.head, number, 1, 1)
             add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
-            add(ancestor, number, -2, 0)  # circuits closed here do not cross the branch
+            add(ancestor, number, -2, 0)  # circuits that close here do not cross the branch
             open_branches |= {
                 self._toward(ancestor, node) for node in (edge.tail, edge.head) if node != ancestor
             }
@@ -193,16 +189,16 @@ class Topology:
 
     @cached_property
     def _outer(self) -> dict[str, str]:
-        """Return the node to which each branch leads."""
+        """The node to which each branch leads."""
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
-        """Return the chords, with signs, whose sum is a branch's through variable."""
+        """Return signs of the chords whose sum is a branch's through variable."""
         chords, sign = self.tree.chords, -self._signs[branch]
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
-        """Return the branches, with signs, whose sum is a chord's across variable."""
+        """Return signs of the branches whose sum is a chord's across variable."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         found = {}
@@ -215,7 +211,7 @@ class Topology:
 
     @cached_property
     def _beyond(self) -> dict[str, list[str]]:
-        """List the branches that follow each branch outwards."""
+        """The branches that directly follow each branch outwards."""
         following: defaultdict[str, list[str]] = defaultdict(list)
         for place in self._places.values():
             if place.branch:
@@ -227,7 +223,7 @@ class Topology:
         return {place.branch: place.sign for place in self._places.values()}
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return the sign of each given branch, and the branch that leads to it; -1 for none."""
+        """Return for each branch its sign and the index of the branch that leads to it, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         parents = {place.branch: self._places[place.parent] for place in self._places.values()
                    if place.branch}  # fmt: skip
@@ -240,7 +236,7 @@ class Topology:
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Cut the tree at some branches; return the number of the branch to each node, or -1."""
+        """Divide the tree at the given branches; return for each node the branch's index, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
         for node, place in self._places.items():  # parents before children
@@ -248,26 +244,27 @@ class Topology:
         return found
 
     def cutset(self, branch: str, rate: str) -> Sum:
-        """Return a branch's through variable, or its rate, from the flow out of its far side."""
+        """Return a branch's through variable, or its rate, from the flow beyond the branch."""
         n, number, sign = self._cuts[0][branch]
-        # The cut of a single chord needs no sum.
+        # If only one chord crosses the cut, no sum is needed.
         if n == 1:
             chord = self.tree.chords[number]
-            # The cutset sums to zero: the branch supplies what the chords carry out, hence the
-            # sign.
+            # The cutset sum is zero: the branch supplies the flow that leaves through the chords,
+            # hence the sign.
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
 
     def flow(self, branch: str, rate: str) -> Sum:
-        """Sum the through variables of the chords that leave the part beyond a branch."""
+        """Return the sum of the through variables of chords that leave the part beyond a branch."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
-        # Chords that end at the node itself, then the sums of the branches beyond it.
+        # First the chords that end at the node itself, then the sums of the branches beyond it.
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
-            # A sum beyond is used here only if all of its chords cross this branch, too. A chord
-            # whose circuit closes at this node would be added there and subtracted here.
+            # The sum of an outer branch is used only if all of its chords cross this branch, too.
+            # Otherwise a chord whose circuit closes at this node would be added and subtracted
+            # again.
             if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
             elif n == 1:
@@ -279,7 +276,7 @@ class Topology:
 
 
 def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """List the chords that occur only once, in order."""
+    """List the chords that occur exactly once, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
         # A chord with both ends beyond the branch does not cross it: its second end removes the

@@ -1,8 +1,8 @@
-"""Dry friction and rigid stops: checks, and those whose forces are multipliers.
+"""Dry friction and rigid stops: checks, and forces that are multipliers.
 
-Inertias must determine the relative acceleration across each edge that may stick. The force of
-friction or of a stop on a mechanism is an unknown of the mechanism's linear equations: while the
-edge holds it is the multiplier of the condition that the relative acceleration is zero.
+Inertias must determine the relative acceleration of each edge that may stick. On a mechanism, the
+force of friction or a stop is an unknown of the mechanism's linear equations: while the edge holds,
+it is the multiplier of the condition that the relative acceleration is zero.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
-    """Raise FormulationError if the acceleration of a sticking edge does not follow from inertias.
+    """Raise FormulationError if inertias do not determine the acceleration of a sticking edge.
 
-    Causes are an element without inertia or only sources in its f-circuit, or two such edges on one
-    joint, whose forces are not unique while both stick.
+    The reason may be an element without inertia, an f-circuit of sources only, or two such edges on
+    one joint, whose forces are not unique while both stick.
     """
     places: dict[tuple[str, ...], str] = {}
     for name, port in ports.items():
         if not port.kind.may_hold:
             continue
         if port.terminal.touch is not None:
-            continue  # the gap and the slips at one contact are independent
+            continue  # the gap and the slips of one contact are independent
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port.edge.name)
             if other != port.edge.name:
@@ -73,7 +73,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
-    """List the symbols of the mechanism that only fields of friction and dampers on it use."""
+    """List the mechanism's symbols that only fields of friction and dampers acting on it use."""
     frictional = _edges(ports, Kind.FRICTION, Kind.DISSIPATOR)
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
@@ -82,7 +82,7 @@ def used_by_friction(
 
 
 def _edges(ports: Mapping[str, Port], *kinds: Kind) -> set[str]:
-    """Return the edges with ports of some kinds on the mechanism."""
+    """Return the edges that have ports of the given kinds on the mechanism."""
     return {port.edge.name for port in ports.values() if port.kind in kinds and port.is_coupling}
 
 
@@ -102,7 +102,7 @@ class Holding:
 
 
 def holding_ports(ports: Mapping[str, Port]) -> list[str]:
-    """List the ports of friction and stops on the mechanism."""
+    """List the ports of friction and stops that act on the mechanism."""
     return [
         name
         for name, port in ports.items()
@@ -119,11 +119,11 @@ def reacting_fields(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> frozenset[tuple[str, str]]:
-    """List the fields of holding ports and of dampers that name forces or accelerations.
+    """List the fields of holding ports and dampers that depend on forces or accelerations.
 
-    Fields of dampers may use forces of networks as other fields do. ``measured`` are symbols of
-    variables of networks in fields; ``is_motion`` returns whether a symbol of the mechanism is a
-    position or a velocity.
+    Fields of dampers may use network forces, like other fields. ``measured`` contains the symbols
+    of network variables in fields; ``is_motion`` returns whether a symbol of the mechanism is a
+    position or velocity.
     """
     edges = {ports[name].edge.name for name in holding}
     dampers = _edges(ports, Kind.DISSIPATOR)
@@ -147,7 +147,7 @@ def reacting_fields(
 def holding_of(
     port: Port, name: str, multiplier: Node, fields: Mapping[tuple[str, str], Node]
 ) -> Holding:
-    """Form the share and the jump of a unilateral constraint."""
+    """Return the holding of a port: share and jump of its unilateral constraint."""
 
     def value(law: Law) -> Node:
         own = {field: fields[port.edge.name, field] for field in law.arguments}
@@ -158,7 +158,7 @@ def holding_of(
 
 
 def limit_law(port: Port, which: str) -> Law:
-    """Return the second law of dry friction or of a stop, besides that of its through variable."""
+    """Return the second law of dry friction or of a stop; the first is its through variable's."""
     law: Law = getattr(port.terminal.friction or port.terminal.stop, which)
     return law
 
