@@ -37,11 +37,11 @@ typedef struct cotree_event {
     int direction;       /* direction of the zero crossing: -1 falling, 1 rising, 0 both */
     int is_terminal;     /* 1: the event ends the run */
     int kind;            /* 0, or a kind of cotree_event_kinds.h for events that select a mode */
-    int subtracts_mode;  /* 1: the event function is a value minus the mode, and rounds like them */
+    int subtracts_mode;  /* 1: the event function is a value minus the mode; it rounds like both */
     int n_prescribed;    /* the first targets, kept as set; later ones are speeds after an impact */
     int n_targets;
     const int *targets;  /* states that the event sets */
-    int branch;          /* for a kink: index of the branch that ends there */
+    int branch;          /* for a kink: index of the branch that it ends */
     int range;           /* index of the range of the event function; -1: the function is linear */
 } cotree_event;
 

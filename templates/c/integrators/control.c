@@ -57,8 +57,8 @@ static MASK is_passed(integrator *d)
 {
     const MASK is_small = d->error <= COTREE_F(1.0);
 #if COTREE_TWO_ERRORS
-    /* A second estimate below the tolerance, or that of a first step, is never sudden. An error
-     * that may be small by coincidence must be confirmed by a step of different size. */
+    /* A second estimate is not sudden if it is below the tolerance or is that of a first step. An
+     * error that may be small by coincidence must be confirmed by a step of different size. */
     const course *const on = ON(d);
     const REAL ratio = d->h / on->last_size, square = ratio * ratio, fourth = square * square;
     const REAL expected = SUDDEN * SUDDEN * on->last_rough * (fourth * fourth);
@@ -76,7 +76,7 @@ static MASK is_passed(integrator *d)
 static void choose_step(integrator *d, MASK accepted)
 {
     course *const on = ON(d);
-    /* The lower bound avoids a division by zero. */
+    /* The lower bound of the error avoids a division by zero. */
     const REAL error = cotree_log(cotree_larger(ALL(COTREE_F(1e-20)), d->error));
 #if COTREE_IMPLICIT
     const REAL share = cotree_exp(-COTREE_F(0.5) * EXPONENT * error);

@@ -21,7 +21,7 @@ static cotree_status first_step(integrator *d, const REAL *y, const REAL *rate, 
                                cotree_exp(EXPONENT * cotree_log(COTREE_F(0.01) / slope)));
         step = cotree_smaller(COTREE_F(100.0) * step, better);
     }
-    /* Shorter steps are below the resolution of t. */
+    /* Smaller steps are below the resolution of t. */
     *found = cotree_larger(step, COTREE_F(2.0) * smallest_step(t));
     return COTREE_OK;
 }

@@ -1,4 +1,4 @@
-/* A relative tolerance of one or more would accept steps with any error. */
+/* With a relative tolerance of one or more, steps with any error would be accepted. */
 static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
     return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&
@@ -37,8 +37,8 @@ static cotree_status project(integrator *d, cotree_real t)
 #define ROUNDS 3 /* failures after which the distance is rounding: the step is 1/64 as long */
 
 /* Return whether a projection moved the algebraic unknowns so far that the error estimate is
- * unreliable. shares: the moves in units of the tolerance; they are reset to zero. A distance that
- * does not decrease in ROUNDS shorter steps is at rounding level. */
+ * unreliable. shares: the moves in units of the tolerance; they are reset to zero. A move that does
+ * not decrease in ROUNDS shorter steps is a rounding error. */
 static int is_off_equations(integrator *d, cotree_real *shares)
 {
     const int *const places = d->equation.algebraic, n = d->equation.n_algebraic;

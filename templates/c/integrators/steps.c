@@ -9,7 +9,7 @@ static void monitor_stiffness(integrator *d)
     s->n_calm = 0;
     reach = stability_ratio(d, d->t - d->t_before);
     if (s->is_found) {
-        /* A method at its stability limit oscillates about the limit, or stays there. */
+        /* At its stability limit, a method oscillates about the limit or stays there. */
         if (reach == COTREE_F(0.0) || reach > COTREE_F(0.5) * STABLE) s->n_steps += CALM_STEPS;
     } else if (reach > STABLE) {
         if (s->n_stiff == 0) s->since = d->t_before;
@@ -147,9 +147,9 @@ static void accept(integrator *d)
 #endif
 }
 
-/* Return whether the last trial step is accepted in spite of its error, as rounding of the time
- * permits hardly a shorter one. Where the argument of a root becomes zero, sensitivities change as
- * a root of time does: their error is the root of rounding. */
+/* Return whether the last trial step is accepted in spite of its error, since rounding of the time
+ * hardly permits a shorter one. If the argument of a root reaches zero, sensitivities change like
+ * the root of the time, so that their error is the root of a rounding error. */
 static int is_shortest(const integrator *d)
 {
     const cotree_real most = COTREE_FMIN(LARGEST_ERROR, LARGEST_SHARE / d->rtol);

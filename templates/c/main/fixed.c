@@ -1,10 +1,10 @@
-/* The model as a right-hand side of integrators. */
+/* The model as the right-hand side for the integrator. */
 static cotree_run run;
 #if COTREE_HAS_IMPLICIT
 static cotree_stiff stiff;
 #endif
 
-/* Initialise the run in an arena; without memory, only count the bytes. */
+/* Initialise the run in an arena; if it has no memory, only count the bytes. */
 static void begin_run(cotree_arena *arena)
 {
     cotree_run_init(&run, MODEL, problem.p, problem.k, problem.u, 1, arena);
@@ -14,7 +14,7 @@ static void begin_run(cotree_arena *arena)
 #endif
 }
 
-/* Compute run.full, all states and sensitivities, at the present point of the integrator. */
+/* Compute run.full, all states and sensitivities, at the current point of the integrator. */
 static int complete(const integrator *d)
 {
 #if COTREE_HAS_IMPLICIT
@@ -79,7 +79,7 @@ int main(int argc, char **argv)
     if (!(steps < COTREE_F(1e9))) return fail("there are too many steps to the end time");
     n = (long)steps;
     begin_run(&arena);
-    /* The only allocation; without a heap, an array of this size can be used. */
+    /* This is the only allocation; without a heap, an array of this size can replace it. */
     arena.base = (char *)calloc(1, arena.used);
     if (arena.base == NULL) return fail("there is no memory");
     arena.used = 0;
@@ -88,7 +88,7 @@ int main(int argc, char **argv)
     if (n_points > n + 1) return fail("there are fewer steps than points");
     if (n_points > 0) print_head();
     for (i = 0; i <= n && status == COTREE_OK; ++i) {
-        /* The row of a point is that of the nearest step. */
+        /* The row of a point contains the nearest step. */
         if (row < n_points && i == step_of(row, n_points, n)) {
             if (complete(&d) != 0 || print_row(d.t, run.full) != 0) return EXIT_FAILURE;
             ++row;

@@ -30,7 +30,7 @@ static void print_events(void)
 }
 
 #endif
-/* Print why the job failed. */
+/* Print the reason why the job failed. */
 static void report(void)
 {
 #if COTREE_MAIN_TURNS
@@ -59,8 +59,8 @@ static void report(void)
             cotree_status_message((cotree_status)job.status));
 }
 
-/* Run the job to its end. This allocates its memory and a list of its breakpoints, and nothing
- * else; without a heap, arrays of these sizes can be used. */
+/* Run the job to its end. Only its memory and a list of its breakpoints are allocated; without a
+ * heap, arrays of these sizes can replace them. */
 static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
@@ -80,7 +80,7 @@ static int integrate(cotree_real t_end)
     job.n_corners = 2;
     job.corners = corners;
 #endif
-    if (job.n_wanted == 0) job.wanted = corners; /* not read, but must not be NULL */
+    if (job.n_wanted == 0) job.wanted = corners; /* it is not read, but must not be NULL */
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("there is no memory");
     while (result == COTREE_JOB_MORE) {

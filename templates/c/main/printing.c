@@ -1,4 +1,4 @@
-/* The stream to which values are printed. */
+/* Stream to which values are printed. */
 static FILE *out;
 
 static int fail(const char *what)
@@ -7,7 +7,7 @@ static int fail(const char *what)
     return EXIT_FAILURE;
 }
 
-/* Reject an argument. */
+/* Report an invalid argument. */
 static int refuse(const char *argument, const char *why)
 {
     fprintf(stderr, "%s: %s: %s.\n", TITLE, argument, why);

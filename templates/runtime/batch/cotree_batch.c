@@ -80,7 +80,8 @@ int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, doubl
     return prepare_member(batch, member, k, z, &is_dependent);
 }
 
-/* Write the data that differ between members to the job; the rest is copied from the pattern. */
+/* Write the data that differ between members to the job, after the others were copied from the
+ * pattern. */
 static int set_member_data(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -113,14 +114,14 @@ static int begin_member(cotree_worker *w)
     job->records = w->records;
     job->most_records = w->most_records;
 #if COTREE_HAS_CONSTRAINTS
-    job->crossings = NULL; /* crossings are recorded in the pattern's array only */
+    job->crossings = NULL; /* only the pattern's array records crossings */
 #endif
     job->memory = w->memory;
     memset(w->memory, 0, batch->memory); /* removes data of the previous member */
     return batch->has_given_jobs ? 0 : set_member_data(w);
 }
 
-/* Evaluate the inputs at the stored points of a member; given inputs replace those of the scene. */
+/* Evaluate the inputs at the stored points of a member; given inputs replace the scene's. */
 static int evaluate_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
 {
     const cotree_batch *const batch = w->batch;
@@ -180,7 +181,7 @@ int cotree_batch_finish(cotree_worker *w, int member, const double *k)
     return 0;
 }
 
-/* Append the events of the member to those of the worker. */
+/* Append the member's events to the worker's events. */
 static void append_events(cotree_worker *w)
 {
     const cotree_job *const job = &w->job;
@@ -200,7 +201,7 @@ static void append_events(cotree_worker *w)
     }
 }
 
-/* Store the counters of the job and the code of its end. */
+/* Store the counters of the job, and how it ended. */
 static void store_counters(cotree_worker *w, int ended)
 {
     const cotree_batch *const batch = w->batch;
@@ -218,7 +219,7 @@ void cotree_batch_close(cotree_worker *w)
     w->stage = CLOSED;
 }
 
-/* Finish a member that has reached its end, if its events fit into the worker's space. */
+/* Finish a member that has reached its end, if there is space for its events. */
 static int finish_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -242,8 +243,7 @@ static int lacks_space(const cotree_job *job)
            job->most_records;
 }
 
-/* Return the code of the exhausted budget, checked in the same order as in a single run; 0:
- * none. */
+/* Return the code of the exhausted limit, checked in the same order as in a single run; 0: none. */
 static int exceeded_budget(const cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;

@@ -13,7 +13,8 @@ typedef struct cotree_batch cotree_batch;
 typedef struct cotree_worker cotree_worker;
 
 struct cotree_batch {
-    /* Common to all members: a job that has not started, and the function that runs it. */
+    /* Common to all members: a job that has not started (the pattern), and the functions that run
+     * and end it. */
     const cotree_job *pattern;
     int (*run)(cotree_job *job, long most_steps);
     void (*end)(cotree_job *job);
@@ -37,7 +38,7 @@ struct cotree_batch {
     const double *set_values; /* n_set values in each row */
     const double *atols;      /* n absolute tolerances in each row; NULL: those of the pattern */
     const double *turn_tolerances; /* n_sensitivities in each row; NULL: those of the pattern */
-    /* Inputs that replace the scene's when outputs are evaluated. */
+    /* Inputs that replace the scene's inputs in the evaluation of outputs. */
     int n_given;
     const int *given;           /* n_given input indices */
     const double *given_values; /* n_given values at each wanted time */
@@ -55,13 +56,13 @@ struct cotree_batch {
     /* Shared by all threads. */
     int next;       /* next member to run; access it through cotree_batch_take */
     int is_stopped; /* nonzero: all workers return as soon as possible */
-    /* Runs several members at once, for workers without a current member; NULL: not available.
-     * Return values are those of cotree_batch_work; COTREE_BATCH_EMPTY if no member is left.
-     * Members that it cannot finish get the code COTREE_MEMBER_LEFT. */
+    /* Runs several members at once, one in each SIMD lane, for workers without a current member;
+     * NULL: not available. Return values are those of cotree_batch_work; COTREE_BATCH_EMPTY if no
+     * member is left. Members that it cannot finish get the code COTREE_MEMBER_LEFT. */
     int (*lanes)(cotree_worker *worker);
-    long most_in_lanes; /* a member is passed on after this number of steps; 0: no limit */
-    /* For lanes: compute k and z at the start of a member, and finish it. Return 0, or the code of
-     * its failure. */
+    long most_in_lanes; /* `lanes` passes on a member after this number of steps; 0: no limit */
+    /* Used by `lanes`: compute k and z at the start of a member; finish a member. Both return 0, or
+     * the code of the member's failure. */
     int (*prepare)(const cotree_batch *batch, int member, double *k, double *z);
     int (*finish)(cotree_worker *worker, int member, const double *k);
     double (*now)(void); /* returns the time of a monotonic clock, [s] */
@@ -84,7 +85,7 @@ struct cotree_worker {
     double *events;
     int most_events;
     int n_events;
-    void *own; /* memory owned by lanes */
+    void *own; /* memory of `lanes` */
 };
 
 /* How a member ended. Codes above COTREE_MEMBER_STOPPED are failures. */
@@ -98,7 +99,7 @@ struct cotree_worker {
 #define COTREE_MEMBER_STEPS 7      /* step limit reached */
 #define COTREE_MEMBER_EVENTS 8
 #define COTREE_MEMBER_TIME 9
-#define COTREE_MEMBER_LEFT 10 /* passed on by lanes: another worker runs it */
+#define COTREE_MEMBER_LEFT 10 /* passed on by `lanes`: scalar code runs it */
 
 #define COTREE_BATCH_EMPTY 0    /* no member is left */
 #define COTREE_BATCH_AGAIN 1    /* more members may be left: call again */
@@ -129,7 +130,7 @@ COTREE_EXPORT double cotree_batch_now(void);
 /* Return the maximum number of threads for a batch: 1 without atomic operations. */
 COTREE_EXPORT int cotree_batch_most_threads(void);
 
-/* Number of steps between two checks of the clock and of is_stopped. */
+/* Number of steps between two checks of the clock and is_stopped. */
 #define COTREE_BATCH_STEPS 16
 
 /* Return whether workers must stop. */

@@ -7,7 +7,7 @@
 #include "cotree_numbers.h"
 #endif
 
-/* Set the bounds of quantity k of n over an interval, from its values at both ends. They are
+/* Set the bounds of quantity k of n over an interval: the range of its values at both ends,
  * extended by a quarter of its second difference, which is twice the distance of a parabola from
  * its chord. */
 static inline void cotree_set_bounds(REAL *box, int n, int k, REAL low, REAL high, REAL bend)
@@ -36,8 +36,8 @@ static inline REAL cotree_set_step_bounds(REAL *box, int n, int k, REAL a, REAL 
     return rate;
 }
 
-/* Bounds of an event function on one side of zero, all multiplied by the sign of that side: the
- * smallest value and the range of the rate. */
+/* Bounds of an event function on one side of zero: its smallest value and the range of its rate,
+ * all multiplied by the sign of that side. */
 typedef struct cotree_side_range {
     REAL low, slow, fast;
 } cotree_side_range;
@@ -57,15 +57,15 @@ static inline MASK cotree_is_monotone(cotree_side_range r)
     return (r.slow >= COTREE_F(0.0)) | (r.fast <= COTREE_F(0.0));
 }
 
-/* Return a lower bound of an event function in an interval with the values a and b at its ends: the
- * value at the intersection of the steepest lines through both ends. */
+/* Return a lower bound of an event function that has the values a and b at the ends of an interval:
+ * the value at which the steepest possible lines through both ends intersect. */
 static inline REAL cotree_lower_bound(cotree_side_range r, REAL a, REAL b, REAL width)
 {
     return a + r.slow * ((a - b + r.fast * width) / (r.fast - r.slow));
 }
 
-/* Return whether an event function with the values a and b at the ends of a step cannot reach zero
- * within the step. Both values are at least `least` away from zero on the same side. The rate is
+/* Return whether an event function that has the values a and b at the ends of a step cannot reach
+ * zero within it. Both values are at least `least` away from zero on the same side. The rate is
  * assumed to be bounded by a multiple of the mean rates of this and the previous step. */
 static inline MASK cotree_is_out_of_reach(REAL side, REAL a, REAL b, REAL moved_before, REAL least)
 {

@@ -1,6 +1,6 @@
 /* cotree_branches.c: branches of piecewise functions, frozen during a step.
  *
- * Absolute values, selections and tables are smooth within a branch and have a kink between two
+ * Absolute values, selections and tables are smooth within each branch and have kinks between
  * branches. A step freezes the branches at its start and ends at the first kink. */
 #include "cotree_events_internal.h"
 
@@ -18,14 +18,14 @@ void cotree_release_branches(cotree_events *e)
     }
 }
 
-/* Return the distance from zero within which an argument counts as at its kink. */
+/* Return the distance from zero within which the argument of a kink counts as zero. */
 static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 {
     return COTREE_FMAX(cotree_zero_band(e, i),
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
-/* Half-width of a band, as a multiple of the argument, at which the root is suppressed. */
+/* Half-width of a band, as a multiple of the argument, that suppresses the root. */
 #define SUPPRESSING_RATIO COTREE_SELECT(1e15, 1e10f)
 
 /* Half-width of a band, as a fraction of the tolerance, that keeps the slope of a root finite at
@@ -35,10 +35,10 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 /* Maximum number of Gauss-Seidel sweeps over the steep kinks whose arguments stay at zero. */
 #define MAX_SWEEPS 20
 
-/* Effect of the roots of a steep kink on its argument: none, towards zero, or away from zero. */
+/* How the roots of a steep kink drive its argument: not at all, towards zero, or away from zero. */
 enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
 
-/* Write a point next to w to `point`, with the modes of jumps that are valid there. */
+/* Write to `point` a point next to w, with the modes of jumps that are valid there. */
 static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real far)
 {
     cotree_real share = COTREE_F(0.0);
@@ -83,8 +83,7 @@ static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_r
     return status;
 }
 
-/* Classify the effect of the roots of a steep kink on its argument, from points on both sides of
- * w. */
+/* Classify how the roots of a steep kink drive its argument, from points on both sides of w. */
 static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_real *w, int *found)
 {
     int side, status = 0;
@@ -99,7 +98,7 @@ static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_r
 }
 
 /* Return whether the argument of a steep kink stays within its zero band over the rest of the span
- * at its present rate. Roots are suppressed in that evaluation. */
+ * at its current rate. Roots are suppressed in that evaluation. */
 static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     return cotree_compute_curvature(e, t, w) == 0 &&
@@ -177,8 +176,7 @@ static void freeze_branch(cotree_events *e, int i, cotree_real side)
     }
 }
 
-/* Compute the errors of the arguments of steep kinks that correspond to the tolerances of the
- * states. */
+/* Compute the errors in the arguments of steep kinks that the state tolerances allow. */
 static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i, status;
@@ -191,8 +189,8 @@ static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *
     return status == 0 ? cotree_compute_values(e, t, w) : status;
 }
 
-/* Select the branches of the motion that starts at a point. A branch whose argument has zero rate
- * remains released, as does one already selected at the same time. */
+/* Select the branches that the motion from a point enters. A branch is not frozen if its argument
+ * has zero rate or it was already selected at the same time. */
 int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
@@ -235,7 +233,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* Return whether all events found are kinks and no modes have to be selected. */
+/* Return whether all located events are kinks, so that no modes have to be selected. */
 int cotree_are_only_kinks(const cotree_events *e)
 {
     int i;
@@ -274,7 +272,7 @@ int cotree_enters_band(const cotree_events *e, const cotree_real *g)
     return 0;
 }
 
-/* An argument leaves the band of a steep kink at this multiple of the half-width. */
+/* An argument has left the band of a steep kink beyond this multiple of the half-width. */
 #define LEAVING_RATIO COTREE_F(4.0)
 
 /* Return whether a step ended beyond a frozen branch by more than the tolerance, or the branch was
@@ -284,7 +282,7 @@ int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* Without a frozen interval, the argument of a table is on no side of it. */
+        /* A table without a frozen interval has no side to leave. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
         if (e->side[i] == COTREE_F(0.0) &&
             COTREE_FABS(g[i]) >
@@ -311,8 +309,8 @@ static int bound_quantities(cotree_events *e)
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
-/* Test the end of the step only. Return REFINE if the changes in this and the previous step
- * indicate that a kink may be reached. */
+/* Test only the end of the step. Return REFINE if a kink may be reached according to the changes in
+ * this and the previous step. */
 int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);

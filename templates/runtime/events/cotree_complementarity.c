@@ -6,8 +6,8 @@
  * friction slides, its force is at one of two limits; if a stop is open, its force is at its only
  * limit, zero.
  *
- * A trial evaluates the forces and accelerations of one mode set. The forces move from their
- * present values towards those of the trial until the first one reaches a limit: that constraint
+ * A trial evaluates the forces and accelerations for one mode set. The forces move from their
+ * current values towards those of the trial until the first one reaches a limit: that constraint
  * slides, or opens. If no force reaches a limit, a constraint whose acceleration violates its mode
  * sticks, or closes. Only the slacks, the distances to the limits, are stored. If the limits are
  * constant, each pivot decreases a convex quadratic function (primal active-set method: J. Nocedal,
@@ -23,10 +23,11 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Slacks of a force to its forward and backward limit. A stop has only the first one. */
+/* Slacks of a force: its distances to the forward and the backward limit. A stop has only the
+ * first. */
 #define SLACK(k, is_backward) (e->slack[2 * (k) + (is_backward)])
 
-/* Step fraction of a constraint that reaches no limit. It exceeds 1, so that others change
+/* Step fraction of a constraint that reaches no limit: above 1, so that other constraints change
  * first. */
 #define FRACTION_NO_LIMIT COTREE_F(2.0)
 
@@ -34,7 +35,7 @@
  * exactly. */
 #define CODE_MODULUS COTREE_SELECT(1125899906842597.0, 1048573.0f)
 
-/* The maximum number of modes of one constraint. */
+/* Maximum number of modes of one constraint. */
 #define MAX_MODES 3
 
 /* List the modes that a constraint may have. Return their number. */
@@ -55,8 +56,8 @@ static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
     return n;
 }
 
-/* Return the relative violation of the present mode of a constraint, and the mode that removes
- * it. */
+/* Return the relative amount by which a constraint violates its current mode, and the mode that
+ * removes the violation. */
 static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     *new_mode = -e->modes[k];
@@ -69,7 +70,7 @@ static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree
                                             : cotree_friction_violation(e, k, t, new_mode);
 }
 
-/* Return the event whose limit the force is at in the given mode, or -1. */
+/* Return the event that represents the limit of the force in the given mode, or -1. */
 static int limit_event(const cotree_events *e, int k, cotree_real mode)
 {
     if (cotree_is_load(e, k)) return -1;
@@ -79,7 +80,7 @@ static int limit_event(const cotree_events *e, int k, cotree_real mode)
                                     : -1;
 }
 
-/* Return whether the slacks of a constraint change when the forces move. */
+/* Return whether the slacks of a constraint change with the forces. */
 static int has_moving_slack(const cotree_events *e, int k)
 {
     if (!cotree_may_change(e, k) || cotree_is_load(e, k)) return 0;
@@ -104,8 +105,7 @@ static void init_slack(cotree_events *e)
     }
 }
 
-/* Return the fraction of the step to the trial forces at which a constraint changes to its new
- * mode. */
+/* Return the fraction of the step to the trial forces at which a constraint changes its mode. */
 static cotree_real fraction_to_limit(const cotree_events *e, int k, cotree_real new_mode)
 {
     const int limit = limit_event(e, k, new_mode);
@@ -145,14 +145,14 @@ static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotre
     return mode == COTREE_F(0.0) ? COTREE_F(2.0) : e->slip_sign[i];
 }
 
-/* Set a mode in the trial, and the modes of the friction at its contact. */
+/* Set a mode of the trial and, for a stop, the modes of the friction at its contact. */
 static void change_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
     for (i = 0; i < e->n_modes; ++i) e->modes[i] = mode_after_change(e, i, k, mode);
 }
 
-/* Set the mode of a constraint that has reached its limit, and reset its slack. */
+/* Set the new mode of a constraint that has reached its limit, and reset its slack. */
 static void set_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
@@ -164,7 +164,7 @@ static void set_mode(cotree_events *e, int k, cotree_real mode)
     change_mode(e, k, mode);
 }
 
-/* Return a code that identifies the present mode set. If `other` is not -1, its mode is
+/* Return a code that identifies the current mode set. If `other` is not -1, its mode is
  * replaced. */
 static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode)
 {
@@ -177,7 +177,7 @@ static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode
     return number;
 }
 
-/* Store the code of the present mode set. */
+/* Store the code of the current mode set. */
 static void record_trial(cotree_events *e)
 {
     e->tried_codes[e->n_tried % N_TRIED_CODES] = mode_code(e, -1, COTREE_F(0.0));
@@ -195,7 +195,7 @@ static int is_tried(const cotree_events *e, int k, cotree_real mode)
     return 0;
 }
 
-/* Find a mode of a constraint that was not tried together with the present modes of the others. */
+/* Find a mode of a constraint that was not tried together with the current modes of the others. */
 static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
 {
     cotree_real modes[MAX_MODES];
@@ -208,7 +208,7 @@ static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
     return 0;
 }
 
-/* Find a change of mode of any consistent constraint that leads to an untried mode set. */
+/* Find a consistent constraint whose change of mode leads to an untried mode set. */
 static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *to)
 {
     int k;
@@ -220,8 +220,8 @@ static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *
     return 0;
 }
 
-/* Compute the rounding error of the forces of active constraints. It is that of the largest force,
- * since the forces are coupled. */
+/* Compute the rounding error of the active constraints' forces. It is the rounding error of the
+ * largest force, since the forces are coupled. */
 static void compute_force_noise(cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -250,7 +250,7 @@ static int evaluate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 #endif
 }
 
-/* Evaluate the second-order conditions needed by the consistency test. */
+/* Evaluate the second-order conditions of the consistency test. */
 static int evaluate_trial(cotree_events *e, cotree_real t)
 {
     if (e->is_impact) return 0;
@@ -258,8 +258,8 @@ static int evaluate_trial(cotree_events *e, cotree_real t)
     return cotree_compute_later_accelerations(e, t);
 }
 
-/* Find the constraint whose mode changes first, and take the step to its limit; -1 if all changes
- * lead to mode sets that were tried. Return whether any constraint is violated. */
+/* Find the constraint whose mode changes first (*changed = -1 if only mode sets that were tried
+ * follow), and take the step to its limit. Return whether any constraint is violated. */
 static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real *to)
 {
     cotree_real first = COTREE_F(0.0), most = COTREE_F(0.0);
@@ -287,7 +287,7 @@ static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real
     return is_wrong;
 }
 
-/* Return whether the trial has a solution that is consistent with its modes. */
+/* Return whether the trial can be solved and its solution is consistent with its modes. */
 static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_real new_mode;
@@ -332,7 +332,7 @@ static int enumerate_modes(cotree_events *e, cotree_real t, const cotree_real *w
     return 0;
 }
 
-/* Fail, and mark the active constraints in a range as the cause. */
+/* Set a failure, and mark the active constraints in a range as its cause. */
 static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int status)
 {
     int i, k, first = -1;
@@ -345,7 +345,7 @@ static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int st
     return cotree_fail(e, PLACE(first < 0 ? from : first, SLIP), t, status);
 }
 
-/* Fail because the equations were singular in the first trial of the mode selection. */
+/* Set the failure for equations that are singular in the first trial of the mode selection. */
 static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     int k, n_idle = 0;
@@ -355,7 +355,7 @@ static int fail_indeterminate(cotree_events *e, cotree_real t)
     return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_INDETERMINATE);
 }
 
-/* Fail because the equations are singular with the modes at the start. */
+/* Set the failure for equations that are singular with the modes at the start. */
 int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;
@@ -376,7 +376,7 @@ static int close_stops(cotree_events *e, int is_held)
     return is_changed;
 }
 
-/* Change modes until those of n unilateral constraints are consistent. Return FOUND, NONE if
+/* Change modes until the modes of n unilateral constraints are consistent. Return FOUND, NONE if
  * pivoting ends without a solution, or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
@@ -428,8 +428,8 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_modes(e, t, 0, e->n_modes, COTREE_EVENTS_NO_MODES);
 }
 
-/* Reject a solution that is not unique: with strong friction a stop may be able both to stay closed
- * and to open (Painleve paradox). */
+/* Fail if the solution is not unique: with strong friction, a stop may both stay closed and open
+ * (Painleve paradox). */
 static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;

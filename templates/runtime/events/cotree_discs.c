@@ -12,14 +12,14 @@
 #include <stddef.h>
 
 #if COTREE_HAS_DISCS
-/* Maximum number of iterations for the direction of sliding. */
+/* Maximum number of iterations for the sliding directions. */
 #define MAX_TURNS 200
 
-/* Convergence tolerance of the direction. */
+/* Convergence tolerance of the sliding directions. */
 #define DIRECTION_TOL COTREE_SELECT(1e-14, 1e-6f)
 
-/* Cosine below which the angle between direction and slip exceeds 60 degrees: the direction is then
- * reset. */
+/* A direction is reset if the cosine of its angle to the slip is below this, that is, beyond 60
+ * degrees. */
 #define LEAST_COSINE COTREE_F(0.5)
 
 int cotree_count_discs(const cotree_hybrid *h)
@@ -29,7 +29,7 @@ int cotree_count_discs(const cotree_hybrid *h)
     return n;
 }
 
-/* Return the direction of sliding, two components. */
+/* Return the two components of the sliding direction. */
 static cotree_real *direction_of(const cotree_events *e, int k)
 {
     return e->directions + 2 * e->disc[k];
@@ -42,7 +42,7 @@ static cotree_real dot(const cotree_real *a, const cotree_real *b)
 
 static cotree_real length_of(const cotree_real *a) { return COTREE_SQRT(dot(a, a)); }
 
-/* Set a direction to that of a vector, unless the vector is zero. */
+/* Set a direction to the direction of a vector, unless the vector is zero. */
 static void set_direction(const cotree_events *e, int k, const cotree_real *along)
 {
     const cotree_real length = length_of(along);
@@ -77,14 +77,14 @@ void cotree_store_directions(const cotree_events *e, cotree_real *w)
     for (i = 0; i < 2 * e->n_discs; ++i) w[e->direction_states[i]] = e->directions[i];
 }
 
-/* Write both components of the slip at the last evaluation of new values. */
+/* Write both components of the slip from the last evaluation of new values. */
 void cotree_slip_vector(const cotree_events *e, int k, cotree_real *slip)
 {
     slip[0] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
     slip[1] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, FORWARD_LIMIT));
 }
 
-/* Write both components of the slip acceleration at the last evaluation. */
+/* Write both components of the slip acceleration from the last evaluation. */
 static void slip_acceleration(const cotree_events *e, int k, cotree_real *rate)
 {
     rate[0] = -cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, SLIP));
@@ -109,8 +109,8 @@ cotree_real cotree_disc_speed(cotree_events *e, int k, cotree_real mode)
     return speed;
 }
 
-/* Set the direction in which friction starts to slide: that of the force or impulse in the last
- * trial, in which it stuck. */
+/* Set the direction in which friction starts to slide: the direction of the force or impulse in the
+ * last trial, in which it stuck. */
 int cotree_begin_sliding(cotree_events *e, int k, cotree_real t)
 {
     cotree_real force[2];
@@ -126,7 +126,7 @@ int cotree_begin_sliding(cotree_events *e, int k, cotree_real t)
     return 0;
 }
 
-/* Turn the direction of one contact towards its slip. gain: change of the direction per unit of
+/* Rotate the direction of one contact towards its slip. gain: change of the direction per unit of
  * slip. Return the magnitude of the change. */
 static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *slip)
 {
@@ -157,9 +157,9 @@ static cotree_real turn(cotree_events *e, int k, int round, const cotree_real *s
     return length_of(change);
 }
 
-/* Turn the directions of contacts that start to slide towards their accelerations or, in impacts,
- * towards the slip after the impact. Return whether any direction has changed, so that the trial
- * must be evaluated again. */
+/* Rotate the directions of contacts that start to slide towards their accelerations or, in impacts,
+ * towards the slip after the impact. Return whether any direction changed, so that the trial must
+ * be evaluated again. */
 int cotree_turn_discs(cotree_events *e, int round)
 {
     int k, is_changed = 0;
@@ -174,7 +174,7 @@ int cotree_turn_discs(cotree_events *e, int round)
             slip_acceleration(e, k, slip);
             least = cotree_slip_rest_tolerance(e, k);
         }
-        /* A contact at its limit that does not move yet keeps the direction of its force. */
+        /* A contact at its limit that does not slide yet keeps the direction of its force. */
         if (length_of(slip) <= least) continue;
         is_changed = turn(e, k, round, slip) > DIRECTION_TOL || is_changed;
     }

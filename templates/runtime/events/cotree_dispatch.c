@@ -1,18 +1,18 @@
-/* cotree_dispatch.c: applies the events at one time, and the events that they trigger. */
+/* cotree_dispatch.c: application of simultaneous events, and of the events that they trigger. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Return whether a crossing towards the given side is in the direction of the event. */
+/* Return whether a crossing towards the given side has the direction of the event. */
 int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 {
     const int direction = e->rows[i].direction;
     return direction == 0 || (cotree_real)direction == side;
 }
 
-/* Return a past time of an event; age 0 is the most recent one. */
+/* Return a past time of an event; age 0 is the latest time. */
 static cotree_real recent_event_time(const cotree_events *e, int i, int age)
 {
     const int place = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
@@ -44,10 +44,10 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
-/* Count an event. Fail if events accumulate or chatter. */
+/* Store the time of an event. Fail if its times accumulate or chatter. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
-    /* Keep the count within the range of int. */
+    /* Keeps the count within the range of int. */
     if (e->n_event_times[i] >= 2 * COTREE_EVENT_CROWD) e->n_event_times[i] -= COTREE_EVENT_CROWD;
     e->event_times[i * COTREE_EVENT_CROWD + e->n_event_times[i] % COTREE_EVENT_CROWD] = t;
     ++e->n_event_times[i];
@@ -70,7 +70,7 @@ int cotree_fail_grazing(cotree_events *e, int i, cotree_real t)
     return cotree_fail(e, i, t, COTREE_EVENTS_GRAZING);
 }
 
-/* Find whether an event function depends on a parameter of the sensitivities. */
+/* Determine whether an event function depends on a sensitivity parameter. */
 static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *w,
                            int *is_dependent)
 {
@@ -174,8 +174,8 @@ int cotree_has_curvature(const cotree_events *e, int i)
     return COTREE_FABS(e->curvature[i]) * e->span > ZERO_RATE_SHARE * e->rate_before[i];
 }
 
-/* Write the sign of each event function to samples. If a function is zero, its rate determines the
- * sign; for jumps at zero rate the second derivative does. */
+/* Write the sign of each event function to samples. If a function is zero, its sign is that of its
+ * rate or, for jumps at zero rate, of its second derivative. */
 static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i, is_known = 0, status = cotree_compute_values(e, t, w);
@@ -216,7 +216,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
     return status;
 }
 
-/* Apply the jumps found to a copy of w, in forward or reverse order. */
+/* Apply the located jumps to a copy of w, in forward or reverse order. */
 static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_reverse)
 {
     int k, status = 0;
@@ -228,8 +228,8 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     return status;
 }
 
-/* Fail if simultaneous jumps do not commute and a parameter separates their times: no sensitivities
- * exist. */
+/* Fail if simultaneous jumps do not commute and a parameter separates their times, since
+ * sensitivities then do not exist. */
 static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, first = -1, are_apart = 0, is_dependent;
@@ -256,7 +256,7 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Apply the events found, each in the direction of its crossing. */
+/* Apply the located events, each in the direction of its crossing. */
 static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_fired = 0, status = check_order(e, t, w);
@@ -289,9 +289,9 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
     return status;
 }
 
-/* Fail because of an endless cascade, and mark the events of the last rounds. If all are jumps, the
- * motion slides along a switching surface. If no rate jumps, now or shortly afterwards, any mode is
- * valid. */
+/* Set the failure of an endless cascade, and mark the events of the last rounds. If all are jumps,
+ * the motion slides along a switching surface. If no rate jumps, now or shortly afterwards, any
+ * mode is valid. */
 static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real later = t + CURVATURE_STEP_SHARE * e->span;
@@ -321,7 +321,7 @@ static int is_mode_wrong(const cotree_events *e, int i)
            cotree_jumps_changes_value(&e->jumps, i);
 }
 
-/* Fail if a value leaves a switching surface at a time that is not determined. */
+/* Fail if a value leaves a switching surface at an undetermined time. */
 static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int k, is_timed = e->is_time_fixed || e->run->n_blocks == 1 || e->side[i] != COTREE_F(0.0);

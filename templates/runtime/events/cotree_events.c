@@ -6,11 +6,12 @@
 #include <stddef.h>
 
 /* Limits of the interpolation error, in tolerances. Above the first one, a step is refined if an
- * event function comes close to zero; above the second one, before a crossing is located. */
+ * event function is close to zero; above the second one, it is refined before a crossing is
+ * located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)
 #define FINE_TOLERANCES COTREE_F(4.0)
 
-/* The corresponding limit for kinks, at which errors have second-order effects only. */
+/* The corresponding limit for kinks, at which errors only have second-order effects. */
 #define KINK_TOLERANCES COTREE_F(100.0)
 
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
@@ -115,7 +116,7 @@ static int evaluate(cotree_events *e, cotree_real t, const cotree_real *w)
     return status == 0 ? cotree_update_scales(e, t, w, e->g) : status;
 }
 
-/* Evaluate the event functions at the start of a run, with the scales of their terms. */
+/* Evaluate the event functions at the start of a run, and the magnitudes of their terms. */
 static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status = evaluate(e, t, w);
@@ -144,7 +145,7 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
             e->crossing_sign[i] = cotree_sign_of(e->curvature[i]);
         }
         e->side[i] = e->crossing_sign[i];
-        /* The mode selection handles a gap that is closed at the start, by an impact or at rest. */
+        /* The mode selection handles gaps that are closed at the start, by impacts or at rest. */
         e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
                          e->rows[i].direction != 0 &&
                          (cotree_real)e->rows[i].direction == e->crossing_sign[i];
@@ -278,7 +279,7 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     if (e->failure != 0) return e->failure;
     if (sign != COTREE_F(0.0) && side != COTREE_F(0.0) && sign != side &&
         cotree_is_in_direction(e, i, sign)) {
-        /* Interpolated speeds near zero are accurate only to the tolerance of their terms. */
+        /* Interpolated speeds near zero are only accurate to the tolerance of their terms. */
         const int is_close =
             e->is_fine || (cotree_is_kink(e, i) && e->history_error <= KINK_TOLERANCES);
         if (!is_close || (cotree_stays_at_zero(e, i) && !e->is_refined)) return REFINE;
@@ -338,7 +339,7 @@ static int find_crossings(cotree_events *e, int *first, cotree_real *until)
     return status == COTREE_EVENTS_NONE && *until < COTREE_INFINITY ? SHORTEN : status;
 }
 
-/* Find the event functions that are zero at the end of the step, within the uncertainty of the
+/* Find the event functions that are zero at the end of the step within the uncertainty of its
  * time. */
 static int find_at_end(cotree_events *e, int *first)
 {
@@ -368,7 +369,7 @@ static int find_at_end(cotree_events *e, int *first)
     return status;
 }
 
-/* Compute the uncertainty of the time of an event. */
+/* Compute the time uncertainty of an event. */
 static int compute_margin(cotree_events *e, int i)
 {
     cotree_real rate, known;
@@ -431,7 +432,7 @@ static int has_left_surface(cotree_events *e, int i, cotree_real side)
     return 1;
 }
 
-/* Find the first events in a step that has been sampled. */
+/* Find the first events in a sampled step. */
 static int find_first_event(cotree_events *e)
 {
     const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;

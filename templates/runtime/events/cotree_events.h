@@ -54,17 +54,17 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_LEAVES_ROOT = 53 /* a root of infinite slope drives a value away from zero */
 } cotree_events_status;
 
-/* The number of events that are recorded: all but kinks. */
+/* Number of events that are recorded: all except kinks. */
 #define COTREE_EVENTS_OF(hybrid) ((hybrid)->n_events - (hybrid)->n_kinks)
 
-/* The largest number of records written in one call. */
+/* Largest number of records written in one call. */
 #define COTREE_EVENTS_AT_ONCE(n_events) ((n_events) + COTREE_EVENT_ROUNDS)
 
 /* Numbers in a record: the time, the event, the derivatives of the time by the parameters, and the
  * states before and after the event. */
 #define COTREE_EVENTS_RECORD(n_states, n_sensitivities) (2 + (n_sensitivities) + 2 * (n_states))
 
-/* The largest number of pivots of the mode selection for n_edges unilateral constraints. */
+/* Largest number of pivots in the mode selection for n_edges unilateral constraints. */
 #define COTREE_FRICTION_ROUNDS(n_edges) (20 + 10 * (n_edges) * (n_edges))
 
 /* Compute the solution at a time within the last step as accurately as the steps themselves: by
@@ -73,9 +73,9 @@ typedef enum cotree_events_status {
 typedef int (*cotree_solution_function)(cotree_real t, cotree_real *w, void *context);
 
 typedef struct cotree_events {
-    cotree_real t, margin; /* time of the events found, and its uncertainty */
+    cotree_real t, margin; /* time of the located events, and its uncertainty */
     cotree_real *w;        /* the solution at t: before the events are applied, then after */
-    int n_found; /* number of events found; 0: the integration restarts at t without an event */
+    int n_found; /* number of located events; 0: the integration restarts at t without an event */
     int n_fired; /* number of events applied in the last call */
     int is_mode_changed;  /* 1: the last call changed modes of friction, stops or loads */
     int terminal_event;   /* index of the event that ends the run, or -1 */
@@ -93,7 +93,7 @@ typedef struct cotree_events {
     cotree_jumps jumps;
     cotree_run *run;
     const cotree_event *rows;
-    int n_events, n; /* numbers of events and of entries of w */
+    int n_events, n; /* number of events; number of entries of w */
     int n_kinks, n_branches;
     int has_steep;             /* 1: the model has steep kinks (roots) */
     cotree_real branch_time;   /* time at which branches were last selected */
@@ -117,7 +117,7 @@ typedef struct cotree_events {
     /* Data for the interval bounds of nonlinear event functions, see cotree_scan.c. */
     int n_ranges, n_quantities;
     cotree_real *ranges;             /* for each function: bounds of its value, then of its rate */
-    cotree_real *box;                /* bounds of the quantities, then of their rates */
+    cotree_real *box;                /* bounds of the quantities' values, then of their rates */
     cotree_real *quantity_samples;   /* values of the quantities at the samples of the step */
     cotree_real *quantity_mean_rate; /* mean rates of the quantities in the last step */
     cotree_real *stack;              /* ends of the intervals that are still to be bisected */
@@ -151,10 +151,10 @@ typedef struct cotree_events {
     int *is_active;       /* 1: the complementarity conditions determine the mode */
     int *stays_at_zero;   /* for each event function: 1 if its value stays at zero */
     int *is_stepped_over; /* for each event function: 1 if crossed by an external integrator */
-    cotree_real *modes;   /* modes in the present trial */
+    cotree_real *modes;   /* modes in the current trial */
     cotree_real *acceleration_scale;
     cotree_real *slack;       /* distances of each force to its two limits */
-    cotree_real *trial;       /* entries w of the present trial, with its modes */
+    cotree_real *trial;       /* entries w of the current trial, with its modes */
     cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
     cotree_real *saved_before;
     int kernel_status;        /* status of the last kernel evaluation */
@@ -183,7 +183,7 @@ typedef struct cotree_events {
 #if COTREE_HAS_DISCS
     int *disc;               /* for each friction constraint: index among those on planes, or -1 */
     int *direction_states;   /* 2 n_discs: the states that store the directions of sliding */
-    cotree_real *directions; /* 2 n_discs: directions of sliding in the present trial */
+    cotree_real *directions; /* 2 n_discs: directions of sliding in the current trial */
     cotree_real *saved_directions;
     cotree_real *last_turns; /* 5 n_discs: direction, slip and gain of the last iteration */
 #endif
@@ -218,7 +218,7 @@ int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w,
 /* Continue where another integration ended, with unchanged states, modes and inputs. */
 int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Apply the events whose zeros an external integrator has passed, just after these zeros. */
+/* Apply events just after their zeros, which an external integrator has passed. */
 int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w);
 
 /* Select the modes of friction, stops and loads at a point, as at the start of a run. */
@@ -239,7 +239,7 @@ int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real
 /* Apply the events found by cotree_events_find. */
 int cotree_events_apply(cotree_events *e);
 
-/* Return the description of a status, worded to end a sentence. */
+/* Return the description of a status as the end of a sentence. */
 const char *cotree_events_message(int status);
 
 COTREE_END_DECLS

@@ -9,18 +9,19 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Each step is sampled at both ends and at three points between. */
+/* Number of samples of each step: both ends and three points between them. */
 #define SAMPLES 5
 
 #define REFINE 2 /* status: the step must be refined first */
 
-/* Bound on the rounding error of a speed that is a sum of large terms, in units of its rounding. */
+/* Bound on the rounding error of a speed that is a sum of large terms, in units in its last
+ * place. */
 #define TERM_ROUNDINGS COTREE_F(1e3)
 
 /* Rates below this fraction of the rate at the crossing count as zero. */
 #define ZERO_RATE_SHARE COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* Crossings shallower than this many error tolerances are grazing: they may not exist. */
+/* Crossings shallower than this many error tolerances are grazing: they may be numerical errors. */
 #define GRAZING_TOLERANCES COTREE_F(10.0)
 
 /* COTREE_EVENT_CROWD events of one kind within this fraction of the span are chatter. */
@@ -38,7 +39,7 @@
 
 #define SHORT_SERIES_LENGTH 3
 
-/* Relative tolerance for the comparison of states or rates at one point, reached in two ways. */
+/* Relative tolerance for comparing states or rates of one point that is reached in two ways. */
 #define SAME_RTOL COTREE_SELECT(1e-8, 3.5e-04f)
 
 /* The rates on both sides of a jump are compared at the event and at a second point,
@@ -92,7 +93,7 @@ enum {
  * leaves the limit only if it would change by this fraction of the limits within the span. */
 #define ACCELERATION_RTOL COTREE_F(1e-9)
 
-/* Values below this many rounding errors count as zero. */
+/* Values of at most this many rounding errors count as zero. */
 #define ZERO_ROUNDINGS COTREE_F(64.0)
 
 /* Forces within this fraction of a limit count as at the limit. It exceeds their rounding error,
@@ -115,13 +116,13 @@ enum { REBOUND = SLIP, UPPER_GAP, LOWER_GAP, CONTACT_FORCE };
 /* An impact gains energy if its work exceeds this fraction of impulse times speed. */
 #define ENERGY_RTOL COTREE_F(1e-6)
 
-/* If pivoting fails, mode sets are enumerated if there are at most this many. */
+/* Largest number of mode sets that are enumerated if pivoting fails. */
 #define MAX_ENUMERATED 1000
 
-/* Relative tolerance of the sign of an impulse. */
+/* Relative tolerance for the sign of an impulse. */
 #define IMPULSE_RTOL COTREE_F(1e-9)
 
-/* Size of the ring buffer of mode sets that were tried. */
+/* Length of the ring buffer of mode sets that were tried. */
 #define N_TRIED_CODES 256
 
 /* Defined in cotree_events.c: */

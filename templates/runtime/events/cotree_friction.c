@@ -19,8 +19,8 @@
  * which the direction of sliding on a plane is not resolved. */
 #define UNRESOLVED_SLIP COTREE_F(1e-6)
 
-/* List the modes whose first event is of a kind. Return their number; if places is NULL, only count
- * them. */
+/* List the modes whose first event is of the given kind. Return their number; if places is NULL,
+ * only count them. */
 int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
 {
     int i, k, n = 0;
@@ -133,7 +133,7 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
 }
 
-/* Evaluate the event functions and their rates with the modes of the trial. */
+/* Evaluate the event functions and their rates in the modes of the trial. */
 int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status;
@@ -202,7 +202,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
-        /* The slips at all contacts of one body end together. */
+        /* All contacts of one body stop slipping together. */
         if (is_end && cotree_is_disc(e, k)) near = COTREE_FMAX(near, UNRESOLVED_SLIP);
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));
@@ -233,16 +233,16 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
     return status;
 }
 
-/* Return the relative acceleration below which it counts as zero: a fraction of the accelerations
- * caused by friction, at least the rounding of the largest rate, since it is a difference of
- * rates. */
+/* Return the magnitude below which a slip acceleration counts as zero: a fraction of the
+ * accelerations caused by friction, but at least the rounding of the largest rate, since it is a
+ * difference of rates. */
 cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
 }
 
-/* Return the relative violation of the mode of an active constraint, and the new mode. */
+/* Return the relative violation of an active constraint's mode, and the new mode. */
 cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int forward = PLACE(k, FORWARD_LIMIT), backward = PLACE(k, BACKWARD_LIMIT),
@@ -280,7 +280,7 @@ cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, co
     return COTREE_F(0.0);
 }
 
-/* Return 1 if the sign of a load differs from that assumed by its laws, else 0. */
+/* Return 1 if the sign of a load differs from the sign that its laws assume, else 0. */
 cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
 {
     const int i = PLACE(k, SLIP);
@@ -305,8 +305,8 @@ int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
     return cotree_compute_rates(e, t, e->trial);
 }
 
-/* Set whether a force stays at its limit. It does if both limits are zero, or for a load at zero.
- * The zero level grows each time the force crosses zero without effect. */
+/* Set whether a force stays at its limit, as it does if both limits are zero, and for a load at
+ * zero. The zero level grows each time the force crosses zero without effect. */
 static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
                               int fired)
 {
@@ -380,7 +380,7 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
     return status == 0 ? 0 : cotree_fail(e, PLACE(0, SLIP), t, COTREE_EVENTS_FAILED);
 }
 
-/* Return whether an event belongs to a friction constraint whose mode was selected last. */
+/* Return whether an event belongs to a friction constraint in the last mode selection. */
 int cotree_was_selected(const cotree_events *e, int i)
 {
     int k, what;

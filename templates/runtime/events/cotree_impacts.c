@@ -1,4 +1,4 @@
-/* cotree_impacts.c: impacts of rigid stops.
+/* cotree_impacts.c: impacts at rigid stops.
  *
  * An impact is another complementarity problem, solved by cotree_complementarity.c with impulses
  * instead of forces and changes of speed instead of accelerations (J. J. Moreau 1988). The mode of
@@ -13,8 +13,8 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Modes passed to the kernels in an impact. A stop with an impulse has twice the sign of its limit;
- * friction that sticks at its contact has the mode KERNEL_STICKS. */
+/* Modes passed to the kernels in an impact. The mode of a stop with an impulse is twice the sign of
+ * its limit; friction that sticks at its contact has mode KERNEL_STICKS. */
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
@@ -37,7 +37,7 @@ static cotree_impulse impact_of(cotree_events *e)
         const int own = k - cotree_first_stop(e);
         const cotree_real mode = e->modes[k];
         e->kernel_modes[k] = own >= 0 ? KERNEL_STRUCK * mode : mode;
-        /* The force of other sticking friction is finite: it has no impulse. */
+        /* Other sticking friction has a finite force, and hence no impulse. */
         if (k < e->n_frictions && mode == COTREE_F(0.0))
             e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
         if (cotree_is_disc(e, k) && mode == COTREE_F(1.0)) e->kernel_modes[k] = KERNEL_SLIDES;
@@ -94,7 +94,7 @@ static cotree_real largest_impulse(const cotree_events *e)
     return largest;
 }
 
-/* Return the relative violation of the impact law by a closed stop, and its new mode. */
+/* Return the relative amount by which a closed stop violates the impact law, and its new mode. */
 cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), is_hit = e->modes[k] != COTREE_F(0.0);
@@ -109,7 +109,7 @@ cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *
             return COTREE_F(0.0); /* friction starts to slide before the stop opens */
         return impulse < -IMPULSE_RTOL * largest ? -impulse / largest : COTREE_F(0.0);
     }
-    /* The gap rate must reach that of restitution. */
+    /* The gap rate must reach the rate that restitution requires. */
     least = e->impact_role[own] > 0 ? e->required_speed[own] : COTREE_F(0.0);
     return cotree_opening_speed(e, k) < least - COTREE_FMAX(cotree_zero_opening_speed(e, k),
                                                             ACCELERATION_RTOL * e->impact_speed)
@@ -124,7 +124,7 @@ static cotree_real slip_after_impact(const cotree_events *e, int k)
 }
 
 #if COTREE_HAS_DISCS
-/* Return as cotree_tangential_violation, for a plane in space. */
+/* As cotree_tangential_violation, for friction on a plane in space. */
 static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const cotree_real normal = e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)],
@@ -146,7 +146,7 @@ static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *ne
 }
 
 #endif
-/* Return the relative violation of the impact law by friction at a contact, and its new mode.
+/* Return the relative amount by which contact friction violates the impact law, and its new mode.
  * Friction sticks if its impulse is within the limits; otherwise it slides in the direction of the
  * slip. */
 cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_real *new_mode)
@@ -179,7 +179,7 @@ static void find_slip(const cotree_events *e, int k, cotree_real *slip)
 #endif
 }
 
-/* Return whether the impulse of a stop exceeds rounding. That of an unresolved gap does not. */
+/* Return whether the impulse of a stop exceeds rounding. An unresolved gap has no such impulse. */
 static int has_resolved_impulse(const cotree_events *e, int k)
 {
     return e->modes[k] != COTREE_F(0.0) && cotree_closed_gap(e, k) != e->unresolved_gap;
@@ -216,8 +216,8 @@ static int gains_energy(const cotree_events *e)
     return work > ENERGY_RTOL * size;
 }
 
-/* Return a load that the impact changes, or -1. The laws of gear losses apply to forces only: the
- * slip of the teeth may reverse during the impact. */
+/* Return a load that the impact changes, or -1. The laws of gear losses only apply to forces, since
+ * the slip of the teeth may reverse during an impact. */
 static int find_lossy_load(const cotree_events *e)
 {
     int k;
@@ -330,7 +330,7 @@ static void init_impact(cotree_events *e)
     }
 }
 
-/* Select the stops that have an impulse, and the modes of friction at their contacts. */
+/* Determine which stops have an impulse, and the modes of friction at their contacts. */
 static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status, lossy;
@@ -381,9 +381,9 @@ static int ends_slip(const cotree_events *e, int k, const cotree_real *w)
            w[PLACE(k, MODE_STATE)] == COTREE_F(1.0);
 }
 
-/* Remove the slip that remains at the end of sliding on a plane in space by an impulse. At very low
- * speeds the direction of the slip is not resolved, and its two components do not vanish at the
- * same time. */
+/* By an impulse, remove the slip that remains when sliding on a plane in space ends. At very low
+ * speeds the direction of the slip is not resolved, and its two components do not vanish
+ * together. */
 int cotree_end_slips(cotree_events *e, cotree_real t, cotree_real *w)
 {
     cotree_impulse s;
@@ -420,7 +420,7 @@ static void mark_impact_events(cotree_events *e)
     }
 }
 
-/* Record the impacts, except for the event that the caller records. */
+/* Record the impacts, except the event that the caller records. */
 void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
 {
     int i;
@@ -433,7 +433,7 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
-/* Return whether the rate of a gap that was closed until now is nonzero. */
+/* Return whether a gap that was closed until now has a nonzero rate. */
 static int has_residues(const cotree_events *e)
 {
     int i;
@@ -458,7 +458,7 @@ static int remove_residues(cotree_events *e, cotree_real t, cotree_real *w)
     return apply_impulse(e, &s, t, w, first);
 }
 
-/* Apply impacts at w until no closed gap has a negative rate. */
+/* Repeat impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     /* Events of the model itself, of kind 0, may set speeds; others cannot. */

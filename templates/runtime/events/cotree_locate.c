@@ -26,8 +26,8 @@ void cotree_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Return the uncertainty of an event function: cotree_tolerance due to the error test,
- * cotree_rounding_band due to rounding. */
+/* Return the uncertainty of an event function: cotree_tolerance that due to the error test,
+ * cotree_rounding_band that due to rounding. */
 cotree_real cotree_tolerance(const cotree_events *e, int i)
 {
     return e->rtol * e->recent_scale[i] + e->atol;
@@ -38,8 +38,8 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
     const cotree_real rounding = COTREE_SCAN_ROUNDING * e->value_scale[i];
     if (e->n_modes == 0 || !e->stays_at_zero[i]) return rounding;
     if (e->zero_level[i] > COTREE_F(0.0)) return COTREE_FMAX(rounding, e->zero_level[i]);
-    /* A slip rate that has just left zero is as accurate as its terms, which may be large. A gap is
-     * as accurate as it was when its stop opened. */
+    /* A slip rate that has just left zero is only as accurate as its terms, which may be large. A
+     * gap is only as accurate as it was when its stop opened. */
     return COTREE_FMAX(TERM_ROUNDINGS * rounding,
                        COTREE_FMAX(cotree_tolerance(e, i), COTREE_F(2.0) * e->gap_at_release[i]));
 }
@@ -56,8 +56,8 @@ int cotree_is_gap(const cotree_events *e, int i)
     return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
 }
 
-/* Return whether an event function stays at zero, so that its sign is a rounding error. An example
- * is the slip rate of a constraint that has just started to slide. */
+/* Return whether an event function stays at zero, so that its sign is a rounding error, such as the
+ * slip rate of a constraint that has just started to slide. */
 int cotree_stays_at_zero(const cotree_events *e, int i)
 {
     return e->n_modes > 0 && e->stays_at_zero[i];
@@ -82,7 +82,8 @@ cotree_real cotree_detection_level(const cotree_events *e, int i)
     return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
 }
 
-/* Return the accuracy to which a kink is located. The remaining error has second-order effects. */
+/* Return the accuracy to which a kink is located. The remaining error only has second-order
+ * effects. */
 static cotree_real kink_band(const cotree_events *e, int i)
 {
     return COTREE_FMAX(cotree_rounding_band(e, i), COTREE_F(0.1) * cotree_tolerance(e, i));
@@ -120,15 +121,15 @@ int cotree_project(cotree_events *e, cotree_real t, cotree_real *w)
 #endif
 }
 
-/* Return whether two events belong to the same jump. */
+/* Return whether two events belong to the same discontinuous expression. */
 int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
 {
     return e->rows[i].kind == COTREE_JUMP && e->rows[k].kind == 1 &&
            e->rows[i].targets[0] == e->rows[k].targets[0];
 }
 
-/* Compute the changes of rates across a jump and their magnitudes, the changes of all event
- * functions, and the value of the event function of the jump. */
+/* Compute, across a jump, the changes of all rates and event functions, with their magnitudes, and
+ * the value of the jump's event function. */
 static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                          cotree_real *change, cotree_real *size, cotree_real *shift,
                          cotree_real *value)
@@ -136,7 +137,7 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const x = e->both_sides, *const held = x + 6 * e->run->n_full;
     const int n_pieces = e->branches == NULL ? 0 : e->n_branches;
     int k, status;
-    /* The frozen branches apply to one side only. */
+    /* The frozen branches are only valid on one side. */
     cotree_copy(n_pieces, e->branches, held);
     cotree_release_branches(e);
     status = cotree_jumps_sides(&e->jumps, i, t, w, x, change, size);
@@ -152,15 +153,15 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     for (k = 0; k < e->n_events; ++k) {
         const int mode = e->rows[k].subtracts_mode ? e->rows[k].targets[0] : 0;
         shift[k] -= e->jumps.values[k];
-        /* This function is a value minus its mode, and changes with the mode. */
+        /* This function is a value minus a mode, so it changes with the mode. */
         if (e->rows[k].subtracts_mode) shift[k] += x[mode] - w[mode];
     }
     *value = e->jumps.values[i];
     return status;
 }
 
-/* Return whether a change extrapolates to zero at the switching surface, from its values at w and
- * at a second point. share: g / (g_aside - g). A nan counts as a jump. */
+/* Return whether a change, extrapolated from w and a second point, is zero at the switching
+ * surface. share: g / (g_aside - g). A nan counts as a jump. */
 static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real share,
                                cotree_real least)
 {
@@ -237,7 +238,7 @@ static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_r
     for (i = 0; i < e->n; ++i) {
         const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
         const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
-        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* true for nan, too */
+        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* also true for nan */
     }
     return 1;
 }
@@ -263,7 +264,7 @@ cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotr
 }
 
 /* Compute the second time derivatives of all event functions by differences. Only their magnitudes
- * matter. */
+ * are used. */
 int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real step = CURVATURE_STEP_SHARE * e->span;
@@ -276,7 +277,7 @@ int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real 
     return status;
 }
 
-/* Interpolate the states within the last step; the history contains no sensitivities. */
+/* Interpolate the states, but not the sensitivities, within the last step. */
 int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int n = e->run->n_rates;
@@ -313,8 +314,8 @@ static cotree_real rate_at(cotree_events *e, int i, cotree_real t)
     return cotree_compute_rates(e, t, e->point) == 0 ? e->jumps.rates[i] : COTREE_F(0.0);
 }
 
-/* Return the value at a time, one short step from the start of the last step. The point is written
- * to other. */
+/* Return the value at a time that is one short step from the start of the last step. Write the
+ * point to other. */
 static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
 {
     const cotree_real step = t - e->t_before;
@@ -379,8 +380,8 @@ cotree_real cotree_sample_time(const cotree_events *e, int k)
                                                 (e->t_after - e->t_before);
 }
 
-/* Update the scales of the event functions. A function that is a value minus a mode has the
- * rounding errors of the mode. */
+/* Update the scales of the event functions. A value minus a mode has the rounding error of the
+ * mode. */
 int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
                          const cotree_real *g)
 {
@@ -439,7 +440,7 @@ int cotree_may_cross(const cotree_events *e)
     return 0;
 }
 
-/* Integrate the step again in four quarters, and sample their ends. */
+/* Repeat the step in four quarters, and sample their ends. */
 int cotree_refine_step(cotree_events *e)
 {
     const cotree_history *const h = e->h;
@@ -467,8 +468,8 @@ int cotree_refine_step(cotree_events *e)
     return cotree_sample_step(e);
 }
 
-/* Return the sample nearest to zero on one side, near which an extremum may cross zero; SAMPLES if
- * there is none. */
+/* Return the sample that is nearest to zero on one side, if an extremum near it may cross zero,
+ * else SAMPLES. */
 int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
 {
     const cotree_real *const g = e->samples + i;
@@ -513,7 +514,7 @@ int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
     return e->solution(t, w, e->context) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Return the rate of a value on one side of zero, one short step from w. The point is written to
+/* Return the rate of a value on one side of zero, one short step from w. Write the point to
  * result. */
 static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                                cotree_real step, cotree_real side, cotree_real *result)
@@ -552,7 +553,8 @@ int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w
     return e->kernel_status != 0 || !is_same;
 }
 
-/* The largest error of the time of a root, in roundings, that rounding of the states causes. */
+/* Largest error of a root's time that is due to rounding of the states, in units in the last
+ * place. */
 #define RESIDUAL_SPACINGS COTREE_F(64.0)
 
 /* Refine a root by Newton's method, with short steps of the solution. Return whether it
@@ -577,7 +579,7 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
         low = COTREE_FMAX(e->t_before - t, -width);
         high = COTREE_FMIN(e->t_end - t, width);
         step = COTREE_FMIN(COTREE_FMAX(step, low), high);
-        /* Rounding of the states may leave a value that no step reduces. */
+        /* Rounding of the states may leave a residual that no step reduces. */
         is_rounding = COTREE_FABS(g) >= last &&
                       COTREE_FABS(g / rate) <= RESIDUAL_SPACINGS * cotree_spacing(t);
         last = COTREE_FABS(g);
@@ -596,8 +598,8 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
     return 0;
 }
 
-/* Find a root so close to the start that interpolation does not resolve it. Return whether there is
- * one. If no short step resolves it either, use the solution of the integrator. */
+/* Find a root that is so close to the start that interpolation does not resolve it. Return whether
+ * there is one. If no short step resolves it either, use the integrator's solution. */
 static int find_root_near_start(cotree_events *e, int i, cotree_real side)
 {
     cotree_real width = e->t_after - e->t_before;
@@ -629,8 +631,7 @@ int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side)
     e->t = t;
     if (cotree_solution_at(e, t, e->w) != 0 || cotree_project(e, t, e->w) != 0) return 0;
     if (polish_root(e, i, side) || e->failure != 0) return e->failure == 0;
-    /* In a very short step the error of the value exceeds the value: accept the integrator's
-     * solution. */
+    /* In a very short step the value is below its error: accept the integrator's solution. */
     if (cotree_compute_rates(e, e->t, e->w) != 0) return 0;
     if (side * e->jumps.rates[i] < COTREE_F(0.0)) return 1;
     return find_root_near_start(e, i, side);

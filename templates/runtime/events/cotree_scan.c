@@ -12,7 +12,7 @@
 
 int cotree_has_range(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
 
-/* Return the quantities at the last evaluation. */
+/* Return the quantities from the last evaluation. */
 const cotree_real *cotree_quantities_of(const cotree_events *e)
 {
     return e->jumps.values + e->n_events + e->n_branches;
@@ -31,15 +31,15 @@ static void set_bounds_between(cotree_events *e, const cotree_real *a, const cot
     }
 }
 
-/* Compute the ranges over an interval. Constants in them are those at the last evaluation. */
+/* Compute the ranges over an interval. Constants in them are those of the last evaluation. */
 int cotree_compute_ranges(cotree_events *e, cotree_real t)
 {
     const int status = e->kernel_status = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
     return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Classify an event function over an interval of a given width, from its range and its values at
- * both ends. A nan is undecided. */
+/* Classify an event function over an interval of the given width, from its range and its values at
+ * both ends. If one is nan, it is undecided. */
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
@@ -51,11 +51,11 @@ int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotre
     return RANGE_UNDECIDED;
 }
 
-/* Maximum number of bisections in a step. If it is exceeded, the step is repeated up to the end of
- * the intervals that are decided. */
+/* Maximum number of bisections in a step. If more are needed, the step is repeated up to the end of
+ * the decided intervals. */
 #define MAX_DIVISIONS 500
 
-/* At this depth an interval is short enough to locate a zero between values of opposite sign. */
+/* At this bisection depth, a zero between values of opposite sign can be located. */
 #define LOCATABLE_DEPTH 16
 
 /* A step is repeated only if it keeps at least this fraction of its length. */
@@ -77,8 +77,8 @@ static void set_entry(const cotree_events *e, cotree_real *mark, cotree_real t,
     cotree_copy(e->n_quantities, quantities, QUANTITIES_OF(e, mark));
 }
 
-/* Set an entry of the scan from sample k. Each second difference is the larger one of those at both
- * ends of the interval before the sample. */
+/* Set a stack entry from sample k. Each second difference is the larger one of the two at the ends
+ * of the interval before the sample. */
 static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
 {
     const cotree_real *const q = e->quantity_samples;
@@ -96,8 +96,8 @@ static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
     }
 }
 
-/* Set the entry of the midpoint of an interval. The second differences of both halves are a quarter
- * of those of the interval. They may decrease faster, but not below a sixteenth. */
+/* Set the stack entry of an interval's midpoint. The second differences of both halves are a
+ * quarter of those of the interval. They may decrease faster, but not below a sixteenth. */
 static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_real *right,
                             cotree_real *middle)
 {
@@ -115,8 +115,8 @@ static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_re
     return status;
 }
 
-/* List the event functions that may be zero within the step according to their bounds over the
- * whole step. Return their number. */
+/* List the event functions that may be zero within the step, according to their bounds over it.
+ * Return their number. */
 static int list_candidates(cotree_events *e)
 {
     const cotree_real *const q = e->quantity_samples, *const last =
@@ -159,7 +159,7 @@ static int list_candidates(cotree_events *e)
     return n_open;
 }
 
-/* Return whether an interval must be bisected for any event function. */
+/* Return whether any event function requires that an interval be bisected. */
 static int must_divide(cotree_events *e, const cotree_real *left, const cotree_real *right,
                        int depth)
 {
@@ -197,8 +197,8 @@ static int cross_interval(cotree_events *e, const cotree_real *left, const cotre
     return found;
 }
 
-/* Return whether all values are beyond the tolerance on the side from which they come, so that a
- * step may start there. */
+/* Return whether all values are on their previous side by more than the tolerance, so that a step
+ * may start there. */
 static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 {
     int i;

@@ -18,7 +18,7 @@
 
 int cotree_first_stop(const cotree_events *e) { return e->n_modes - e->n_stops; }
 
-/* Count the friction constraints whose normal force is that of a stop. */
+/* Count the friction constraints whose normal force is the force of a stop. */
 int cotree_count_contact_friction(const cotree_hybrid *h)
 {
     int i, n = 0;
@@ -80,7 +80,7 @@ void cotree_list_stops(cotree_events *e, const cotree_hybrid *h)
     }
 }
 
-/* Return whether the normal force of a friction constraint is that of a stop. */
+/* Return whether the normal force of a friction constraint is the force of a stop. */
 int cotree_is_contact_friction(const cotree_events *e, int k)
 {
     return e->n_contact_friction > 0 && k < e->n_frictions && e->normal_stop[k] >= 0;
@@ -97,13 +97,13 @@ int cotree_is_load(const cotree_events *e, int k)
     return k >= e->n_frictions && k < cotree_first_stop(e);
 }
 
-/* Return whether a mode is variable in this selection. In impacts, loads keep their signs. */
+/* Return whether this selection may change a mode. In impacts, loads keep their signs. */
 int cotree_is_variable(const cotree_events *e, int k)
 {
     return cotree_is_load(e, k) ? !e->is_impact : e->is_active[k];
 }
 
-/* Return whether a mode may change while the others are constant. */
+/* Return whether a mode may change while all others are constant. */
 int cotree_may_change(const cotree_events *e, int k)
 {
     /* Friction at a contact has no force while its stop is open. */
@@ -118,7 +118,7 @@ int cotree_closed_gap(const cotree_events *e, int k)
                  e->closed_side[k - cotree_first_stop(e)] > COTREE_F(0.0) ? UPPER_GAP : LOWER_GAP);
 }
 
-/* Return the rate of a closed gap, from the change of speed that its events would set. */
+/* Return the rate of a closed gap, computed from the change of speed that its events would set. */
 cotree_real cotree_opening_speed(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
@@ -134,8 +134,9 @@ cotree_real cotree_closing_uncertainty(const cotree_events *e)
     return e->rtol * largest + e->atol;
 }
 
-/* Return the gap rate below which it counts as zero: the rounding of the largest rate, or of the
- * acceleration times the span; for a stop that was closed, at least the error tolerance. */
+/* Return the magnitude below which a gap rate counts as zero: the rounding of the largest rate, or
+ * of the acceleration times the span, and for a stop that was closed at least the error
+ * tolerance. */
 cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -226,8 +227,8 @@ cotree_real cotree_separation_acceleration(const cotree_events *e, int k)
            cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, REBOUND));
 }
 
-/* Find the active stops: those that are closed with zero gap rate. Set their modes to open, and
- * update their accelerations. */
+/* Find the active stops, which are closed with zero gap rate. Set their modes to open, and update
+ * their accelerations. */
 void cotree_find_active_stops(cotree_events *e)
 {
     int k;
@@ -256,7 +257,7 @@ static cotree_real largest_acceleration_scale(const cotree_events *e)
     return largest;
 }
 
-/* Return the gap acceleration below which it counts as zero: the rounding of the largest
+/* Return the magnitude below which a gap acceleration counts as zero: the rounding of the largest
  * acceleration. */
 cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
@@ -264,15 +265,15 @@ cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
                        ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING * largest_acceleration_scale(e));
 }
 
-/* Return whether a closed stop is open in this trial with zero acceleration, so that the rate of
- * change of the acceleration decides. */
+/* Return whether a closed stop is open in this trial but has zero acceleration, so that the rate of
+ * change of its acceleration is decisive. */
 int cotree_is_marginally_open(const cotree_events *e, int k)
 {
     return e->is_active[k] && e->modes[k] == COTREE_F(0.0) &&
            COTREE_FABS(cotree_separation_acceleration(e, k)) <= cotree_rest_tolerance(e, k);
 }
 
-/* Store the accelerations a little later, at which compute_curvature evaluated them. */
+/* Store the accelerations that compute_curvature evaluated a little later. */
 void cotree_store_later_accelerations(cotree_events *e)
 {
     int k;
@@ -305,7 +306,7 @@ static cotree_real largest_force(const cotree_events *e)
     return largest;
 }
 
-/* Return the relative violation of the mode of an active stop, and the new mode. */
+/* Return the relative violation of an active stop's mode, and the new mode. */
 cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), force = PLACE(k, CONTACT_FORCE);
@@ -329,7 +330,7 @@ cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree
                                                                         : COTREE_F(0.0);
 }
 
-/* Return the relative violation of the mode of friction at a contact, and the new mode. Its limits
+/* Return the relative violation of the mode of contact friction, and the new mode. Its limits
  * depend on the normal force. */
 cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                               cotree_real *new_mode)

@@ -1,14 +1,14 @@
-/* cotree_fmi.h: functions that both versions of the Functional Mock-up Interface have.
+/* cotree_fmi.h: functions that are common to both versions of the Functional Mock-up Interface.
  *
- * The including file defines FMI_FUNCTION(name), the exported name of a function; FMI_EITHER(of_2,
- * of_3), the one of its arguments that belongs to the version; and the types FMI_STATUS,
- * FMI_BOOLEAN and FMI_BYTE. In both versions, instances and saved states are pointers to void, and
- * value references are unsigned. */
+ * The including file defines FMI_FUNCTION(name), the exported name of a function;
+ * FMI_EITHER(of_2, of_3), which selects the argument for its version; and the types FMI_STATUS,
+ * FMI_BOOLEAN and FMI_BYTE. In both versions, instances and saved states are pointers to void,
+ * and value references are unsigned. */
 #include "cotree_fmu.h"
 
 #include <math.h>
 
-/* The standards prescribe parameters that a unit with only real variables does not use. */
+/* The standards prescribe parameters that a unit without other than real variables does not use. */
 #if defined(__GNUC__) || defined(__clang__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -34,7 +34,7 @@
         return (FMI_STATUS)(m == NULL ? FMU_ERROR : fmu_status(m, call));                          \
     }
 
-/* Define a function for variables of a type that no variable has, or for n clocks. */
+/* Define a function for variables of a type that does not occur, or for n clocks. */
 #define FMI_NO_TYPE(name, ...) FMI_CALL(name, FMU_ANY, fmu_refuse_type(m, n), __VA_ARGS__)
 
 /* Define a function of an interface type. It is rejected if the unit was exported without this

@@ -1,4 +1,4 @@
-/* cotree_fmu.c: instances with their modes, messages and saved states. */
+/* cotree_fmu.c: instances, their modes, messages and saved states. */
 #include "cotree_fmu_internal.h"
 
 #include <stdarg.h>
@@ -28,7 +28,7 @@ static void lay_out_events(fmu *m, cotree_arena *arena)
     m->g = cotree_arena_reals(arena, N_EVENTS + m->model->hybrid->n_quantities);
     m->records = cotree_arena_reals(arena, COTREE_EVENTS_AT_ONCE(N_EVENTS) *
                                                COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES));
-    /* The importer takes the steps, and they are not searched for events: no tolerances are
+    /* The importer takes the steps, which are not searched for events: tolerances are not
      * needed. */
     cotree_events_init(&m->events, &m->run, m->run.n, m->tables->span, m->tables->rtol, NULL,
                        m->tables->atol, NULL, NULL, arena);
@@ -194,7 +194,7 @@ void fmu_free(void *instance)
 
 /* Messages. */
 
-/* Log categories of the model description, by status. */
+/* Log categories of the model description, one for each status. */
 static const char *const categories[] = {"logEvents", NULL, "logStatusDiscard", "logStatusError"};
 
 /* Log a message. Errors are logged even if logging is off, as the standards require. */
@@ -414,8 +414,7 @@ static fmu_state *add_state(fmu *m)
     return own;
 }
 
-/* If *place is NULL, write a pointer to a new state to it; otherwise check the saved state that it
- * points to. */
+/* If *place is NULL, set it to a new state; otherwise check the saved state that it points to. */
 static int take_state(fmu *m, void **place)
 {
     if (fmu_check_pointer(m, place) != 0) return 1;
@@ -437,7 +436,7 @@ int fmu_save_state(fmu *m, void **place)
     return 0;
 }
 
-/* Return whether a number is a mode of instances of this interface type. */
+/* Return whether a number is a mode that instances of this interface type may have. */
 static int is_mode(const fmu *m, double mode)
 {
     int bit;

@@ -1,5 +1,4 @@
-/* cotree_fmu.h: an instance of a model as a functional mock-up unit, for all versions of the
- * interface.
+/* cotree_fmu.h: instances of a model as a functional mock-up unit, for all interface versions.
  *
  * A function of FMI 2 or FMI 3 first calls fmu_call with its name, for messages. It then calls one
  * of these functions and returns the status of the result. Results are 0, or 1 after an error was
@@ -48,7 +47,7 @@ enum fmu_block {
         FMU_N_BLOCKS /* nominal values of continuous states, which have no value references */
 };
 
-/* A sparse matrix in compressed columns. */
+/* Sparsity pattern of a matrix in compressed columns. */
 typedef struct fmu_pattern {
     int n_rows, n_columns;
     const int *starts;
@@ -62,20 +61,20 @@ typedef struct fmu_tables {
     const struct cotree_stepper *(*stepper)(void);
     const void *(*aid)(void); /* data of the stepper, see cotree_job; NULL: none */
     int has_sensitivities;
-    int is_exchangeable; /* 1: offers Model Exchange */
+    int is_exchangeable; /* 1: the unit offers Model Exchange */
     int is_implicit, is_strict, is_extended;
     int n_inputs;         /* number of inputs that the importer sets */
     const int *inputs;    /* indices of these inputs in the model */
-    const double *values; /* values of these inputs until the importer sets them */
+    const double *values; /* their values until the importer sets them */
     const int *signals;   /* indices of the other inputs */
-    const double *start;  /* states at the start, for the default parameters */
+    const double *start;  /* states at the start with the default parameters */
     int is_found;         /* 1: states without a prescribed initial value start from `start` */
     int is_at_rest; /* 1: the start is an operating point, computed for the default parameters */
     const double *sizes;     /* factors of the absolute tolerances; NULL: 1 */
     double rtol, atol, span; /* default tolerances and time span */
     long most_steps;         /* limits for one step of Co-Simulation: steps and events */
     long most_events;
-    int n_stops;            /* number of time events and of their periods */
+    int n_stops;            /* number of series of time events */
     const int *stop_starts; /* n_stops: 1 if the series has no time event before its first time */
     int n_limits;           /* number of upper bounds of the step size */
     const cotree_start_tables *start_tables;
@@ -121,7 +120,7 @@ void fmu_free(void *instance);
 fmu *fmu_call(void *instance, const char *function, int modes);
 int fmu_status(const fmu *m, int result);
 
-/* Reject a call, or a call for n variables of a type that no variable has. */
+/* Reject a call; reject a call for n variables of a type that does not occur. */
 int fmu_refuse_call(fmu *m, const char *why);
 int fmu_refuse_type(fmu *m, size_t n);
 
@@ -139,7 +138,7 @@ int fmu_get(fmu *m, const unsigned *references, size_t n, double *values, size_t
 int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values, size_t n_values);
 int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n);
 
-/* Saved states. Save the present state to *place, or to a new one if *place is NULL; restore a
+/* Saved states. Save the current state to *place, or to a new one if *place is NULL; restore a
  * state; free it; return its size in bytes; write it to bytes; read it from bytes. */
 int fmu_save_state(fmu *m, void **place);
 int fmu_restore_state(fmu *m, const void *from);

@@ -5,7 +5,7 @@
  * states that are computed from parameters contribute, too. */
 #include "cotree_fmu_internal.h"
 
-/* Return the column of a known, or -1 if it has none. */
+/* Return the column of a known variable, or -1 if it has none. */
 static int column_of(const fmu *m, unsigned reference)
 {
     const fmu_tables *const tables = m->tables;
@@ -25,7 +25,7 @@ static int column_of(const fmu *m, unsigned reference)
     }
 }
 
-/* Return the row of an unknown, or -1 if it has none. States are the last rows. */
+/* Return the row of an unknown variable, or -1 if it has none. States are the last rows. */
 static int row_of(const fmu *m, unsigned reference)
 {
     const int n_events = fmu_size_of(m, FMU_INDICATORS);
@@ -102,7 +102,7 @@ static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 
 #endif
 
-/* Add the columns from first to last, multiplied by the seed, to the rows. */
+/* Add the product of the seed and the columns from first to last to the rows. */
 static void multiply(fmu *m, int first, int last, const double *seed)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -114,7 +114,7 @@ static void multiply(fmu *m, int first, int last, const double *seed)
     }
 }
 
-/* Return the sum of a column's entries, multiplied by the weights of their rows. */
+/* Return the sum of a column's entries, each multiplied by its row's weight. */
 static double weighted_column(const fmu *m, int column)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -167,7 +167,7 @@ static int propagate(fmu *m)
 #endif
 }
 
-/* Mark the states among the knowns. */
+/* Mark the states that are known variables. */
 static void mark_known_states(fmu *m, const fmu_direction *d)
 {
     size_t i;
@@ -203,8 +203,8 @@ int fmu_directional(fmu *m, const fmu_direction *d)
     return 0;
 }
 
-/* Compute adjoint derivatives during initialization, by one directional derivative for each
- * known. */
+/* Compute adjoint derivatives during initialization from one directional derivative per known
+ * variable. */
 static int adjoint_by_columns(fmu *m, const fmu_direction *d)
 {
     size_t i, k;
@@ -220,7 +220,7 @@ static int adjoint_by_columns(fmu *m, const fmu_direction *d)
     return 0;
 }
 
-/* Compute adjoint derivatives from the weights of the unknowns. */
+/* Compute adjoint derivatives from the weights of the unknown variables. */
 static int adjoint_by_rows(fmu *m, const fmu_direction *d)
 {
     const int n_rows = m->tables->partials.n_rows;

@@ -1,5 +1,5 @@
-/* cotree_fmu_exchange.c: Model Exchange: the importer sets states, and events are applied between
- * its steps. */
+/* cotree_fmu_exchange.c: Model Exchange. The importer sets states; events are applied between its
+ * steps. */
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_EXCHANGE
@@ -52,7 +52,7 @@ int fmu_set_states(fmu *m, const double *x, size_t n)
 /* States are projected if a residual of the constraints exceeds this many tolerances. */
 #define DRIFT_TOLERANCES 10.0
 
-/* Find whether the states have drifted off the constraints. */
+/* Determine whether the states have drifted off the constraints. */
 static int find_drift(fmu *m, int *has_drifted)
 {
     double *const found = m->residual;
@@ -94,7 +94,7 @@ int fmu_complete_step(fmu *m, int *enters_event_mode)
 #endif
 }
 
-/* Find the segment between time events. Rates must be evaluated inside it. */
+/* Find the current segment between time events, within which rates must be evaluated. */
 static void find_segment(fmu *m)
 {
     const double t = m->numbers[FMU_NOW], next = cotree_next_breakpoint(&m->stops, t, HUGE_VAL);
@@ -109,7 +109,7 @@ static void find_segment(fmu *m)
     fmu_invalidate(m);
 }
 
-/* Apply events at the present point. */
+/* Apply events at the current point. */
 static int apply_events(fmu *m, fmu_event_info *news)
 {
     cotree_events *const e = fmu_events(m);
@@ -144,7 +144,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     return 0;
 }
 
-/* Process time events, constraints and events at the present point. */
+/* Process time events, constraints and events at the current point. */
 static int update(fmu *m, fmu_event_info *news)
 {
     int i, status = 0;

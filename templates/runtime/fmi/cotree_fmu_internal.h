@@ -47,17 +47,17 @@
 #define N_EVENTS 0
 #endif
 
-/* Scalars in the saved state of an instance, before its arrays. */
+/* Scalars of the saved state of an instance, stored before its arrays. */
 enum fmu_number {
     FMU_MODE,
     FMU_NOW,
     FMU_BEGIN, /* start time */
     FMU_END,   /* stop time, or infinity */
     FMU_TOLERANCE,
-    FMU_LOW, /* interval in which the rates have no kink */
+    FMU_LOW, /* ends of the interval in which the rates have no kink */
     FMU_HIGH,
     FMU_NEXT,       /* next time event, or infinity */
-    FMU_IS_STARTED, /* 1: the states are those of the start for the present parameters */
+    FMU_IS_STARTED, /* 1: the states are the start states for the current parameters */
     FMU_IS_CHOSEN,  /* 1: the projection at the start is one of several */
     FMU_IS_BEGUN,   /* 1: events were processed at least once */
     FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
@@ -68,7 +68,7 @@ enum fmu_number {
     FMU_N_NUMBERS
 };
 
-/* Bits of the values that are valid at the present state. */
+/* Bits that mark which values are valid at the current state. */
 #define FMU_POINT 1
 #define FMU_HAS_RATES 2
 #define FMU_HAS_OUTPUTS 4
@@ -84,11 +84,11 @@ struct fmu {
     int returns_early;
     int mode;             /* copy of numbers[FMU_MODE] */
     const char *function; /* name of the function called, for messages */
-    /* may_discard: 1 if the present call may discard a value that cannot be computed, so that the
+    /* may_discard: 1 if the current call may discard a value that cannot be computed, so that the
      * importer tries a smaller step. is_discarded: 1 if it did. */
     int may_discard, is_discarded;
     int offsets[FMU_N_BLOCKS + 1]; /* first value reference of each block */
-    /* States that were saved and not yet freed. */
+    /* Saved states that are not yet freed. */
     struct fmu_state **kept;
     size_t n_kept, n_places;
     /* The state: numbers, then arrays, contiguous in memory. */
@@ -106,7 +106,7 @@ struct fmu {
 #if COTREE_HAS_EVENTS
     double *event_history;
 #endif
-    /* Values computed from the state; bits of `valid` mark those that are up to date. */
+    /* Values that are computed from the state; bits of `valid` mark the valid ones. */
     int valid;
     int is_prepared;
     double *k, *u, *dx, *y, *g, *dy, *partials, *initial;
@@ -150,13 +150,13 @@ struct fmu {
     char name[];
 };
 
-/* Modes. fmu_evaluate allows the present call to discard values in Model Exchange, where the
+/* Modes. fmu_evaluate allows the current call to discard values in Model Exchange, where the
  * importer chooses the step size. */
 COTREE_PRIVATE void fmu_evaluate(fmu *m);
 COTREE_PRIVATE const char *fmu_mode_name(const fmu *m);
 COTREE_PRIVATE void fmu_enter(fmu *m, int mode);
 
-/* Messages. fmu_refuse logs an error. fmu_discard logs that a value is discarded, if the present
+/* Messages. fmu_refuse logs an error. fmu_discard logs that a value is discarded, if the current
  * call may do so. Both return 1. fmu_check_pointer rejects a null pointer. */
 COTREE_PRIVATE int fmu_refuse(const fmu *m, const char *format, ...);
 COTREE_PRIVATE int fmu_discard(fmu *m, const char *format, ...);
@@ -186,7 +186,7 @@ COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
 
 COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 
-/* Events. fmu_events returns the events with the present settings and an empty history. fmu_hold
+/* Events. fmu_events returns the events with the current settings and an empty history. fmu_hold
  * sets whether constraints are satisfied by projection, as they are while events are processed. */
 COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
 COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);

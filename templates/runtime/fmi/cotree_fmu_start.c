@@ -31,7 +31,7 @@ int fmu_enter_initialization(fmu *m)
     return 0;
 }
 
-/* Return whether a state that the importer has not set starts from its value in the tables. */
+/* Return whether a state without a value from the importer starts from its value in the tables. */
 static int is_found(const fmu *m, int state)
 {
     const fmu_tables *const tables = m->tables;
@@ -39,7 +39,7 @@ static int is_found(const fmu *m, int state)
            (tables->is_found && !tables->start_tables->given[state]);
 }
 
-/* Write the prescribed initial values, and guesses of the others. */
+/* Write the prescribed initial values, and guesses for the others. */
 static int write_initial_values(fmu *m, double *z)
 {
     int i;
@@ -59,8 +59,8 @@ static int write_initial_values(fmu *m, double *z)
     return 0;
 }
 
-/* List the states whose initial values are set: by the importer, or states of storage elements,
- * which are not computed again for other parameters. */
+/* List the states whose initial values are prescribed: by the importer, or because they are states
+ * of storage elements, which are not computed again for other parameters. */
 static void list_set(fmu *m, const double *initial)
 {
     const cotree_start_tables *const tables = m->tables->start_tables;
@@ -171,7 +171,7 @@ int fmu_exit_initialization(fmu *m)
     return status;
 }
 
-/* Compute the entries of a direction that belong to states of one level that are not prescribed. */
+/* Compute the entries of a direction for the states of one level that are not prescribed. */
 static int complete_direction(fmu *m, double *seed, int level)
 {
     const cotree_assembly_tables *const rows = m->start.tables->assembly;
@@ -197,7 +197,7 @@ static int complete_direction(fmu *m, double *seed, int level)
     return 0;
 }
 
-/* Compute the entries of a direction that belong to states that are not prescribed. */
+/* Compute the entries of a direction for the states that are not prescribed. */
 static int complete_directions(fmu *m, const int *is_known, double *seed)
 {
     cotree_assembly *const a = &m->start.assembly;
@@ -222,7 +222,7 @@ static int complete_directions(fmu *m, const int *is_known, double *seed)
     return status != 0 ? 1 : complete_direction(m, seed, 1);
 }
 
-/* Compute the entries of a direction that belong to states that are not prescribed, from those of
+/* Compute the entries of a direction for the states that are not prescribed from its entries for
  * prescribed states, inputs and parameters. is_known: states whose entries are given; NULL: the
  * states that were set. */
 int fmu_move_start(fmu *m, const int *is_known, double *seed)

@@ -2,7 +2,7 @@
 #include "cotree_fmu_internal.h"
 
 #if COTREE_HAS_STEPS
-/* Relative tolerance of the start time of a step: importers accumulate rounding errors. */
+/* Relative tolerance of the start time of a step, since importers accumulate rounding errors. */
 #define TIME_RTOL 1e-9
 
 /* Set the breakpoints of a job: the start, time events and the end. */
@@ -149,7 +149,7 @@ static int log_events(const fmu *m, cotree_job *job)
     return n_logged;
 }
 
-/* Integrate to the end of the step or to the first event, within the limits on steps and events. */
+/* Integrate to the end of the step or to the first event, within the limits of steps and events. */
 static int run_job(fmu *m, cotree_job *job, long *n_events)
 {
     int result = COTREE_JOB_MORE;

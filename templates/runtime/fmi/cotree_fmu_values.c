@@ -1,10 +1,10 @@
-/* cotree_fmu_values.c: values of an instance at its present state, and its variables. */
+/* cotree_fmu_values.c: values of an instance at its current state, and its variables. */
 #include "cotree_fmu_internal.h"
 
 void fmu_invalidate(fmu *m) { m->valid = 0; }
 
 #if COTREE_HAS_BREAKPOINTS
-/* Compute the rows of time events. Their periods are positive, or zero for a single time event. */
+/* Compute the rows of time events. Periods are positive, or zero if the time event is single. */
 static int find_stops(fmu *m)
 {
     const int n_sensitivities = m->stops.n_sensitivities, width = 2 + 2 * n_sensitivities;
@@ -84,8 +84,8 @@ static double now(const fmu *m) { return cotree_run_inside(&m->run, m->numbers[F
 #define MAX_POINTS 1000
 #define MIN_SHARE 1e-9
 
-/* Continue the algebraic unknowns along the straight line from the point at which they were last
- * solved. An importer may try steps that are too long for Newton's method. */
+/* Continue the algebraic unknowns along a straight line from the point at which they were solved
+ * last, since an importer may try steps that are too long for Newton's method. */
 static int continue_unknowns(fmu *m)
 {
     const double from = m->numbers[FMU_SOLVED_AT];
@@ -123,7 +123,7 @@ static int solve_unknowns(fmu *m)
     return 0;
 }
 
-/* Compute inputs and algebraic unknowns at the present state. */
+/* Compute inputs and algebraic unknowns at the current state. */
 static int compute_point(fmu *m)
 {
     fmu_set_up_run(m);
@@ -254,11 +254,11 @@ int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n)
     return 0;
 }
 
-/* Compute what the values of a block require. Before initialization, only variables that may be set
- * have values. */
+/* Compute the data that the values of a block require. Before initialization, only variables that
+ * may be set have values. */
 static int evaluate_block(fmu *m, int block, int index)
 {
-    /* By block, nominal values last. */
+    /* One entry for each block; the last one is for nominal values. */
     static const int needs[] = {0,
                                 FMU_POINT,
                                 FMU_HAS_RATES,

@@ -22,7 +22,7 @@ typedef struct cotree_breakpoints {
 cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t,
                                    cotree_real t_end);
 
-/* Return the largest magnitude among t_end and the times from which later breakpoints are computed.
+/* Return the largest magnitude of t_end and of the times from which later breakpoints are computed.
  * It determines their rounding errors. */
 cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end);
 
@@ -36,8 +36,7 @@ void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 
 #if COTREE_HAS_STEPS
-/* Write t, the breakpoints after it and t_end to times; NULL: none is written. Return their number.
- */
+/* Write t, the breakpoints after t and t_end to times, unless it is NULL. Return their number. */
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times);
 

@@ -47,8 +47,8 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
     for (i = 0; i < h->n_points; ++i) cotree_points_weigh(h, h->n_points, h->uses_rates, i);
 }
 
-/* Add the contributions of all points to y as differences from the last point. Constant entries,
- * such as modes, are then interpolated without rounding, however large the factors are. */
+/* Add the contributions of all points to y as differences from the last point. Then constant
+ * entries, such as modes, are interpolated without rounding errors, even if factors are large. */
 static void contribute(const cotree_history *h, const cotree_portions *of,
                        cotree_real *COTREE_RESTRICT y)
 {

@@ -1,4 +1,4 @@
-/* cotree_integrator.c: descriptions of the status codes shared by all integrators. */
+/* cotree_integrator.c: descriptions of the integrator status codes. */
 #include "cotree_integrator.h"
 
 const char *cotree_status_message(cotree_status status)

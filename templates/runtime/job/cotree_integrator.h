@@ -9,7 +9,7 @@
 typedef int (*cotree_rate_function)(cotree_real t, const cotree_real *y, cotree_real *dy,
                                     void *context);
 
-/* Project y onto the solutions that are admissible at t. Return 0, or another number on failure; a
+/* Project y onto the set of admissible solutions at t. Return 0, or another number on failure; a
  * smaller step is then tried. context is the pointer passed to init. */
 typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *context);
 
@@ -78,7 +78,7 @@ typedef enum cotree_status {
 
 COTREE_BEGIN_DECLS
 
-/* Return the description of a status, worded to end a sentence. */
+/* Return the description of a status as the end of a sentence. */
 const char *cotree_status_message(cotree_status status);
 
 COTREE_END_DECLS

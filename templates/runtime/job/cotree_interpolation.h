@@ -18,7 +18,7 @@
 #include "cotree_numbers.h"
 #endif
 
-/* Factors of the values and rates of all points in an interpolated value. */
+/* Factors by which an interpolated value depends on the values and rates of all points. */
 typedef struct cotree_portions {
     REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
 } cotree_portions;
@@ -60,7 +60,7 @@ static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, 
     p->bends[i] = COTREE_F(-2.0) * slope;
 }
 
-/* Compute the factors of the points in the solution at a time. */
+/* Compute the factors of the points for the solution at a time. */
 static inline void cotree_find_portions(const cotree_points *p, int n, int uses_rates, REAL t,
                                         cotree_portions *found)
 {

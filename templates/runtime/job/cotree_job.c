@@ -1,5 +1,5 @@
-/* cotree_job.c: the integration loop over steps, time events, wanted points and events, for any
- * stepper. */
+/* cotree_job.c: the integration loop for any stepper: steps, time events, wanted points and
+ * events. */
 #include "cotree_job.h"
 #include "cotree_stepper.h"
 
@@ -71,7 +71,7 @@ static int has_events(const cotree_job *job)
     const cotree_hybrid *const hybrid = job->model->hybrid;
     if (hybrid == NULL) return 0;
     if (COTREE_EVENTS_OF(hybrid) > 0) return 1;
-    /* Kinks, like events, are located only in forward time. */
+    /* Kinks, like events, are only located in forward time. */
     return !job->is_tested && job->corners[job->n_corners - 1] >= job->corners[0];
 }
 
@@ -201,7 +201,8 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
     run->high = COTREE_FMAX(first, last);
 }
 
-/* Complete a point. Close to a fold Newton's method may leave the unknowns accepted there. */
+/* Complete a point. Close to a fold, Newton's method may diverge from the unknowns accepted
+ * there. */
 static int complete(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const int status = STEPPER->complete(job, t, w, is_exact);
@@ -261,7 +262,7 @@ static int store_step(cotree_job *job, int is_last)
     return store_at(job, job->t);
 }
 
-/* Write the present point to the job. */
+/* Write the current point to the job. */
 static void finish(cotree_job *job)
 {
     const cotree_engine *const e = ENGINE;
@@ -336,7 +337,7 @@ static int is_moving(const cotree_job *job, int corner)
     return 0;
 }
 
-/* Return the data of a breakpoint, in memory that is unused between two segments. */
+/* Return the data of a breakpoint, stored in memory that is unused between two segments. */
 static cotree_corner_sensitivity corner_data(cotree_job *job, int corner)
 {
     const cotree_real start = job->corners[corner], end = job->corners[corner + 1];
@@ -403,7 +404,7 @@ static int jump_sensitivities(cotree_job *job)
 #endif
 
 #if COTREE_HAS_EVENTS
-/* Compute the solution within the last step, for the location of events. */
+/* Compute the solution at a time within the last step, to locate events. */
 static int interpolate(cotree_real t, cotree_real *w, void *context)
 {
     cotree_job *const job = (cotree_job *)context;
@@ -560,7 +561,7 @@ static int solve_with_helper(cotree_job *job)
 #endif
 
 #if COTREE_HAS_INPUTS
-/* Call reach at the start of a segment, with the end point of the previous one. */
+/* Call reach at the start of a segment, with the end point of the previous segment. */
 static int call_reach(cotree_job *job, int is_first)
 {
     cotree_engine *const e = ENGINE;
@@ -678,7 +679,7 @@ static void return_to(cotree_job *job, cotree_real start)
         cotree_run_return(runs[i], start, e->run->branch);
 }
 
-/* Repeat a step that failed with a status, now towards a goal. */
+/* Repeat a step that failed with the given status, now towards the given goal. */
 static int restart_towards(cotree_job *job, cotree_real goal, int status)
 {
     int result = COTREE_OK;
@@ -693,7 +694,7 @@ static int restart_towards(cotree_job *job, cotree_real goal, int status)
     return fail(job, result == COTREE_FOLD ? COTREE_FOLD : status);
 }
 
-/* Return the shortest step towards a fold. */
+/* Return the length of the shortest step towards a fold. */
 static cotree_real shortest_to_fold(const cotree_job *job)
 {
     const cotree_real span = job->corners[job->n_corners - 1] - job->corners[0];
@@ -728,7 +729,7 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
 }
 
 #if COTREE_HAS_CONSTRAINTS
-/* Enter a stretch and restart. Wanted points of the last step are stored first. */
+/* Enter a stretch and restart. Before, store the wanted points of the last step. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
 {
     int status = COTREE_OK;
@@ -760,7 +761,7 @@ static void record_crossing(cotree_job *job)
     ++job->n_crossed;
 }
 
-/* Return the nearer end, of the segment or of the stretch. */
+/* Return the end of the segment or of the stretch, whichever is nearer. */
 static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
 {
     const cotree_singularity *const s = ENGINE->singularity;
@@ -780,8 +781,8 @@ static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
     }
 }
 
-/* Enter a stretch near a singular position. A stretch with loosened tolerances starts where the one
- * with projected rates started, since rounding errors are smaller there. */
+/* Enter a stretch near a singular position. A stretch with loosened tolerances starts at the start
+ * of the stretch with projected rates, where rounding errors are smaller. */
 static int enter_stretch(cotree_job *job, cotree_stretch stretch)
 {
     cotree_singularity *const s = ENGINE->singularity;
@@ -921,7 +922,7 @@ static int next_step(cotree_job *job)
 }
 
 #if COTREE_HAS_EVENTS
-/* Make the events write to the records of the job. Before the job has started, no events exist. */
+/* Set the job's records as the target of the events, which exist once the job has started. */
 static void open_records(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;

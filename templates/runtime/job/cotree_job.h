@@ -1,4 +1,4 @@
-/* cotree_job.h: an integration that advances by a number of steps at each call.
+/* cotree_job.h: an integration that advances by several steps at each call.
  *
  * A job processes breakpoints (its start, time events and its end), wanted points and events. A
  * stepper takes the steps between them. In names, a corner is a breakpoint. */
@@ -42,7 +42,7 @@ typedef struct cotree_job {
     int is_strict; /* 1: rates are evaluated at points projected onto the constraints, as dependent
                       constraints require */
     cotree_real correction; /* largest correction by a projection, relative to max(1, |state|) */
-    /* Tables of the constraints, for the detection of singular positions; NULL: not detected. */
+    /* Constraint tables for the detection of singular positions; NULL: they are not detected. */
     const cotree_assembly_tables *constraints;
     /* Records of the singular positions crossed: the time and the states at the start of each
      * stretch. NULL: not recorded. n_crossed counts all of them. */
@@ -69,19 +69,19 @@ typedef struct cotree_job {
     cotree_real scale;                /* largest time used to compute breakpoints */
     int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
 #if COTREE_HAS_MOVING_CORNERS
-    /* Derivatives of the breakpoint times by the parameters, one row each, and the largest
-     * difference of these derivatives among coinciding time events. NULL: zero. */
+    /* Derivatives of the breakpoint times by the parameters, in one row for each breakpoint, and
+     * the largest differences of these derivatives among coinciding time events. NULL: zero. */
     const cotree_real *slopes;
     const cotree_real *spreads;
     const cotree_real *turn_tolerances; /* absolute tolerances of the sensitivities, by parameter */
     int turned; /* index in z of a sensitivity that is undefined after this time */
 #endif
-    /* Stored points: at the wanted times, or after each step if n_wanted is 0. */
+    /* Points are stored at the wanted times, or after each step if n_wanted is 0. */
     int n_wanted;
     const cotree_real *wanted;
     cotree_real *times;  /* space for the number of steps plus one, or for n_wanted times */
     cotree_real *values; /* one row for each stored time: all states and sensitivities */
-    /* The present point. Before the first call, write z and set the other fields to zero. */
+    /* The current point. Before the first call, write z and set the other fields to zero. */
     cotree_real *z; /* all states and sensitivities at the time t */
     cotree_real t;
     int corner; /* index of the last breakpoint passed */
@@ -100,7 +100,7 @@ typedef struct cotree_job {
     int entry;       /* index of a rate that was not finite, or -1 */
     int row, column; /* position of a Jacobian entry that was not finite, or -1 */
 #if COTREE_HAS_EVENTS
-    int is_tested; /* 1: state-dependent kinks are not located, only subject to the error test */
+    int is_tested; /* 1: state-dependent kinks are not located but left to the error test */
     /* Records of events, COTREE_EVENTS_RECORD numbers each. The job returns if fewer than
      * COTREE_EVENTS_AT_ONCE are free. NULL: not recorded. */
     cotree_real *records;
@@ -156,7 +156,7 @@ COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif
-/* Update z and t of an unfinished job to the present point. Finished and waiting jobs are up to
+/* Update z and t of an unfinished job to the current point. Finished and waiting jobs are up to
  * date. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 

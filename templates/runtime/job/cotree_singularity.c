@@ -1,4 +1,4 @@
-/* cotree_singularity.c: detection of singular positions, and the tolerances near them. */
+/* cotree_singularity.c: detection of singular positions, and tolerances near them. */
 #include "cotree_singularity.h"
 
 #if COTREE_HAS_CONSTRAINTS

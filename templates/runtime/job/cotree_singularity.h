@@ -13,7 +13,7 @@
 
 COTREE_BEGIN_DECLS
 
-/* Kind of the present stretch of the integration. */
+/* Kind of the current stretch of the integration. */
 typedef enum cotree_stretch {
     COTREE_ORDINARY = 0,
     COTREE_STRICT = 1, /* rates are evaluated at projected points */
@@ -22,9 +22,10 @@ typedef enum cotree_stretch {
 
 typedef struct cotree_singularity {
     cotree_assembly assembly;
-    cotree_stretch stretch, next; /* present stretch, and the one the last step requires */
+    cotree_stretch stretch, next; /* current stretch, and the one that the last step requires */
     cotree_real end;              /* end time of the stretch */
-    /* Lengths: longest ordinary steps, and the last short step at which constraints were tested. */
+    /* Lengths of the longest ordinary steps, and of the last short step at which constraints were
+     * tested. */
     cotree_real longest, longest_of_block, tested;
     int n_ordinary, n_short; /* ordinary steps; short steps since the last ordinary one */
     /* Tolerances of the job outside stretches. */
@@ -41,8 +42,8 @@ typedef struct cotree_singularity {
 void cotree_singularity_init(cotree_singularity *s, const cotree_job *job, cotree_run *run,
                              cotree_arena *arena);
 
-/* Discard the lengths of previous steps at a breakpoint or an event, and do not return to earlier
- * points. Multistep methods take short steps after a restart. */
+/* At a breakpoint or an event, discard the lengths and starts of previous steps. Multistep methods
+ * take short steps after a restart. */
 void cotree_singularity_restart(cotree_singularity *s, int is_multistep);
 
 /* Store the length of a step. Return the kind of stretch that must follow near a singular
@@ -63,7 +64,7 @@ void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_str
 /* Return a tolerance within a loose stretch, which is never below that of the job. */
 cotree_real cotree_singularity_loosened(cotree_real tolerance);
 
-/* Return the remaining length of the present stretch at time t; 0 outside stretches. */
+/* Return the remaining length of the current stretch at time t; 0 outside stretches. */
 cotree_real cotree_singularity_length(const cotree_singularity *s, cotree_real t);
 
 COTREE_END_DECLS

@@ -19,7 +19,7 @@ COTREE_BEGIN_DECLS
 
 /* Header of a job's memory. */
 typedef struct cotree_engine {
-    cotree_run runs[3];    /* storage for the runs below, which may coincide */
+    cotree_run runs[3];    /* storage of the runs below, which may coincide */
     cotree_run *run;       /* run of all integrated entries */
     cotree_run *of_states; /* run of the states only, if the stepper has one; otherwise run */
     cotree_run *watched;   /* run that evaluates event functions */
@@ -35,15 +35,15 @@ typedef struct cotree_engine {
     cotree_real *before; /* values at the start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS
-    cotree_real *work[4]; /* work space between segments; left persists */
+    cotree_real *work[4]; /* work space between segments; only `left` persists */
 #endif
 #if COTREE_HAS_CONSTRAINTS
     cotree_singularity *singularity; /* NULL: singular positions are not detected */
 #endif
-    cotree_real *w;     /* present point of the integration, n entries */
+    cotree_real *w;     /* current point of the integration, n entries */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
     int is_running;     /* 1: the last step can be interpolated */
-    int is_helped; /* 1: w has the algebraic unknowns after a breakpoint, computed by the helper */
+    int is_helped; /* 1: w has algebraic unknowns that the helper computed after a breakpoint */
     int n_short;   /* number of successive steps at rounding level */
     void *own;     /* data of the stepper */
 } cotree_engine;
@@ -65,7 +65,7 @@ struct cotree_stepper {
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
     /* Project a point, solve for its algebraic unknowns, and store it in run->full. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);
-    /* Find the entry that caused a status; may be NULL. */
+    /* Store which entry caused a status; may be NULL. */
     void (*blame)(cotree_job *job, int status);
 #if COTREE_HAS_EVENTS
     /* Return the history for interpolation within the last step; NULL: between() is inexpensive. */
@@ -77,7 +77,7 @@ struct cotree_stepper {
 #endif
 };
 
-/* Initialise a run of a job. */
+/* Initialise one of a job's runs. */
 cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensitivities,
                                  cotree_arena *arena);
 

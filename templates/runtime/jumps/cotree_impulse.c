@@ -3,11 +3,10 @@
  * In an impact the equation of a constraint prescribes its change of speed instead of its
  * acceleration. The change of each state is the difference of two rates, evaluated with the
  * prescribed change and with zero: finite forces cancel in the difference. States without inertia
- * do not change. The changes of the sensitivities follow in the same way from their rates. */
+ * do not change. The changes of the sensitivities are computed in the same way from their rates. */
 #include "cotree_jumps_internal.h"
 
-/* Return the index of the change of speed of an event among all new values: the last value of the
- * event. */
+/* Return the index of an event's change of speed, its last new value, among all new values. */
 static int speed_change_place(const cotree_jumps *j, int event)
 {
     return cotree_first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;
@@ -90,7 +89,7 @@ static int compute_impact(cotree_jumps *j, const cotree_impulse *s, cotree_real 
         for (i = 0; i < s->n_edges; ++i) {
             const int has_impulse = i < s->n_stops && s->speed_events[i] >= 0;
             const int at = s->impulse_states[i];
-            /* Impulses do not have the sign of the side, as the forces here do. */
+            /* Unlike these forces, impulses are not multiplied by the sign of the side. */
             own[at] = has_impulse ? forces[n * s->n_forces + i] : COTREE_F(0.0);
             if (s->is_residual) own[at] = j->before[n * N_STATES + at];
         }

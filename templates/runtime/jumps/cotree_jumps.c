@@ -1,7 +1,7 @@
-/* cotree_jumps.c: event functions, and the states and sensitivities after an event. */
+/* cotree_jumps.c: evaluation of event functions, and of states and sensitivities after events. */
 #include "cotree_jumps_internal.h"
 
-/* Relative rounding error of the derivatives of an event time. */
+/* Relative rounding error in the derivatives of an event time. */
 #define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
 
 int cotree_is_contact_slip(const cotree_event *event)
@@ -265,7 +265,7 @@ int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t
     int n;
     *is_dependent = 0;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        /* A nan counts as dependence. */
+        /* If the derivative is nan, the function counts as dependent. */
         if (!(j->value_slopes[n * (N_EVENTS + N_JUMPS) + event] == COTREE_F(0.0)))
             *is_dependent = 1;
     }
@@ -290,7 +290,7 @@ static void set_time_sensitivity(cotree_jumps *j, int event)
     int n;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         const cotree_real slope = j->value_slopes[n * (N_EVENTS + N_JUMPS) + event];
-        /* Without dependence the derivative is zero even if the rate is zero. */
+        /* If there is no dependence, the derivative is zero, even at zero rate. */
         j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
     }
 }

@@ -1,10 +1,11 @@
 /* cotree_jumps.h: event functions of a model, and the jumps of states and sensitivities at its
  * events.
  *
- * With the rates f, the event function g, the states R(x) after the event, and - and + for before
- * and after it, the derivatives of the event time by the parameters are t_p = -(g_x S- + g_p) /
- * (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the model has constraints,
- * the states that the event sets are kept, and the others are projected with minimum norm.
+ * With the rates f, the event function g, the states R(x) after the event, and the marks - and +
+ * for before and after it, the derivatives of the event time by the parameters are t_p = -(g_x S- +
+ * g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the model has
+ * constraints, the states that the event sets are kept, and the others are projected with minimum
+ * norm.
  *
  * w is the vector that a run integrates. Nothing is allocated. */
 #ifndef COTREE_JUMPS_H
@@ -40,18 +41,18 @@ typedef struct cotree_jumps {
 #endif
 } cotree_jumps;
 
-/* An impulse at one or several constraints. */
+/* Data of an impulse at one or several constraints. */
 typedef struct cotree_impulse {
     int is_residual; /* 1: removes errors of speeds; impulse_states keep their values */
     int n_modes, stride;
-    const int *places;        /* states of the modes: places[k * stride] for mode k */
+    const int *places;        /* state indices of the modes: places[k * stride] for mode k */
     const cotree_real *modes; /* modes during the impact */
 #if COTREE_HAS_DISCS
     int n_directions; /* directions of sliding on planes in space */
     const int *direction_states;
     const cotree_real *directions; /* directions of sliding during the impact */
 #endif
-    int n_edges, n_stops;      /* edges: stops, friction at their contacts, its second components */
+    int n_edges, n_stops;      /* edges: stops, contact friction, its second components */
     const int *impulse_states; /* states that are set to the change of speed */
     const int *speed_events;   /* events whose last new value is the change of speed; -1: none */
     int n_forces;
@@ -70,7 +71,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
 /* Compute bounds of the event functions from bounds of the quantities. Constants in them are those
- * at the point at which values was last computed. */
+ * of the last computed point. */
 int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box,
                         cotree_real *ranges);
 
@@ -98,27 +99,28 @@ int cotree_jumps_try_impulse(cotree_jumps *j, const cotree_impulse *s, cotree_re
 /* Compute the new values of all events at w. */
 int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree_real *w);
 
-/* Return the first new value of an event at the last evaluation, and whether it differs from the
- * present value. */
+/* Return the first new value of an event from the last evaluation, and whether it differs from the
+ * current value. */
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event);
 int cotree_jumps_changes_value(const cotree_jumps *j, int event);
 
-/* Change the sensitivities in w along a direction of the states until an event function depends on
+/* Change the sensitivities in w along a direction in state space until an event function depends on
  * no parameter. slope: derivative of the event function along the direction. */
 int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_real *direction,
                                     cotree_real slope, cotree_real t, cotree_real *w);
 
-/* Find whether an event function depends on a parameter of the sensitivities. Return the status of
- * the kernels. */
+/* Determine whether an event function depends on a sensitivity parameter. Return the status of the
+ * kernels. */
 int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                        int *is_dependent);
 
-/* Return whether the times of two events have the same derivatives by all parameters, at the last
- * call of cotree_jumps_depends_on_parameters. */
+/* Return whether the times of two events have the same derivatives by all parameters, according to
+ * the last call of cotree_jumps_depends_on_parameters. */
 int cotree_jumps_share_time(const cotree_jumps *j, int a, int b);
 
-/* Find whether the zeros of an event function near two points have the same derivatives of time by
- * all parameters, from the values and rates at these points. Return the status of the kernels. */
+/* Determine, from the values and rates at two points, whether the times of an event function's
+ * zeros near these points have the same derivatives by all parameters. Return the status of the
+ * kernels. */
 int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                cotree_real t_other, cotree_real *w_other, int *is_same);
 
@@ -126,12 +128,12 @@ int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree
 int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *w,
                              cotree_real *rates);
 
-/* Compute the rates of the states at w in both modes of a jump: the present one and the other one.
- * x: the states in the other mode. */
+/* Compute the rates of the states at w in both modes of a jump. x: the states in the mode that is
+ * not the current one. */
 int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_real *w,
                        cotree_real *x, cotree_real *now, cotree_real *other);
 
-/* Return the new value of one of the targets of an event at the last evaluation. */
+/* Return the new value of one of an event's targets from the last evaluation. */
 cotree_real cotree_jumps_target_value(const cotree_jumps *j, int event, int target);
 
 /* Return the last new value of an event, a change of speed, and its rate. */

@@ -18,7 +18,7 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     for (i = 0; i < n * n; ++i) {
         if (COTREE_FABS(a[i]) > largest) largest = COTREE_FABS(a[i]);
     }
-    /* Initialise all entries, since callers copy them even if the matrix is singular. */
+    /* All entries are initialised, since callers copy them even if the matrix is singular. */
     for (k = 0; k < n; ++k) rows[k] = columns[k] = k;
     for (k = 0; k < n; ++k) {
         cotree_real best = COTREE_F(0.0);
@@ -50,7 +50,7 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     return n;
 }
 
-/* Write an orthonormal basis of the null space to the rows without a pivot. columns is an output of
+/* Write an orthonormal basis of the null space to the rows without a pivot. columns: output of
  * cotree_factorise. Return whether the first n_determined unknowns are determined: their entries in
  * the basis are below 1e-9, or 1.2e-4 in single precision. */
 static inline int cotree_complete(int n, int n_determined, int rank, cotree_real *a,
@@ -122,8 +122,8 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
     }
 }
 
-/* Divide rows and columns by the square roots of their sizes, and store the inverses of the roots.
- * The factor of a zero row is one: in some positions no motion changes a constraint. */
+/* Divide rows and columns by the square roots of their sizes, and store the inverse roots. The
+ * factor of a zero row is one, since in some positions no motion changes a constraint. */
 static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
 {
     int i, j;

@@ -4,7 +4,7 @@
 
 #include "cotree_real.h"
 
-/* Name of the scalar function, if vector functions have the plain names. */
+/* Name of a scalar function; another one is defined if vector functions have the plain names. */
 #ifndef COTREE_LOOKUP
 #define COTREE_LOOKUP(name) cotree_##name
 #endif
@@ -25,7 +25,7 @@ static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
     return low;
 }
 
-/* Value and slope of a piecewise linear function, constant outside its range. */
+/* Compute value and slope of a piecewise linear function, which is constant outside its range. */
 static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotree_real *y,
                                         cotree_real at, cotree_real *result)
 {
@@ -40,7 +40,7 @@ static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotre
     result[0] = y[low] + result[1] * (at - x[low]);
 }
 
-/* Value, first, second and third derivative of a piecewise cubic Hermite function. */
+/* Compute value and first to third derivative of a piecewise cubic Hermite function. */
 static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotree_real *y,
                                         const cotree_real *slopes, cotree_real at,
                                         cotree_real *result)
@@ -55,8 +55,8 @@ static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotre
     result[3] = COTREE_F(6.0) * c;
 }
 
-/* Value and slope of a piecewise linear function, constant outside its range; then both ends and
- * the index of the interval. The interval is `held`, unless `held` is zero. */
+/* Compute value and slope of a piecewise linear function, which is constant outside its range; then
+ * both ends and the index of the interval, which is frozen if `held` is nonzero. */
 static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const cotree_real *y,
                                              cotree_real at, cotree_real held, cotree_real *result)
 {
@@ -100,7 +100,7 @@ static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at,
     return k;
 }
 
-/* Value of a bilinear function on the intervals i and j, and its derivatives by x, by y and by
+/* Compute a bilinear function on the intervals i and j, and its derivatives by x, by y and by
  * both. */
 static inline void cotree_bilinear(int m, const cotree_real *x, const cotree_real *y,
                                    const cotree_real *z, int i, int j, cotree_real at,
@@ -117,7 +117,7 @@ static inline void cotree_bilinear(int m, const cotree_real *x, const cotree_rea
     result[3] = twist;
 }
 
-/* Value of a bilinear function, and its derivatives by x, by y and by both. */
+/* Compute a bilinear function, and its derivatives by x, by y and by both. */
 static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, const cotree_real *y,
                                         const cotree_real *z, cotree_real at, cotree_real beside,
                                         cotree_real *result)
@@ -126,7 +126,7 @@ static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, cons
     cotree_bilinear(m, x, y, z, i, j, at, beside, result);
 }
 
-/* Value of a bilinear function, and its derivatives by x, by y and by both; then both ends and the
+/* Compute a bilinear function, and its derivatives by x, by y and by both; then both ends and the
  * index of the interval on each axis, which is frozen if `held` is nonzero. */
 static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
                                              const cotree_real *y, const cotree_real *z,

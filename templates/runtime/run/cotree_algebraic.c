@@ -2,14 +2,15 @@
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC
-/* Newton's method for algebraic unknowns. Step sizes are relative to max(|unknown|, atol).
- * Convergence is quadratic: after a step below CONVERGED_STEP only rounding errors remain. */
+/* Limits of Newton's method for algebraic unknowns. Step sizes are relative to max(|unknown|,
+ * atol). Convergence is quadratic: after a step below CONVERGED_STEP only rounding errors
+ * remain. */
 #define MAX_NEWTON_STEPS 50
 #define MIN_DAMPING COTREE_F(1e-6)
 #define CONVERGED_STEP COTREE_SELECT(1e-8, 3.5e-04f)
 #define STALLED_STEP COTREE_SELECT(1e-4, 2.3e-02f)
 
-/* Number of stored solutions tried as guesses: the last one, then those nearest in time. */
+/* Number of stored solutions that serve as guesses: the last one, then those nearest in time. */
 #define MAX_GUESSES 4
 
 /* Compute -g_z^-1 g. */
@@ -52,7 +53,7 @@ int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
 }
 
 /* Compute a Newton step of the algebraic unknowns, and its largest entry relative to the unknown.
- * Also estimate from two successive steps how nonlinear the equations are. */
+ * Estimate from two successive steps how nonlinear the equations are. */
 static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *size)
 {
     cotree_run *const run = (cotree_run *)a->context;
@@ -66,7 +67,7 @@ static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *
         cotree_real share;
         if (is_new) before[i] = a->x[N_RATES + i];
         share = COTREE_FABS(step[i]) / (COTREE_FABS(before[i]) + run->atol + COTREE_MIN);
-        if (!(share <= *size)) *size = share; /* true for nan, too */
+        if (!(share <= *size)) *size = share; /* also true for nan */
     }
     if (!is_new && a->size > STALLED_STEP)
         run->bend = COTREE_FMAX(run->bend, COTREE_F(2.0) * *size / a->size);
@@ -82,7 +83,7 @@ static int move_unknowns(const cotree_iteration *a, cotree_real share)
     return run->model->rhs(a->t, a->x, run->u, run->p, run->k, run->rates);
 }
 
-/* Solve for the algebraic unknowns of x in place, starting from their present values. Return a
+/* Solve for the algebraic unknowns of x in place, starting from their current values. Return a
  * positive number if Newton's method fails. */
 static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
 {
@@ -93,7 +94,7 @@ static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
     return status != 0 ? status : cotree_iterate(&a);
 }
 
-/* Return the index of a stored solution, counted back from the next free one. */
+/* Return the index of a stored solution, counted backwards from the next free place. */
 static int guess_place(const cotree_run *run, int back)
 {
     return (run->n_found - back) & (COTREE_RUN_REMEMBERED - 1);
@@ -178,20 +179,20 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 }
 #endif
 
-/* Series steps: straight-line kernels for small systems. Unknowns are extrapolated in time; one
- * step of the model's inverse series then nearly always suffices. */
+/* Series steps, computed by straight-line kernels, for small systems. Unknowns are extrapolated in
+ * time; then one step of the model's inverse series nearly always suffices. */
 
-/* Errors of unknowns are kept below this fraction of the tolerance, so that rates are accurate. */
+/* Largest error of unknowns, as a fraction of the tolerance, at which rates are accurate. */
 #define UNKNOWN_TOLERANCE COTREE_F(1e-3)
 
-/* The error of a series is estimated only within this fraction of its radius of convergence. */
+/* Fraction of the radius of convergence within which the error of a series is estimated. */
 #define MAX_ESTIMATED_REACH COTREE_F(0.5)
 
-/* Beyond this multiple of the radius, series steps are replaced by the damped iteration. */
+/* Multiple of the radius beyond which the damped iteration replaces series steps. */
 #define MAX_REACH COTREE_F(4.0)
 #define MAX_SERIES_STEPS 4
 
-/* Largest acceptable error growth of planned pivots: it costs half of the digits. */
+/* Largest acceptable error growth of planned pivots, at which half of the digits are lost. */
 #define MAX_PIVOT_GROWTH COTREE_SELECT(1e8, 2.9e+03f)
 
 /* Integrated unknowns are far from their solution if a projection changes them by more than
@@ -201,7 +202,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20
 
-/* Largest extrapolation distance, as a multiple of the distance between the two known solutions. */
+/* Largest extrapolation distance, as a multiple of the distance between both known solutions. */
 #define MAX_EXTRAPOLATION COTREE_F(100.0)
 
 /* Extrapolate the unknowns linearly in time from the two nearest of the last three solutions. */
@@ -237,7 +238,7 @@ static void extrapolate(const cotree_run *run, cotree_real t, cotree_real *z)
 /* Return whether the planned pivots lost too many digits at the last solution. */
 static int has_lost_digits(const cotree_run *run)
 {
-    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* true for nan, too */
+    return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* also true for nan */
 }
 
 /* Solve for the algebraic unknowns of x by series steps in place, up to a fraction of their size or
@@ -263,7 +264,7 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
             rest += COTREE_FABS(last[i]) * largest_share;
             z[i] += step[i];
         }
-        left = size + rest; /* far from the solution the terms may cancel each other */
+        left = size + rest; /* far from the solution, terms may cancel each other */
         if (left <= CONVERGED_STEP) left = COTREE_F(0.0);
         /* The remainder is bounded by the ratio of the first two terms, or by that of a convergent
          * series. */
@@ -399,17 +400,18 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* A solution ends at a fold, where it meets another one. Beyond it Newton's method may find a
- * third. Unknowns that change within a step by more than this share of their size, and by so many
- * tolerances, are therefore followed from those before it. */
+/* A solution ends at a fold, where it meets another one; beyond it Newton's method may find a third
+ * one. Therefore unknowns are followed through a step if they change by more than this fraction of
+ * their size and by more than this many tolerances. */
 #define NEAR COTREE_F(0.1)
 #define NEAR_TOLERANCES COTREE_F(1e3)
 
-/* The change of the unknowns in the last step predicts that in a step up to so many times as long.
- */
+/* The last change of the unknowns predicts their change in a step at most this many times as
+ * long. */
 #define MAX_STEP_RATIO COTREE_F(6.0)
 
-/* Bisections of a step: the voltage of a junction that begins to conduct changes as a logarithm. */
+/* Largest number of bisections of a step: the voltage of a junction that begins to conduct changes
+ * as a logarithm. */
 #define MAX_BISECTIONS 50
 
 static cotree_real size_of_unknown(const cotree_run *run, cotree_real before, cotree_real after)
@@ -417,7 +419,7 @@ static cotree_real size_of_unknown(const cotree_run *run, cotree_real before, co
     return COTREE_FABS(before) + COTREE_FABS(after) + NEAR_TOLERANCES * run->atol / NEAR;
 }
 
-/* Return the algebraic unknowns of a point of n entries, or the last ones found if it has none. */
+/* Return the algebraic unknowns of a point with n entries, or the last solution if it has none. */
 static const cotree_real *unknowns_of(const cotree_run *run, int n, const cotree_real *w)
 {
     if (n != run->n || run->n_lead > N_RATES) return w + N_RATES;
@@ -439,7 +441,7 @@ void cotree_run_accept(cotree_run *run, cotree_real t, int n, const cotree_real 
     run->t_branch = t;
 }
 
-/* Return whether algebraic unknowns differ much from those accepted last. */
+/* Return whether algebraic unknowns differ much from the last accepted ones. */
 static int are_far(const cotree_run *run, const cotree_real *z)
 {
     const cotree_real *const before = run->branch;
@@ -464,8 +466,8 @@ void cotree_forget_far_guesses(cotree_run *run)
         cotree_run_return(run, run->t_branch, run->branch);
 }
 
-/* Return whether unknowns that are far from those accepted last continue the last change of these:
- * within half of the distance of a linear extrapolation. */
+/* Return whether unknowns that are far from the last accepted ones continue their last change:
+ * their distance from a linear extrapolation is at most half of their change. */
 static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real *z)
 {
     const cotree_real ratio = (t - run->t_branch) / (run->t_branch - run->t_before);
@@ -480,7 +482,7 @@ static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real
     return 1;
 }
 
-/* Return the largest difference of two solutions, in units of sizes. */
+/* Return the largest difference between two solutions, in units of sizes. */
 static cotree_real solution_distance(int m, const cotree_real *a, const cotree_real *b,
                                      const cotree_real *sizes)
 {
@@ -490,7 +492,7 @@ static cotree_real solution_distance(int m, const cotree_real *a, const cotree_r
     return largest;
 }
 
-/* Compute the solution at a share s of a step, from that at low. */
+/* Compute the solution at a fraction s of a step, starting from the solution at low. */
 static int solve_within(cotree_run *run, cotree_real t, const cotree_real *before,
                         const cotree_real *after, cotree_real s, const cotree_real *low)
 {
@@ -513,11 +515,12 @@ static int sign_of_determinant(cotree_run *run, cotree_real t, const cotree_real
     return sign;
 }
 
-/* Distances from a fold at which determinants are computed, halved each time. */
+/* Number of distances from a fold, each half of the one before, at which determinants are
+ * computed. */
 #define MAX_HALVINGS 30
 
 /* Return whether the determinant of g_z changes its sign on the line from one solution to another,
- * as it does close to the first one if that ends at a fold. */
+ * as it does close to the first one if a fold is there. */
 static int is_folded(cotree_run *run, cotree_real t, const cotree_real *low,
                      const cotree_real *high)
 {
@@ -543,7 +546,7 @@ int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree
     cotree_real from = COTREE_F(0.0), to = COTREE_F(1.0), all, rest;
     int i, k;
 #if COTREE_HAS_INPUTS
-    if (run->input_function != NULL) return 1; /* it may jump */
+    if (run->input_function != NULL) return 1; /* the solution may jump */
 #endif
     if (are_predicted(run, t, end)) return 1;
     for (i = 0; i < m; ++i) {

@@ -4,8 +4,8 @@
 
 #include "cotree_integrator.h"
 
-/* Take a step of the classical Runge-Kutta method of order four. It writes three arrays, the first
- * of which is the solution at the end; they must differ from each other and from before. */
+/* Take a step of the classical Runge-Kutta method of order four. It writes three arrays, of which
+ * the first is the solution at the end; all must differ from each other and from `before`. */
 static inline int cotree_take_classical_step(cotree_rate_function rate, void *context, int n,
                                              cotree_real t, cotree_real t_next, cotree_real h,
                                              const cotree_real *before, cotree_real *after,

@@ -29,8 +29,8 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 #endif
 
 #if COTREE_HAS_MOVING_CORNERS
-/* Compute the rates on one side of a time event, extrapolated from two times on that side: a source
- * with steep edges may change within the rounding error of t. */
+/* Compute the rates on one side of a time event by extrapolation from two times on that side, since
+ * sources with steep edges may change within the rounding error of t. */
 static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
                          cotree_corner_sensitivity *crossing, cotree_real *rates)
 {

@@ -1,4 +1,4 @@
-/* cotree_event_kinds.h: kinds of the events of a model. */
+/* cotree_event_kinds.h: kinds of events. */
 #ifndef COTREE_EVENT_KINDS_H
 #define COTREE_EVENT_KINDS_H
 
@@ -26,7 +26,7 @@
 #define COTREE_STOP_FORCE 12
 #define COTREE_STOP_REBOUND 13
 
-/* A kink of the rates: the event only ends the branch that is frozen during a step. */
+/* A kink of the rates. The event only ends the branch that is frozen during a step. */
 #define COTREE_KINK 14
 
 /* A kink at which the slope of a root is infinite on both sides. Its branch value is the half-width
@@ -34,7 +34,7 @@
  * band. */
 #define COTREE_STEEP_KINK 15
 
-/* Modes of dry friction in addition to 1 and -1 for sliding. */
+/* Modes of dry friction other than 1 and -1, which are for sliding. */
 #define COTREE_FRICTION_STICKS COTREE_F(0.0)
 #define COTREE_FRICTION_FREE COTREE_F(2.0) /* the surfaces are not pressed together */
 

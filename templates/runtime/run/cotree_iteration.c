@@ -1,8 +1,7 @@
 /* cotree_iteration.c: Newton's method with damping. */
 #include "cotree_iteration.h"
 
-/* Move by the largest fraction of a step that is accepted. is_last: 1 if the step is at rounding
- * level. */
+/* Move by the largest accepted fraction of a step. is_last: 1 if the step is at rounding level. */
 static int take_damped(const cotree_iteration *a, int *is_last)
 {
     const cotree_newton_limits *const limits = a->limits;

@@ -10,7 +10,7 @@
 
 COTREE_BEGIN_DECLS
 
-/* Status in addition to those of the callbacks: no step can be computed, or no damped step is
+/* Status, in addition to those of the callbacks, if no step can be computed or no damped step is
  * accepted. */
 #define COTREE_NO_STEP 61
 
@@ -18,7 +18,7 @@ COTREE_BEGIN_DECLS
 typedef struct cotree_newton_limits {
     int max_steps;
     cotree_real rounding; /* a step shorter than this is the last one */
-    cotree_real small; /* so is a step shorter than this that is more than half the previous one */
+    cotree_real small;    /* so is a step below this that is over half the previous one */
     /* stalled: steps below this size that cannot be reduced are rounding errors. min_share:
      * smallest damping factor. */
     cotree_real stalled, min_share;

@@ -5,7 +5,8 @@
  * singular value to the next one. */
 #define MOST_INVERSE 40
 
-/* Each projection is applied twice, which makes the remainder orthogonal up to rounding. */
+/* Each projection is applied this many times, which makes the remainder orthogonal up to
+ * rounding. */
 #define PASSES 2
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena)

@@ -1,24 +1,22 @@
-/* cotree_limits.h: tolerances and limits that several files share. Those of the first part are also
- * in tolerances.py. */
+/* cotree_limits.h: tolerances and limits that several files share. The first ones are also in
+ * tolerances.py. */
 #ifndef COTREE_LIMITS_H
 #define COTREE_LIMITS_H
 
 #include "cotree_real.h"
 
-/* A step fails if the projection of its end changes it by more than this many tolerances on
- * average. */
+/* A step fails if projection changes its end by more than this many tolerances on average. */
 #define COTREE_MAX_PROJECTION COTREE_F(10.0)
 
-/* Near singular positions the projection amplifies rounding errors. Below this relative tolerance,
- * more tolerances are allowed there. */
+/* Near singular positions, projection amplifies rounding errors. At relative tolerances below this,
+ * it may change a step there by more tolerances. */
 #define COTREE_ENLARGED_ROUNDING COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* A correction opposes the residual from which it is computed if the cosine of their angle is below
- * minus this. */
+/* A correction opposes its residual if the cosine of the angle between them is below minus this. */
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)
 
-/* Maximum number of steps of a projection. A step below the limit of small corrections that is more
- * than half the previous one is at rounding level, since Newton's method converges
+/* Maximum number of steps of a projection, and limit of small corrections. A small correction that
+ * is more than half the previous one is a rounding error, since Newton's method converges
  * quadratically. */
 #define COTREE_MOST_PROJECTIONS 10
 
@@ -29,17 +27,17 @@
 
 #define COTREE_SMALL_CORRECTION COTREE_SELECT(1e-08, 3.5e-04f)
 
-/* Rates jump at a breakpoint if they differ by more than this many times their change over the same
- * time on one side. Smaller differences are rounding errors of the time. */
+/* Rates jump at a breakpoint if their difference across it exceeds their change over the same time
+ * on one side by this factor. Smaller differences are due to rounding of the time. */
 #define COTREE_JUMP_NOISE COTREE_F(1000.0)
 
-/* A step of at most this many units in the last place makes no progress. One such step may occur
- * before a breakpoint; this many in a row are a stall. */
+/* A step of at most this many units in the last place of the time makes no progress. One such step
+ * may occur before a breakpoint; the second number of them in a row is a stall. */
 #define COTREE_STALL_SPACINGS 16
 #define COTREE_STALL_STEPS 5
 
-/* Stiffness changes the method only if more than this many steps remain: another method takes some
- * hundred steps and matrix evaluations, and must be compiled. */
+/* A run with stiff rates changes its method if more than this many steps remain, since another
+ * method must be compiled and takes some hundred steps and matrix evaluations. */
 #define COTREE_MOST_STIFF_STEPS 1000
 
 /* Number of points of the interpolation polynomial, and limit of its estimated error with explicit
@@ -47,22 +45,22 @@
 #define COTREE_HISTORY_POINTS 6
 #define COTREE_HISTORY_DOUBT COTREE_F(4.0)
 
-/* The corresponding limit for any method. Implicit methods are interpolated without rates. */
+/* The corresponding limit for all methods. Implicit methods are interpolated without rates. */
 #define COTREE_DOUBT(uses_rates) ((uses_rates) ? COTREE_HISTORY_DOUBT : COTREE_F(1.0))
 
-/* Planned pivots are accepted if the solution solves a system whose entries differ from the true
- * ones by at most this relative amount. */
+/* Pivots chosen in advance are accepted if the solution is exact for matrix entries that differ by
+ * at most this fraction. */
 #define COTREE_PLANNED_PIVOTS COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* Maximum number of simultaneous events that one event may trigger. */
+/* Maximum number of simultaneous events in a chain that one event triggers. */
 #define COTREE_EVENT_ROUNDS 50
 
-/* Number of past times stored for each event. As many events within a billionth of the span are
+/* Number of past times stored for each event; as many within a billionth of the span are
  * chatter. */
 #define COTREE_EVENT_CROWD 100
 
-/* Search for zeros of event functions. Values below this fraction of the largest value are rounding
- * errors. */
+/* In the search for zeros of event functions, values below this fraction of the largest value are
+ * rounding errors. */
 #define COTREE_SCAN_ROUNDING (COTREE_F(16.0) * COTREE_EPSILON)
 
 /* A value can have an extremum at zero only if its distance from zero is at most this many times

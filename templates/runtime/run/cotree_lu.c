@@ -19,7 +19,7 @@ cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pi
     a.first = memory;
     a.stride = n;
     if (!is_dense(n, lower, upper)) {
-        /* Banded storage: each column starts one row lower than the previous one. */
+        /* In banded storage, each column starts one row lower than the previous one. */
         a.first = memory + lower + upper;
         a.stride = 2 * (ptrdiff_t)lower + upper;
     }

@@ -39,9 +39,9 @@ static int step_of_states(const cotree_iteration *a, int is_new, cotree_real *si
     return 0;
 }
 
-/* Take Newton steps with the states until the steps are at rounding level; speeds converge one step
- * after the coordinates. Residuals are no criterion: near a singular configuration they are squares
- * of the remaining distance. */
+/* Take Newton steps of the states until they are at rounding level; speeds converge one step after
+ * the coordinates. Residuals are no criterion, since near a singular configuration they are
+ * proportional to the square of the remaining distance. */
 static int project_states(cotree_run *run, cotree_real t, cotree_real *x)
 {
     static const cotree_newton_limits limits = {
@@ -79,7 +79,7 @@ static int project_point(cotree_run *run, cotree_real t, cotree_real *z)
     if (status == 0) status = project_states(run, t, z);
     if (status == 0) status = check_constraints(run, t, z);
 #if COTREE_HAS_SENSITIVITIES
-    /* Sensitivities of speeds converge one step after those of coordinates. */
+    /* Sensitivities of speeds converge one step after sensitivities of coordinates. */
     for (n = 0; n < 2 && status == 0 && run->n_blocks > 1; ++n) {
         cotree_real *const s = z + N_STATES;
         int i;

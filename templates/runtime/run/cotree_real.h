@@ -1,5 +1,5 @@
-/* cotree_real.h: the floating-point type, its literals, functions and limits; the features that are
- * compiled; compiler-specific qualifiers.
+/* cotree_real.h: the floating-point type with its literals, functions and limits; the compiled
+ * features; compiler-specific qualifiers.
  *
  * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
@@ -15,7 +15,7 @@
 #endif
 
 #ifndef COTREE_HAS_SENSITIVITIES
-/* Features. The project of one model sets those that the model does not use to 0. */
+/* Features. The project of a model sets features that the model does not use to 0. */
 #define COTREE_HAS_SENSITIVITIES 1
 #endif
 #ifndef COTREE_HAS_INPUTS

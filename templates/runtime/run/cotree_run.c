@@ -137,7 +137,7 @@ void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real
     }
 }
 
-/* Expand packed sensitivities of the first n states: all others become zero. */
+/* Expand packed sensitivities of the first n states; all others become zero. */
 static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotree_real *s)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -179,7 +179,8 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 #endif
 }
 
-/* Expand w to run->full. If w contains no algebraic unknowns, they are the last ones found. */
+/* Expand w to run->full. If w contains no algebraic unknowns, they are those of the last
+ * solution. */
 static void expand(cotree_run *run, const cotree_real *w)
 {
     const int lead = run->n_lead;

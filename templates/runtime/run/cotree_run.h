@@ -49,7 +49,7 @@ typedef struct cotree_helper {
     void *context;
 } cotree_helper;
 
-/* A memory arena. If base is NULL, allocations only count bytes and return NULL. */
+/* A memory arena. If base is NULL, allocations only count their bytes and return NULL. */
 typedef struct cotree_arena {
     char *base;
     size_t used;
@@ -102,13 +102,13 @@ typedef struct cotree_run {
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: w contains algebraic unknowns */
     int is_solving;  /* 1: unknowns are solved for at each point, even if w contains them */
-    int n_far; /* number of points far from the algebraic solution, minus that of other points */
+    int n_far; /* number of points far from the algebraic solution minus number of other points */
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
     cotree_real bend;         /* last correction over the radius of near-linearity */
     cotree_real *newton, *found, *times;
     cotree_real *branch;  /* unknowns at the end of the last accepted step, then work */
     cotree_real t_branch; /* its time */
-    cotree_real *branch_before, t_before; /* the same of the step before it */
+    cotree_real *branch_before, t_before; /* the same for the step before it */
     cotree_lu matrix;                     /* matrix of the algebraic equations */
     int n_found;
 #endif
@@ -181,8 +181,8 @@ int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *
 int cotree_run_project(cotree_real t, cotree_real *w, void *context);
 void cotree_run_rejected(void *context);
 
-/* Compute the packed rates of all states and sensitivities at a time inside the segment. The
- * entries of algebraic unknowns are residuals. */
+/* Compute the packed rates of all states and sensitivities at a time inside the segment; entries of
+ * algebraic unknowns are residuals. */
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz);
 
 /* Project all states and sensitivities, including algebraic unknowns, at a full or at a packed
@@ -194,11 +194,10 @@ int cotree_run_project_packed(cotree_run *run, cotree_real t, cotree_real *packe
  * sensitivities. Return a positive number if Newton's method fails. */
 int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
-/* Return the point at which rates are evaluated, either z or its projection. It is valid until the
- * next call. */
+/* Return the point at which rates are evaluated: z or its projection, valid until the next call. */
 const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_real *z);
 
-/* Compute the Jacobian of the states' rates with algebraic unknowns eliminated: n_rates rows. */
+/* Compute the Jacobian, n_rates rows, of the states' rates with algebraic unknowns eliminated. */
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context);
 
 /* Return whether the model has constraints that the run satisfies by projection. */
@@ -210,7 +209,7 @@ int cotree_run_is_projected(const cotree_run *run);
 /* Compute all states and sensitivities at w into run->full. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* As cotree_run_complete; the helper is called if the iterations fail. */
+/* As cotree_run_complete, but call the helper if the iterations fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
 /* As cotree_run_find, without sensitivities. */
@@ -219,13 +218,13 @@ int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
-/* Accept the algebraic unknowns of a step's end, a point w of n entries, or the last ones found if
- * w has none. is_far: they differ much from those accepted last. */
+/* Accept the algebraic unknowns at the end of a step, a point w with n entries, or the last
+ * solution if w has none. is_far: they differ much from the last accepted ones. */
 void cotree_run_accept(cotree_run *run, cotree_real t, int n, const cotree_real *w);
 int cotree_run_is_far(const cotree_run *run, int n, const cotree_real *w);
 
-/* Return whether the algebraic unknowns at the end of a step, a point of n entries, are connected
- * with those accepted last by solutions within the step; otherwise they jumped. */
+/* Return whether solutions within the step connect the algebraic unknowns at its end, a point with
+ * n entries, with the last accepted ones; otherwise they jumped. */
 int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree_real *before,
                              const cotree_real *after);
 

@@ -36,7 +36,7 @@ COTREE_PRIVATE int cotree_reduced_rate(cotree_run *run, cotree_real t, const cot
                                        cotree_real *dw);
 COTREE_PRIVATE int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w,
                                         cotree_real *dw);
-/* Replace the stored guesses by the unknowns accepted last if the last one is far from them. */
+/* Replace the stored guesses by the last accepted unknowns if the latest guess is far from them. */
 COTREE_PRIVATE void cotree_forget_far_guesses(cotree_run *run);
 COTREE_PRIVATE int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w);
 

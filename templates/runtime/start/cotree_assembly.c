@@ -13,12 +13,12 @@
 #define MAX_ROTATION COTREE_F(0.5)
 
 /* Number of further starting points after a failure, and their distance. At the first point
- * gradients may vanish, such as that of a component perpendicular to a length. */
+ * gradients may vanish, as for a component perpendicular to a length. */
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 
 /* The change of a residual also counts as cancelled if its remainder is below this fraction of the
- * terms of its sum. */
+ * terms that it sums up. */
 #define SUM_ROUNDING COTREE_SELECT(1e-13, 1.2e-05f)
 
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
@@ -79,7 +79,7 @@ int cotree_assembly_is_angular(const cotree_assembly *a, int speed)
     return unit[0] == 'r' && unit[1] == 'a' && unit[2] == 'd';
 }
 
-/* Return the scale of a motion direction, in its own unit. */
+/* Return the scale of a motion direction in the unit of its speed. */
 cotree_real cotree_assembly_unit_of_speed(const cotree_assembly *a, int i)
 {
     return cotree_assembly_is_angular(a, i) ? COTREE_F(1.0) : a->length;
@@ -155,7 +155,7 @@ static int mark_free_directions(cotree_assembly *a, int level)
     return n_free;
 }
 
-/* Return the entry of a row, from the results of one of two kernels. */
+/* Return the entry of a row in the results of one of two kernels. */
 cotree_real cotree_assembly_pick(const cotree_assembly *a, int row, const cotree_real *constraints,
                                  const cotree_real *conditions)
 {
@@ -196,7 +196,8 @@ int cotree_assembly_compute_gradients(cotree_assembly *a, cotree_real t, const c
     return status;
 }
 
-/* Return the gradient of a row; a constraint on coordinates has that of its time derivative. */
+/* Return the gradient of a row. The gradient of a constraint on coordinates is that of its time
+ * derivative. */
 const cotree_real *cotree_assembly_gradient_of(const cotree_assembly *a, int row)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -242,8 +243,8 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
     return 0;
 }
 
-/* Add to change the effect of a dimensionless step along the motion directions on the coordinates
- * at x. A quaternion q changes by q (0, e) / 2, where e is a rotation about its body axes. */
+/* Add to `change` the change of the coordinates at x by a dimensionless step along the motion
+ * directions. A quaternion q changes by q (0, e) / 2, where e is a rotation about its body axes. */
 static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotree_real *step,
                       cotree_real *change)
 {
@@ -337,8 +338,8 @@ static int take_step(const cotree_iteration *iteration, int is_new, cotree_real 
     return 0;
 }
 
-/* Iterate until a step is at rounding level, or else return the point of the smallest residual in
- * x. */
+/* Iterate until a step is at rounding level; if that fails, write the point with the smallest
+ * residual to x. */
 int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
                             cotree_real *residual)
 {
@@ -375,7 +376,7 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
     if (a->report != NULL) cotree_assembly_start_report(a, level, x);
 #endif
     status = cotree_assembly_iterate(a, t, x, level, &residual);
-    /* Constraints on speeds are linear: other starting points do not help. */
+    /* Constraints on speeds are linear, so other starting points do not help. */
     for (n = 0; n < MAX_RESTARTS && status == 0 && level == 0 && n_free > 0; ++n) {
         if (residual <= met) return 0;
         cotree_assembly_copy(N_STATES, a->aside, a->trial);
@@ -436,8 +437,8 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
     return 0;
 }
 
-/* Compute the step that cancels the changes of the listed rows, which are in values. Return whether
- * a remainder exceeds its bound; culprit is the row with the largest one. */
+/* Compute the step that cancels the changes of the listed rows, which are in `values`. Return
+ * whether a remainder exceeds its bound; culprit is the row with the largest remainder. */
 static int cancel_changes(cotree_assembly *a, cotree_real allowed)
 {
     cotree_real most = COTREE_F(0.0);
@@ -471,8 +472,8 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
         direction[N_COORDINATES + i] += a->step[i] * cotree_assembly_unit_of_speed(a, i);
 }
 
-/* Return the rounding error of the sum of a row that should be zero along a direction of the
- * states. */
+/* Return the rounding error of a row's change along a direction of the states, a sum that should be
+ * zero. */
 static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
 {
     const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);

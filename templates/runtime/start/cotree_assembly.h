@@ -35,8 +35,8 @@ typedef struct cotree_assembly {
     int column;         /* index of the sensitivity that is undefined */
     /* The rest is private. */
     int n_own, *places, *is_free;
-    int level;                  /* level of the present assembly: 0 coordinates, 1 speeds */
-    cotree_real left, smallest; /* largest residual at the present point; its minimum so far */
+    int level;                  /* level of the current assembly: 0 coordinates, 1 speeds */
+    cotree_real left, smallest; /* largest residual at the current point; smallest one so far */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
     cotree_real *values, *step, *change, *best, *trial, *aside, *parts;
     cotree_real longest; /* norm of the longest gradient factorised last */
@@ -65,19 +65,19 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
 void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
                                cotree_arena *arena);
 
-/* Compute a->length, the median lever arm (translation per rotation) of the constraint
+/* Compute a->length, the median lever arm (ratio of translation to rotation) in the constraint
  * gradients. */
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
-/* Choose the conditions to include: those on coordinates unless all coordinates are prescribed, and
- * those on speeds unless all speeds are. */
+/* Choose the included conditions: those on coordinates unless all coordinates are prescribed, and
+ * those on speeds unless all speeds are prescribed. */
 void cotree_assembly_hold(cotree_assembly *a, const int *is_set);
 
 /* Return the n-th of a fixed sequence of pseudo-random numbers, uniformly distributed with mean
  * zero and standard deviation one. */
 cotree_real cotree_pseudo_random(int n);
 
-/* Return whether constraints are dependent at x, or so nearly dependent that rates must be
+/* Return whether constraints at x are dependent, or so nearly dependent that rates must be
  * evaluated at projected points. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
@@ -93,8 +93,8 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x);
 /* Project the states that are not prescribed onto the constraints. */
 int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x);
 
-/* Return whether the projection is ambiguous somewhere between two points: one of several was
- * chosen. */
+/* Return whether the projection is ambiguous somewhere between two points, so that one of several
+ * was chosen. */
 int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
                               const cotree_real *to);
 

@@ -14,7 +14,7 @@
 #define POSITIONS 3
 
 /* The change of a residual counts as cancelled if its remainder is below this fraction of the
- * largest. */
+ * largest change. */
 #define REMAINDER_SHARE COTREE_SELECT(1e-8, 3.5e-04f)
 
 /* Defined in cotree_assembly.c: */

@@ -10,7 +10,7 @@
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
 /* Constraints are nearly dependent if the smallest singular value of their gradients is below this
- * fraction of that in other positions, or below LEAST_GAP. */
+ * fraction of its value in other positions, or below LEAST_GAP. */
 #define NEARLY COTREE_F(0.1)
 #define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
 #define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
@@ -34,7 +34,8 @@ static void add_squares(const cotree_assembly *a, cotree_real *turned, cotree_re
     }
 }
 
-/* Return the median ratio of rotational to translational parts, or 0 if there is none. */
+/* Return the median ratio of the rotational to the translational part of gradients, or 0 if there
+ * is none. */
 static cotree_real median_of(int n, const cotree_real *turned, const cotree_real *shifted,
                              cotree_real *sorted)
 {
@@ -53,7 +54,7 @@ static cotree_real median_of(int n, const cotree_real *turned, const cotree_real
     return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
 }
 
-/* Write the position of a given number to trial: that of x with all joints rotated. */
+/* Write the position with the given number to `trial`: x with all joints rotated. */
 static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
 {
     int i;

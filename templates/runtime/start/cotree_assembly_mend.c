@@ -7,14 +7,14 @@
 #include "cotree_assembly_internal.h"
 
 #if COTREE_HAS_MENDING
-/* Prescribed values contradict each other if they would have to change by more than FARTHEST.
- * Changes above NOTICED are reported. The units are radians, characteristic lengths, or the largest
+/* Prescribed values contradict each other if they need to change by more than FARTHEST. Changes
+ * above NOTICED are reported. The units are radians, characteristic lengths, or the largest
  * speed. */
 #define FARTHEST COTREE_F(0.1)
 #define NOTICED COTREE_F(1e-4)
 
-/* A value is not chosen if its direction differs by less than this from those of the values already
- * chosen: its change would be large. */
+/* A value is not chosen if its direction differs by less than this from the directions of the
+ * values already chosen, since its change would be large. */
 #define APART COTREE_F(1e-2)
 
 #define N_CONDITIONS (a->tables->n_conditions)
@@ -54,7 +54,7 @@ static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
            cotree_assembly_unit_of_row(a, row);
 }
 
-/* List the prescribed value that fixes each motion direction; for a quaternion, the one of the
+/* List the prescribed value that fixes each motion direction; for a quaternion, the value with the
  * lowest rank. */
 static void list_values(cotree_assembly *a, int level)
 {
@@ -73,8 +73,8 @@ static void list_values(cotree_assembly *a, int level)
     }
 }
 
-/* Insert a value into the n candidates, which are sorted by descending rank. The value `ahead` is
- * placed last. */
+/* Insert a value into the n candidates, which are sorted by descending rank. The value `ahead`
+ * comes last. */
 static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
 {
     const int *const ranks = a->report->ranks;
@@ -119,8 +119,8 @@ static int is_of(const cotree_assembly *a, int i, int value)
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute the parts that move_of returns, for all directions and conditions. Return the largest
- * norm among those of the candidates. */
+/* Compute the parts that move_of returns for all directions and conditions. Return the largest norm
+ * among the candidates' parts. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -144,8 +144,8 @@ static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
     return largest;
 }
 
-/* Add the parts of a value that differ from the span of the n_spanned directions by more than least
- * to this span. Return whether there are any. */
+/* Extend the span of the n_spanned directions by the parts of a value that are outside it by more
+ * than `least`. Return whether there are any. */
 static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
 {
     int i, k, r, longest, n_added = 0;
@@ -191,7 +191,7 @@ static void keep_all(cotree_assembly *a)
     for (i = 0; i < N_CONDITIONS; ++i) a->is_dropped[i] = 0;
 }
 
-/* Choose the values that change, given the factorised gradients of the listed rows. Return whether
+/* Choose the values to change, given the factorised gradients of the listed rows. Return whether
  * there are any. */
 static int choose(cotree_assembly *a, int level, int ahead)
 {
@@ -246,7 +246,7 @@ void cotree_assembly_solve_given(cotree_assembly *a)
     for (i = 0; i < N_SPEEDS; ++i) a->step[i] += a->extra[i];
 }
 
-/* Store the residuals at x of a level whose conditions cannot be satisfied. */
+/* Store the residuals at x of a level with conditions that cannot be satisfied. */
 static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
     cotree_real largest;
@@ -311,7 +311,7 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
             has_way = choose(a, level, -1);
-        } else { /* all conditions hold without a change of prescribed values */
+        } else { /* all conditions are satisfied without a change of prescribed values */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
                 has_way = has_way || a->is_giving[i];
@@ -341,7 +341,7 @@ static cotree_real left_of(const cotree_assembly *a, int row, int column)
     return left;
 }
 
-/* Store which values change with a parameter. */
+/* Store which prescribed values change with a parameter. */
 static void report_following(cotree_assembly *a, int column, cotree_real allowed)
 {
     int *const follows = a->report->follows + column * (N_STATES + N_CONDITIONS);
@@ -381,7 +381,7 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     if (seed >= 0 && !is_left) report_following(a, column, allowed);
     keep_all(a);
     cotree_assembly_list_rows(a, level, has_conditions);
-    cotree_assembly_factorise(a, &largest); /* restores the factors */
+    cotree_assembly_factorise(a, &largest); /* restores the factors of the gradients */
     return is_left;
 }
 #endif

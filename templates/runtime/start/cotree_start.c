@@ -3,13 +3,13 @@
 
 #include <string.h>
 
-/* A redundant value agrees with the value that the states determine if it differs by at most this
- * fraction of these states, or by rounding. */
+/* A redundant value agrees with the value that the states determine if their difference is at most
+ * this fraction of these states, or is a rounding error. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
-/* Step of finite differences, as a fraction of a parameter whose size is at least LEAST_SIZE. The
- * truncation error, of fourth order, is then as small as rounding errors. */
+/* Step of finite differences, as a fraction of the parameter's magnitude or of LEAST_SIZE, if that
+ * is larger. The truncation error, of fourth order, is then as small as rounding errors. */
 #define SHARE COTREE_SELECT(1e-3, 5e-02f)
 #define LEAST_SIZE COTREE_F(1e-3)
 
@@ -55,7 +55,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 
 /* Initial values. */
 
-/* Write the prescribed initial values, and guesses of the others. */
+/* Write the prescribed initial values, and guesses for the others. */
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
@@ -101,8 +101,8 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
 
 /* The constraints. */
 
-/* Mark the prescribed states: those with an initial value in the model or for the run, and those to
- * which sensitivities are taken. */
+/* Mark the prescribed states: those whose initial value the model or the run prescribes, and those
+ * to which sensitivities are taken. */
 static void mark_kept(cotree_start *start)
 {
     int i;
@@ -232,7 +232,7 @@ static int is_agreed(const cotree_start *start, int row, const cotree_real *valu
     int i;
     for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
         const int state = tables->redundant_states[i];
-        if (start->is_set[state]) return 1; /* not compared with values set for the run */
+        if (start->is_set[state]) return 1; /* values set for the run are not compared */
         size = COTREE_FMAX(size, COTREE_FABS(parameter * x[state]));
     }
     return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;
@@ -336,7 +336,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     start->values = call->values;
 }
 
-/* Return whether there are no equations for initial values. */
+/* Return whether no equations determine initial values. */
 static int is_plain(const cotree_start *start)
 {
 #if COTREE_HAS_EVENTS

@@ -15,7 +15,7 @@
 
 COTREE_BEGIN_DECLS
 
-/* Statuses in addition to those of kernels. Each comment states what culprit and column are. */
+/* Statuses in addition to those of kernels; comments state the meaning of culprit and column. */
 #define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: the violated row */
 #define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* culprit: a row; column: a sensitivity */
 #define COTREE_START_CONTRADICTED 103 /* culprit: a redundant value that disagrees */
@@ -33,10 +33,10 @@ typedef struct cotree_start_call {
     const cotree_real *p, *k; /* parameters and their prepared values */
     cotree_real t;
 #if COTREE_HAS_INPUTS
-    int n_replaced; /* number of inputs that replace the model's, except in constraints */
+    int n_replaced; /* number of inputs that replace the model's inputs except in constraints */
     const cotree_table_input *replaced;
 #endif
-    const cotree_real *guess, *initial; /* as the fields of cotree_start */
+    const cotree_real *guess, *initial; /* as in cotree_start */
     int n_set;
     const int *set;
     const cotree_real *values;
@@ -63,8 +63,8 @@ typedef struct cotree_start_call {
 typedef struct cotree_start {
     cotree_run *run;
     const cotree_start_tables *tables;
-    /* Guesses of algebraic unknowns and of modes of friction and stops, n_states entries. NULL, the
-     * default: the initial values of the model. */
+    /* Guesses for algebraic unknowns and for modes of friction and stops, n_states entries. NULL,
+     * the default: the initial values of the model. */
     const cotree_real *guess;
     /* All initial states and sensitivities, including prescribed ones. NULL, the default: those of
      * the model. */
@@ -92,7 +92,7 @@ typedef struct cotree_start {
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
                        cotree_arena *arena);
 
-/* Compute the states and sensitivities of the run at the start. The prepared values are run->k.
+/* Compute the states and sensitivities of the run at the start, with the prepared values run->k.
  * Return 0 or a status. */
 int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
 
@@ -108,8 +108,8 @@ COTREE_EXPORT int cotree_start_gradients(cotree_start_call *call, cotree_real *r
 /* Return the reason why there is no start, as a clause. */
 const char *cotree_start_message(int status);
 
-/* Return the name of the cause of a failure: a constraint, an initial value, an event or a state;
- * "" if unknown. */
+/* Return the name of the constraint, initial value, event or state that caused a failure; "" if
+ * unknown. */
 const char *cotree_start_culprit(const cotree_start *start, int status);
 
 COTREE_END_DECLS

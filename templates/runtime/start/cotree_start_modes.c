@@ -106,7 +106,7 @@ int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t, cotree_re
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Compute the rates at z with another value of a mode. */
+/* Compute the rates at z with the given value of a mode. */
 static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *z, int mode,
                          cotree_real value, cotree_real *rates)
 {
@@ -163,7 +163,7 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
         int moving = -1;
         if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
         for (j = N_SENSITIVITIES - 1; j >= 0; --j) {
-            /* A nan counts as dependence. */
+            /* If the derivative is nan, it counts as nonzero. */
             if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) moving = j;
         }
         start->culprit = i;

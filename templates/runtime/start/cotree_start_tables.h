@@ -40,8 +40,8 @@ typedef struct cotree_start_tables {
     const int *redundant_states; /* indices of the states that determine each redundant value */
 } cotree_start_tables;
 
-/* Report on prescribed values that had to change to satisfy the constraints. The prescribed values
- * are those of the states, then those of the conditions. Arrays must be zero before a start. */
+/* Report on prescribed values that had to change to satisfy the constraints. Values are those of
+ * the states, then those of the conditions. Arrays must be zero before a start. */
 typedef struct cotree_start_report {
     const int *ranks; /* for each value: the highest rank changes first; 0 changes last */
     /* Results. */

@@ -11,14 +11,14 @@
 /* Changes of unknowns below this that are more than half the previous ones are rounding errors. */
 #define STALLED COTREE_SELECT(1e-4, 2.3e-02f)
 
-/* Bound of the rounding errors of pivots, in units in the last place of the largest entry. */
+/* Bound on the rounding errors of pivots, in units in the last place of the largest entry. */
 #define PIVOT_ROUNDING 10
 
 /* Maximum number of iterations over storage states and unknowns. */
 #define MOST_ROUNDS 50
 
-/* Solve for the algebraic unknowns of z in place until they do not change: far from the root, a
- * single solution may pass the convergence test too early. */
+/* Solve for the algebraic unknowns of z in place, repeatedly until they do not change: far from the
+ * root, a single solution may pass the convergence test too early. */
 int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
@@ -64,8 +64,8 @@ static int unknown_of(const cotree_start *start, int i)
     return start->tables->contents[start->tables->n_contents + i];
 }
 
-/* Mark the storage states that are computed from the variable which each determines: those without
- * an initial value, and those whose variable is set. Return their number. */
+/* Mark the storage states that are computed from their variables: those without an initial value,
+ * and those whose variable is set. Return their number. */
 static int mark_found(cotree_start *start)
 {
     int i, n = 0;
@@ -79,8 +79,8 @@ static int mark_found(cotree_start *start)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Return whether a storage state is computed along sensitivity j. The sensitivity to its own
- * initial value is prescribed. */
+/* Return whether sensitivity j of a storage state is computed. The sensitivity to its own initial
+ * value is prescribed. */
 static int is_found_along(const cotree_start *start, int i, int j)
 {
     const int seed = start->tables->seeds[j];

@@ -8,8 +8,8 @@
 #define COTREE_NEWTON_BLOCKS 8
 
 /* The linear systems have the matrix shift M - J, with the Jacobian J in compressed columns and a
- * diagonal M: one for states, zero for algebraic unknowns. The pivot order is planned in advance,
- * so that solutions must be checked. */
+ * diagonal M: one for states, zero for algebraic unknowns. The pivot order is chosen in advance, so
+ * solutions must be checked. */
 typedef struct cotree_newton {
     int n_factors;
     int is_autonomous; /* 1: rates depend on neither time nor inputs */

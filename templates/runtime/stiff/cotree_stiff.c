@@ -26,7 +26,7 @@ static int rate(cotree_real t, const cotree_real *z, cotree_real *dz, void *cont
     return cotree_run_packed_rate(run, cotree_run_inside(run, t), z, dz);
 }
 
-/* Return the number of sensitivities that do not always vanish. */
+/* Return the number of sensitivities, of all states, that do not always vanish. */
 static int n_reached(const cotree_model *model)
 {
     return model->sensitivity_starts[model->n_sensitivities];
@@ -121,7 +121,7 @@ static inline void cotree_solve_blocks(const cotree_stiff *stiff, int n_blocks, 
     for (; n_blocks > 0; --n_blocks, x += N_STATES) cotree_lu_solve(&stiff->dense, x);
 }
 
-/* Solve for the states. The first solution with new factors is checked. */
+/* Solve for the states; check the first solution with new factors. */
 static int solve_states(cotree_stiff *stiff, cotree_real *x)
 {
     const int is_known = stiff->is_dense || stiff->is_checked;
@@ -167,7 +167,7 @@ static int solve(cotree_real *u, void *context)
  * error of the diode bridge is twelve tolerances. */
 #define LINEAR_SHARE COTREE_F(0.2)
 
-/* A shift so large that the states do not change. */
+/* Shift that is so large that the states do not change. */
 #define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
 
 /* Factorise for Newton's method on the algebraic unknowns, with the planned pivots. The shift keeps
@@ -192,7 +192,8 @@ static int follow(cotree_real *u, void *context)
     return status != 0 ? status : solve(u, stiff);
 }
 
-/* Return whether the last solution is far from the start of its iteration. */
+/* Return whether the last solution is so far from the start of its iteration that nonlinearity
+ * matters. */
 static int is_bent(void *context)
 {
     return !(((cotree_stiff *)context)->run->bend <= LINEAR_SHARE);
@@ -250,7 +251,7 @@ cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
 {
 #if COTREE_HAS_INPUTS
     const cotree_run *const run = stiff->run;
-    /* The time derivatives of replaced inputs are unknown. */
+    /* Replaced inputs have unknown time derivatives. */
     const int is_replaced = run->n_replaced > 0 || run->input_function != NULL;
 #else
     const int is_replaced = 0;

@@ -9,10 +9,10 @@
 
 #include <string.h>
 
-/* A rounding error of t is negligible below this fraction of the relative tolerance of a step. */
+/* Rounding errors of t are negligible below this fraction of the relative tolerance of a step. */
 #define NEGLIGIBLE_ROUNDING 1e-2
 
-/* Write the state that each vector entry belongs to, and the start of each block. */
+/* Write the state of each vector entry, and the start of each block. */
 static void list_blocks(const cotree_job *job)
 {
     const cotree_model *const model = job->model;
@@ -46,7 +46,7 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_arena *arena)
     e->run = e->of_states = e->watched =
         cotree_job_begin_run(job, &e->runs[0], has_sensitivities, arena);
     if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, arena);
-    /* Values set by events may violate the constraints: the run that evaluates events projects
+    /* Values set by events may violate the constraints, so the run that evaluates events projects
      * them. */
     if (job->model->hybrid != NULL) {
         e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, arena);
@@ -301,7 +301,7 @@ static void close(cotree_job *job)
     c->integrator = c->solver = c->context = NULL;
 }
 
-/* Start or restart the integrator at the present values. */
+/* Start or restart the integrator at the current values. */
 static int start(cotree_job *job, double end)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -378,7 +378,7 @@ static int complete(cotree_job *job, double t, double *w, int is_exact)
     }
 #if COTREE_IDA
     if (cotree_run_complete(run, t, w) == 0) return 0;
-    /* Extrapolated voltages are poor guesses where junctions start to conduct: use the present
+    /* Extrapolated voltages are poor guesses if junctions start to conduct, so use the current
      * point. */
     cotree_run_unpack(run, cotree_engine_of(job)->w, run->full);
     cotree_run_narrow(run, job->t, run->full, vector_of(job, MOVED));
@@ -409,9 +409,9 @@ static double known(const cotree_job *job, int is_last)
     return job->t;
 }
 
-/* With sensitivities, new matrices at each step pay off if a factorisation takes at most this many
- * multiplications: they save a quarter of the steps of HIRES and of Robertson's reactions, and
- * every third evaluation. */
+/* With sensitivities, matrices are renewed at each step if a factorisation takes at most this many
+ * multiplications. This saves a quarter of the steps and a third of the evaluations for HIRES and
+ * for Robertson's reactions. */
 #define FEW_MULTIPLICATIONS 8000.0
 
 #if COTREE_IDA
@@ -468,7 +468,7 @@ static void open(cotree_job *job)
 #endif
 }
 
-/* A segment at rounding level is skipped if it is shorter than this fraction of the span. */
+/* A segment as short as rounding errors is skipped if it is below this fraction of the span. */
 #define NEGLIGIBLE 1e-9
 
 static int is_rounding(const cotree_job *job, double length, double t)

@@ -16,14 +16,14 @@
  * one. */
 #define MAX_RATE 0.9
 
-/* At convergence rates up to this, the matrix at the predicted point also serves the sensitivities:
- * the error of their single correction is this fraction of it. */
+/* At convergence rates up to this, the matrix at the predicted point is also used for the
+ * sensitivities. The error after their single correction is this fraction of the correction. */
 #define FAST_RATE 0.01
 
 /* Lower bound of the error after a correction, divided by the square of its size in tolerances. */
 #define MIN_BEND 0.1
 
-/* The loosest relative tolerance at which iterations with new matrices end. */
+/* Loosest relative tolerance at which iterations with new matrices end. */
 #define MAX_RTOL 1e-6
 
 /* Iterations with older matrices end at this fraction of the tolerance of SUNDIALS; with CVODE only
@@ -44,8 +44,8 @@
 #define OLD_JACOBIAN 50
 #define OLD_MATRIX 20
 
-/* A matrix is replaced if its coefficients differ from the present ones by more than FAR_SHARES.
- * Below NEAR_SHARES a failure has another cause. */
+/* A matrix is replaced if its coefficients differ from the current ones by more than FAR_SHARES. If
+ * they differ by less than NEAR_SHARES, a failure has another cause. */
 #define FAR_SHARES 0.3
 #define NEAR_SHARES 0.2
 
@@ -156,16 +156,16 @@ COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, 
     for (i = first; i < end; ++i) b[i] = share * whole[places != NULL ? places[rows[i]] : rows[i]];
 }
 
-/* Return the ratio of the coefficients with which the matrix was formed to the present ones. */
+/* Return the ratio of the coefficients with which the matrix was formed to the current ones. */
 static double share_ratio(const cotree_job *job, const cotree_system *s)
 {
     const cotree_shares *const old = &bdf_of(job)->shares;
     return old->of_own / s->shares.of_own * (old->of_rates / s->shares.of_rates);
 }
 
-/* Return the smallest weight of a correction with a new matrix. Above the forward voltage of a
- * junction, Newton's method advances by about one thermal voltage per iteration, which is far below
- * a loose tolerance of ten volts. */
+/* Return the smallest weight of an unknown's correction with a new matrix. Above the forward
+ * voltage of a junction, Newton's method advances by about one thermal voltage per iteration, which
+ * is far below a loose tolerance of ten volts. */
 static double least_weight(const cotree_job *job, int i, double value)
 {
     return 1.0 / (MAX_RTOL * fabs(value) + job->atols[i]);
@@ -239,7 +239,7 @@ static int has_converged(cotree_bdf *c, int which, int n, double size, double to
     return 0;
 }
 
-/* As has_converged, with a new matrix: convergence is quadratic. */
+/* As has_converged, but with a new matrix, for which convergence is quadratic. */
 static int has_converged_quadratically(cotree_bdf *c, int n, double size, double tolerance)
 {
     if (n > 0) {
@@ -277,7 +277,7 @@ static double size_of_corrections(cotree_job *job, const cotree_system *s, int f
                                   const double *rates, const double *weights, double *e)
 {
 #if COTREE_SENSITIVITIES
-    /* Blocks with separate vectors: the largest of their norms. */
+    /* For blocks in separate vectors, the norm is the largest of their norms. */
     double largest = 0.0;
     int block;
     for (block = first; block < last; ++block) {
@@ -379,7 +379,7 @@ COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const co
     return NOT_CONVERGED;
 }
 
-/* Solve for e, starting from its present value. */
+/* Solve for the correction e, starting from its current value. */
 static int correct_all(cotree_job *job, const cotree_system *s, const double *weights,
                        double tolerance, double *e)
 {
@@ -411,7 +411,7 @@ static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
     const int n = length_of(job, solved_of(job));
     int i, status;
     cotree_run_narrow(run, job->t, cotree_engine_of(job)->w,
-                      w); /* guesses for the unknowns from the present point */
+                      w); /* guesses for the unknowns from the current point */
     for (i = 0; i < run->n_rates; ++i) w[i] = s->start[i];
     if (cotree_run_complete(run, s->t, w) != 0) return NOT_CONVERGED;
     cotree_bdf_set_zero(e, n);
@@ -425,7 +425,7 @@ static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
 }
 
 #endif
-/* Solve the equations of a step with the present matrix; if that fails, with a new one. */
+/* Solve the equations of a step with the current matrix; if that fails, with a new one. */
 COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e)
 {
@@ -480,7 +480,7 @@ COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
     return solver;
 }
 
-/* Read the equations of the present step, without those of sensitivities in separate vectors. */
+/* Read the equations of the current step, without those of sensitivities in separate vectors. */
 COTREE_PRIVATE int cotree_bdf_read_system(const cotree_job *job, void *integrator,
                                           cotree_system *system)
 {

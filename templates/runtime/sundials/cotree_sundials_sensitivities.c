@@ -69,7 +69,7 @@ static void copy_block(const cotree_job *job, const double *from, double *to)
     for (i = 0; i < BLOCK(job->model); ++i) to[i] = from[i];
 }
 
-/* Read the equations of the present step for the sensitivities. */
+/* Read the equations of the current step for the sensitivities. */
 COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integrator)
 {
     const cotree_sundials *const s = bdf_of(job)->sundials;
