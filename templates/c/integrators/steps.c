@@ -153,7 +153,7 @@ static void accept(integrator *d)
 static int is_shortest(const integrator *d)
 {
     const cotree_real most = COTREE_FMIN(LARGEST_ERROR, LARGEST_SHARE / d->rtol);
-    /* At a large time any step is long beside the rest. */
+    /* If t is large, even the smallest step may be long compared with the remaining time. */
     const cotree_real longest = COTREE_FMIN(SHORTEST_SIZE * smallest_step(d->t),
                                             SHORTEST_PART * COTREE_FABS(d->goal - d->t));
     return COTREE_FABS(d->h) <= longest && d->error <= most * most;
