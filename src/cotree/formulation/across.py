@@ -317,7 +317,7 @@ class View:
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """Transform a vector that is constant in a cluster, apart from explicit time dependence."""
+        """Transform a vector fixed in a cluster, maybe time-dependent, to an ancestor's basis."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:

@@ -184,7 +184,6 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
     """Add two inertias about the same origin."""
     if a is None:
         return b
-    # Mass and both moments refer to the same origin and axes, so they can be added.
     return Inertia(
         a.mass + b.mass, vector.add(a.moment, b.moment), vector.matadd(a.tensor, b.tensor)
     )

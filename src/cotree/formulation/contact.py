@@ -105,7 +105,7 @@ class Tangent:
     axis: Vector
 
     def value(self, view: View) -> Any:
-        """Return e - (n.e) n."""
+        """Return the tangential part of the axis, e - (n.e) n."""
         n = self.facing.value(view)
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
@@ -127,11 +127,11 @@ class Across:
     axis: Vector
 
     def value(self, view: View) -> Any:
-        """Return n x e."""
+        """Return the perpendicular direction n x e."""
         return vector.cross(self.facing.value(view), self.axis)
 
     def rate(self, view: View) -> Any:
-        """Return n' x e."""
+        """Return its time derivative n' x e."""
         return vector.cross(self.facing.rate(view), self.axis)
 
 
@@ -139,7 +139,7 @@ class Across:
 class Tilted:
     """An axis of the ancestor, turned by the shortest rotation from ``up`` to the normal.
 
-    Both are perpendicular unit vectors. No such rotation exists if the normal is -up.
+    Axis and ``up`` are perpendicular unit vectors. No such rotation exists if the normal is -up.
     """
 
     facing: Facing
@@ -147,13 +147,13 @@ class Tilted:
     up: Vector
 
     def _parts(self, view: View) -> tuple[Any, Any, Any]:
-        """Return (n.e)/(1 + n.up), 1 + n.up, and n + up."""
+        """Return the terms (n.e)/(1 + n.up), 1 + n.up, and n + up."""
         n = self.facing.value(view)
         height = 1.0 + vector.dot(n, self.up)
         return vector.dot(n, self.axis) / height, height, vector.add(n, self.up)
 
     def value(self, view: View) -> Any:
-        """Return e - (n.e)/(1 + n.up) (n + up)."""
+        """Return the rotated axis, e - (n.e)/(1 + n.up) (n + up)."""
         share, _, between = self._parts(view)
         return vector.sub(self.axis, vector.scale(share, between))
 
@@ -197,11 +197,11 @@ class Ball:
         return view.scalar(self.radius)
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return -r n, where n is the direction of the contact."""
+        """Return the vector from the centre to the lowest point, -r n."""
         return vector.scale(-view.scalar(self.radius), facing.value(view))
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return -r n'."""
+        """Return the time derivative of ``place``, -r n'."""
         return vector.scale(-view.scalar(self.radius), facing.rate(view))
 
 

@@ -77,7 +77,7 @@ def _constants(value: object) -> Iterator[float]:
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Raise errors that occur in every state.
+    """Raise an error if the scene's values make the equations unsolvable in every state.
 
     ParameterError if scene values violate a guard; SingularSystemError if the bordered mass matrix
     is singular in every configuration.

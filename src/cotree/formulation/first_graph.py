@@ -499,7 +499,7 @@ def _border(
 
 
 def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
-    """List the coordinates, then the speeds."""
+    """List the states: all coordinates, then all speeds."""
     coordinates = [State(c.name, c.unit, c.symbol, c.initial) for c in system.coordinates]
     speeds = [State(v.name, v.unit, v.symbol, v.initial) for v in system.speeds]
     return tuple(

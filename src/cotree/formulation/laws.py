@@ -252,7 +252,7 @@ class PrescribedRate:
         return self.measure.rate(view) - view.formula(self.speed, {})
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of this difference."""
+        """Return the time derivative of the actual rate minus the prescribed rate."""
         (change,) = tangents([self.speed], {self.time: self.time.dag.one})
         return self.measure.acceleration(view) - view.formula(change, {})
 

@@ -52,7 +52,7 @@ class Pull:
         )
 
     def plus(self, other: Pull) -> Pull:
-        """Add another pull."""
+        """Return the sum of this pull and another one."""
         efforts = dict(self.efforts)
         # Wrenches are only listed, since they are summed on their clusters later; efforts along the
         # same speed are added.

@@ -148,7 +148,7 @@ class Observer:
         return self.view.motion
 
     def value(self, name: str) -> Node:
-        """Return the value of a name."""
+        """Return the value of an observable name."""
         if name == "energy.kinetic":
             return self._kinetic()
         if name == "energy.potential":

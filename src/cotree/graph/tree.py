@@ -196,7 +196,7 @@ class TopologyMatrix:
         self.matrix.setflags(write=False)
 
     def terms(self, row: str) -> tuple[tuple[int, str], ...]:
-        """List sign and column of each nonzero entry in a row."""
+        """List the sign and the column of each nonzero entry in a row."""
         entries = self.matrix[self.rows.index(row)]
         return tuple((int(entries[j]), self.columns[j]) for j in np.flatnonzero(entries))
 

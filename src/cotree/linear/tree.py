@@ -246,7 +246,7 @@ class TreeLink:
 
 @dataclass(frozen=True)
 class TreeFactors:
-    """A tree whose articulated inertias are computed, with a border of constraints."""
+    """The factors of a mass matrix along its tree, bordered by constraints."""
 
     dag: Dag  # arena that holds the nodes
     links: tuple[TreeLink, ...]  # the moving branches, parents first

@@ -559,7 +559,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
-    """Check the table of an origin in a scene file."""
+    """Return the origin that a checked table of a scene file describes."""
     # The table may be written by hand or come from an untrusted source.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])

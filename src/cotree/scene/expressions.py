@@ -387,7 +387,7 @@ class Expression:
         return cls(ast.unparse(tree), where, tree, names_in(tree))
 
     def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:
-        """Return the expression with other names; see :func:`map_names`."""
+        """Return the expression with its names replaced; see :func:`map_names`."""
         where = where or self.where
         if not self.names:
             return Expression(self.text, where, self.tree, self.names)

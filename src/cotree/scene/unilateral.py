@@ -310,13 +310,13 @@ class _Disc:
 
     @property
     def along(self) -> str:
-        """The slip rate along that direction."""
+        """The slip rate along the sliding direction."""
         (v1, v2), (d1, d2) = self.slip, self.directions
         return f"({v1}*{d1} + {v2}*{d2})"
 
     @property
     def across_slip(self) -> str:
-        """The slip rate across that direction."""
+        """The slip rate perpendicular to the sliding direction."""
         (v1, v2), (d1, d2) = self.slip, self.directions
         return f"({v2}*{d1} - {v1}*{d2})"
 

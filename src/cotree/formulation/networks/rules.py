@@ -196,7 +196,7 @@ class FieldRule(Rule):
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown, whose value is such that the variable ``residual`` is zero.
+    """An unknown, which the equation ``residual`` = 0 determines.
 
     Its value is the solution of a block of equations (:mod:`cotree.formulation.networks.solved`).
     """

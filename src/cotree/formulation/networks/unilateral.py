@@ -158,7 +158,7 @@ def holding_of(
 
 
 def limit_law(port: Port, which: str) -> Law:
-    """Return the second law of dry friction or of a stop; the first is its through variable's."""
+    """Return the law named ``which`` of dry friction or of a stop."""
     law: Law = getattr(port.terminal.friction or port.terminal.stop, which)
     return law
 
