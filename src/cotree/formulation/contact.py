@@ -182,7 +182,7 @@ class Surface(Protocol):
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the time derivative of ``place``; the point moves over the body."""
+        """Return the time derivative of ``place``, whose point moves over the body."""
         ...
 
 
@@ -334,7 +334,7 @@ class Touching:
         return vector.dot(self.direction.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of that velocity; the contact moves over the bodies."""
+        """Return the time derivative of the velocity; the contact point moves over both bodies."""
         contact = self.surface.place(view, self.facing)
         contact_rate = self.surface.place_rate(view, self.facing)
         omega, alpha = _against_first(self.ends, view)

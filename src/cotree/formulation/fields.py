@@ -308,7 +308,7 @@ class FieldNames:
         return tuple(self._measured)
 
     def gathered(self) -> dict[str, Node]:
-        """Return the symbols of all across variables by name; no further ones are then accepted."""
+        """Return the symbols of all across variables by name, and accept no further ones."""
         self._is_gathered = True
         return dict(self._measured)
 

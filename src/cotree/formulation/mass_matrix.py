@@ -274,7 +274,7 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
 
 
 def _augmented(motion: Motion) -> list[Inertia | None]:
-    """Add to each cluster the mass that it carries, as point masses; in ground axes."""
+    """Add to each cluster the mass that it carries, as point masses in ground axes."""
     bodies = list(motion.clusters.inertias)
     for geometry in reversed(motion.geometry):
         branch = geometry.branch

@@ -187,7 +187,7 @@ def hold(
     n: int,
     sizes: Sequence[Node],
 ) -> HeldFactors:
-    """Border a factorised matrix of ``n`` unknowns with columns and rows, which may be redundant.
+    """Add a border of columns and rows, which may be redundant, to the factors of a matrix.
 
     Redundant rows get the multipliers of least norm; a row that depends on no unknown gets a zero
     multiplier. ``sizes`` contains each row's diagonal entry without cancellation.

@@ -104,7 +104,7 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Release one speed: subtract w w^T / d now, or defer this until after the next arm.
+    """Subtract the term w w^T / d of a speed from an inertia, or defer it to after the next arm.
 
     ``turning`` and ``shifting`` are the direction s: angular acceleration, and acceleration of the
     reference point, per unit of the speed's rate. The gate contains the wrench w = a s divided by

@@ -335,7 +335,7 @@ def _branched(
 def _clipped_law(
     whole: Any, names: Mapping[str, ast.expr], kept: set[Any], parameters: Container[str]
 ) -> Any:
-    """Clip the roots in a law's branches that end where one of its comparisons jumps."""
+    """Clip arguments of roots in a law's branches beyond a comparison that jumps."""
     import sympy
 
     relations = whole.atoms(sympy.core.relational.Relational) - kept

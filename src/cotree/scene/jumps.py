@@ -202,7 +202,7 @@ class _Rewriting:
         return not all(is_cut(self._lowered(tree)) for tree in looked_at)
 
     def clipped(self, branch: ast.expr, boundary: ast.expr) -> ast.expr:
-        """Clip the roots in a branch that end at the branch's boundary."""
+        """Clip arguments of roots in a branch to zero beyond the branch's boundary."""
         return clipped(branch, boundary, self._old.parameters)
 
     def _lowered(self, tree: ast.expr) -> Any:
@@ -298,7 +298,7 @@ class _Tree:
         return node
 
     def _clipped(self, condition: ast.expr, branches: list[ast.expr]) -> list[ast.expr]:
-        """Clip the roots in branches that end where a comparison in their condition jumps."""
+        """Clip arguments of roots in branches beyond comparisons that jump in their condition."""
         for part in jumps_in(condition):
             boundary, _ = boundary_of(part)
             if id(part) not in self._kept and self._scene.is_located(boundary):

@@ -236,7 +236,7 @@ class CoupledTrees:
 
     @cached_property
     def _sources(self) -> dict[str, list[str]]:
-        """The across sources in swaps; each one is added to all trees that must contain it."""
+        """For each across source in swaps, the edges of which one must be chosen: it or a swap."""
         found: dict[str, list[str]] = {}
         for name, swap in self.swaps.items():
             for port in (swap.source, swap.control):

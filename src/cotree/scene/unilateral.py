@@ -64,7 +64,7 @@ def with_stops(scene: _Scene) -> _Scene:
 
 
 def _with_discs(scene: _Scene) -> _Scene:
-    """In spatial scenes, extend the friction of rigid contacts to two slip directions."""
+    """Extend friction at rigid contacts in spatial scenes to two slip directions."""
     frictional = [
         edge
         for edge in scene.edges.values()

@@ -86,7 +86,7 @@ def with_inputs(
 
 
 def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Return the inputs that are expressions; numbers in quotes are none."""
+    """Return the inputs that are expressions, not numbers, which may also be in quotes."""
     found = {}
     for name, value in inputs.items():
         if isinstance(value, str):

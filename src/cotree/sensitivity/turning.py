@@ -71,7 +71,7 @@ class Turning(Frames):
         return varied(value, d)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
-        """Return a vector with constant components in the cluster's basis; both rotate."""
+        """Return a vector with constant components in the cluster's basis, which rotates."""
         phi = self.phi_basis[cluster]
         return a if vector.is_zero(phi) else varied(a, vector.cross(phi, a))
 

@@ -32,7 +32,7 @@ _VARIABLES = {
 
 @dataclass(frozen=True)
 class Store:
-    """A total of contents that is a state."""
+    """A sum of storage contents (charges or flux linkages) that is a state."""
 
     port: Port  # the storage whose f-cutset or f-circuit defines the total
     #: Signs and names of the storages whose contents are added; the first one is the port.

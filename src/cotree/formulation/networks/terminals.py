@@ -93,7 +93,7 @@ class Terminals:
         return self.cutsets[self.ports[name].terminal.domain]
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return for each branch its sign and the branch that leads to it; all are in one tree."""
+        """Return the sign of each branch and the branch that leads to it; see :class:`Topology`."""
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
