@@ -314,7 +314,7 @@ class Worker:
             self._grow_records()
 
     def advance(self, interval: float) -> bool:
-        """Run members until Python must act, at most ``interval`` s; return whether any is left."""
+        """Run members until Python must act or ``interval`` seconds pass; return if any is left."""
         c, members = self._worker, self._members
         members.batch.interval = interval
         result = self._lib.cotree_batch_work(c)

@@ -1,1 +1,1 @@
-"""Estimation: from measurements to parameters, their intervals and the next measurement."""
+"""Estimation of parameters from measurements, with intervals and optimal further measurements."""

@@ -1,8 +1,8 @@
-"""Confidence and prediction bands: the uncertainty of estimates, propagated to predictions.
+"""Confidence and prediction bands: propagation of parameter uncertainty to predictions.
 
-In: estimates with their covariance C. Out: any state or output y over time with its standard error.
-The delta method uses exact sensitivities, var(y) = y' C y'^T. Sampling from the distribution of the
-estimates also accounts for the nonlinearity of the model.
+Estimates with their covariance C yield any state or output y over time with its standard error. The
+delta method uses exact sensitivities y', var(y) = y' C y'^T. Alternatively, sampling from the
+distribution of the estimates also accounts for the nonlinearity of the model.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.uncertainty import Uncertainty
 
-# Number of points of a band if no times are given.
+# Number of points in time of a band if none are given.
 _POINTS = 201
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A predicted quantity over time with its confidence or prediction interval.
+    """A predicted quantity over time, with its confidence or prediction interval.
 
     Attributes
     ----------
     name, unit, condition : str
-        The quantity, its unit, and the experiment.
+        Name and unit of the quantity, and name of the experiment.
     t : ndarray, shape (n,)
         Times, [s].
     value : ndarray, shape (n,)
         The quantity at the estimates.
     error : ndarray, shape (n,)
-        Its standard errors; infinite where it depends on an undetermined direction.
+        Standard errors; infinite if the quantity depends on an undetermined direction.
     lower, upper : ndarray, shape (n,)
-        Ends of the interval at each time.
+        Limits of the interval at each time.
     level : float
-        Pointwise level of confidence: it holds at each time on its own.
+        Pointwise confidence level, valid at each time on its own.
     with_noise : bool
-        Whether the band is for a further measurement rather than for the true value.
+        Whether the band is for a further measurement instead of the true value.
     """
 
     name: str
@@ -79,12 +79,12 @@ class Band:
 
 
 def title_of(name: str) -> str:
-    """Return the title of an experiment, whose name may be a number."""
+    """Return the title of an experiment for plots, also if its name is a number."""
     return f"experiment {name}" if name.isdigit() else name
 
 
 def find_condition(problem: Problem, given: int | str) -> int:
-    """Find a condition by its number or its name."""
+    """Return the index of a condition that is given by its index or its name."""
     names = [condition.name for condition in problem.conditions]
     if isinstance(given, str):
         check_known([given], names, "there is no experiment", error=ParameterError)
@@ -96,7 +96,7 @@ def find_condition(problem: Problem, given: int | str) -> int:
 
 
 def read_times(t: Any, condition: Condition) -> Array:
-    """Read the times at which a quantity is predicted, [s], shape (n,)."""
+    """Convert and check the times of predictions, [s], shape (n,)."""
     read = doubles(t)
     times = np.zeros(0) if read is None else np.atleast_1d(read)
     if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
@@ -116,7 +116,7 @@ def predicted_at(
     noise: str | float,
     transformation: str,
 ) -> tuple[Problem, Predictions]:
-    """Predict a quantity at given times; also return the problem that does so."""
+    """Predict a quantity at given times; return the problem that contains them and predictions."""
     problem, n = found.problem, len(t)
     quantities = [condition.quantity(output)] * n
     rows = Measured(
@@ -132,10 +132,10 @@ def predicted_at(
 def like_measured(
     problem: Problem, number: int, output: str, noise: str | float | None
 ) -> tuple[str | float, str]:
-    """Return noise and transformation of further measurements of a quantity.
+    """Return noise and transformation for further measurements of a quantity.
 
-    If ``noise`` is None, they are those of measured values of the quantity, preferably in this
-    condition.
+    If ``noise`` is None, the noise is that of previous measurements of the quantity, preferably in
+    the same condition.
     """
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
     here = [i for i in rows if problem.measured.condition[i] == number] or rows
@@ -161,7 +161,7 @@ def band_of(
     draws: int = 0,
     seed: int = 0,
 ) -> Band:
-    """Predict a quantity with its interval; see :meth:`FitResult.bands`."""
+    """Predict a quantity with its uncertainty interval; see :meth:`FitResult.bands`."""
     problem = found.problem
     number = find_condition(problem, condition)
     run = problem.conditions[number]
@@ -175,16 +175,18 @@ def band_of(
     deviation, kind = like_measured(problem, number, quantity, given)
     at, there = predicted_at(found, run, output, t, deviation, kind)
     middle = at.likelihood.transformed(there.values)
-    # The rows of the information are slopes over sigma, on the scale of the (additive) noise.
+    # Rows of the information are derivatives over sigma, on the scale on which noise is additive.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Maximum likelihood underestimates the noise; the errors were corrected by the same factor.
+    # Maximum likelihood underestimates noise, which is corrected by the same factor as standard
+    # errors.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors
     if draws:
         drawn = _draw(at, found, draws, seed, deviations if noise is not False else None)
-        # Samples do not cover undetermined directions, so those entries are not usable.
+        # Samples do not cover undetermined directions, so that quantities that depend on these are
+        # nan.
         drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
         tail = 0.5 * (1.0 - level)
         low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
@@ -207,10 +209,10 @@ def band_of(
 
 
 def _draw(at: Problem, found: Uncertainty, n: int, seed: int, deviations: Array | None) -> Array:
-    """Predict for samples of the estimates, all in one call of the ensemble engine."""
+    """Predict a quantity for samples of the estimates in one call of the ensemble engine."""
     random = np.random.default_rng(check_whole(seed, "seed"))
     n = check_whole(n, "draws", 1)
-    # A Student-t variate is a normal one divided by sqrt(chi-squared / freedom).
+    # Student's t variates are normal variates divided by sqrt(chi-squared / freedom).
     wide = np.ones((n, 1))
     if math.isfinite(found.freedom):
         wide = np.sqrt(found.freedom / random.chisquare(found.freedom, (n, 1)))

@@ -1,12 +1,12 @@
-"""Optimal experimental design: which further measurements shrink the intervals most.
+"""Optimal experimental design: choice of further measurements that reduce the intervals most.
 
-In: the Fisher information of the present measurements and the contribution of each candidate, both
-from exact sensitivities at the estimates. Out: the chosen candidates in order of their benefit,
-with the standard errors after each. A set is chosen greedily and then improved by exchanging one
-element at a time (Fedorov 1972), since the best single measurement need not belong to the best
-pair.
+The choice is based on the Fisher information of the existing measurements and the contribution of
+each candidate, both from exact sensitivities at the estimates. Candidates are chosen greedily, and
+the set is then improved by exchanging one element at a time (Fedorov 1972), since the best single
+measurement need not belong to the best pair. The result lists the chosen candidates in order of
+benefit, with the standard errors after each.
 
-If the present information is singular, choices are compared by the number of directions that remain
+If the existing information is singular, sets are compared by the number of directions that remain
 undetermined, and only then by the criterion, evaluated in the determined subspace.
 """
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
     from cotree.estimation.uncertainty import Uncertainty
 
-#: Criteria: determinant of the covariance, mean relative variance, and largest variance of any
-#: direction. The name of a parameter is also a criterion: the variance of that parameter.
+#: Criteria D, A and E: determinant of the covariance, mean relative variance, and largest variance
+#: along any direction. The name of a parameter stands for its variance as the criterion.
 CRITERIA = ("D", "A", "E")
 
-# Limit of exchange passes; two or three usually suffice.
+# Maximum number of exchange passes; two or three usually suffice.
 _MOST_PASSES = 20
 
-# Relative eigenvalues below this count as zero: the square of the error of sensitivities.
+# Relative eigenvalues below this, the squared relative error of sensitivities, count as zero.
 _SHARE = 1e-11
 
 
@@ -54,13 +54,13 @@ class Candidates:
     t : array_like, shape (n,)
         Times, [s].
     noise : float, str or None
-        Standard deviation of the noise in SI: a number, a state or output, or None for that of the
-        values of this quantity that were measured.
+        Standard deviation of the noise in SI: a number, a state or output, or None for the noise of
+        previous measurements of this quantity.
     experiment : int or str
         The experiment to repeat, by its number (from zero) or name.
     parameters, initial, inputs : mapping
-        Changes to this experiment. Values are numbers or names of estimated parameters; inputs are
-        numbers or (times, values).
+        Changes to this experiment: numbers or names of estimated parameters; for inputs, numbers or
+        (times, values).
     label : str
         Name of the changed experiment.
     """
@@ -82,17 +82,16 @@ class NextMeasurement:
     Attributes
     ----------
     output, experiment : str
-        What to measure, and in which experiment.
+        The quantity to measure, and the experiment.
     t : float
         Time, [s].
     noise : float
         Assumed standard deviation of the noise.
     errors : mapping of str to float
-        Standard errors of the parameters, in their units, after this measurement and those before
-        it.
+        Standard errors of the parameters, in their units, after this and all previous measurements.
     shrinks : float
-        Geometric mean of the ratios of the standard errors after and before it; nan if some
-        parameters were undetermined before.
+        Geometric mean of the ratios of standard errors after and before this measurement; nan if
+        some parameters were undetermined before.
     determines : tuple of str
         Parameters that become determined by this measurement.
     """
@@ -107,10 +106,10 @@ class NextMeasurement:
 
 
 class NextMeasurements(Reported, tuple[NextMeasurement, ...]):
-    """Proposed measurements, in order of their benefit."""
+    """Proposed measurements, in order of benefit."""
 
     def report(self) -> Report:
-        """Build the report: a table."""
+        """Build the report with a table of the measurements."""
         names = list(self[0].errors) if self else []
         head = ("output", "experiment", "t [s]", *(f"error of {name}" for name in names), "")
         rows = [
@@ -141,7 +140,7 @@ class NextMeasurements(Reported, tuple[NextMeasurement, ...]):
 
 
 def read_candidates(given: Any) -> list[Candidates]:
-    """Read candidates in any of the accepted forms."""
+    """Convert candidates in any accepted form to a list."""
     if isinstance(given, Candidates):
         return [given]
     if isinstance(given, Mapping):
@@ -162,7 +161,7 @@ def read_candidates(given: Any) -> list[Candidates]:
     try:
         listed = list(given)
     except TypeError:
-        listed = [None]  # the check below reports the error
+        listed = [None]  # the check below raises the error
     if not all(isinstance(row, Candidates) for row in listed):
         raise ParameterError(
             "candidates must be a mapping of outputs to times, to (times, noise) or to the fields "
@@ -179,7 +178,7 @@ def choose(
     criterion: str = "D",
     repeat: bool = True,
 ) -> NextMeasurements:
-    """Choose measurements; see :meth:`FitResult.next_measurements`."""
+    """Choose further measurements; see :meth:`FitResult.next_measurements`."""
     names = found.problem.scaled.names
     if criterion not in CRITERIA and criterion not in names:
         listed = ", ".join(CRITERIA)
@@ -193,27 +192,27 @@ def choose(
         raise ParameterError(
             f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
         )
-    # The units may be negative; their outer product scales the information correctly all the same.
+    # Units may be negative, but their outer product still scales the information correctly.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
     rating = _Rating(present, found.split.open.shape[1], criterion, names)
     chosen = _improved(_greedy(rows, n, rating, range(len(rows)), repeat), rows, rating, repeat)
-    # Order the final set by benefit.
+    # Sort the final set by benefit.
     return _described(found, rows, labels, _greedy(rows, n, rating, chosen, False), rating)
 
 
 class _Rating:
-    """Rates added information by a criterion; ratings are tuples, of which larger is better."""
+    """Rates added information by a criterion; ratings are tuples, and larger is better."""
 
     def __init__(self, present: Array, n_open: int, criterion: str, names: Sequence[str]) -> None:
         self.present, self._criterion = present, criterion
         self.index = names.index(criterion) if criterion in names else -1
         s, v = np.linalg.eigh(present)
-        # Undetermined directions have exactly zero information; rounding is removed.
+        # Undetermined directions have no information; their eigenvalues are only rounding errors.
         s[:n_open] = 0.0
         self.present = (v * s) @ v.T
 
     def inverse(self, added: Array) -> tuple[Array, Array, int]:
-        """Return the pseudo-inverse, the undetermined directions, and their number."""
+        """Return the inverse of the information, its undetermined directions, and their number."""
         whole = self.present + added
         norms = np.sqrt(np.where(np.diag(whole) > 0.0, np.diag(whole), 1.0))
         s, v = np.linalg.eigh(whole / np.outer(norms, norms))
@@ -243,7 +242,7 @@ class _Rating:
 def _rows(
     found: Uncertainty, given: Sequence[Candidates]
 ) -> tuple[list[Array], list[tuple[str, str, float, float]]]:
-    """Return the information rows of all candidates, in relative units, and their labels."""
+    """Return the information rows of all candidates in relative units, and their labels."""
     problem = found.problem
     rows: list[Array] = []
     labels: list[tuple[str, str, float, float]] = []
@@ -268,7 +267,8 @@ def _rows(
         at, there = bands.predicted_at(found, run, item.output, t, noise, kind)
         information = at.likelihood.fisher_rows(there) * found.split.sizes
         for i in range(len(t)):
-            # One row for the value and one for its standard deviation, if that is estimated.
+            # One row is for the value, and the other for its standard deviation if that is
+            # estimated.
             rows.append(information[[i, i + len(t)]])
             labels.append((item.output, run.name, float(t[i]), float(there.sigma[i])))
     if not rows:
@@ -279,7 +279,7 @@ def _rows(
 def _greedy(
     rows: Sequence[Array], n: int, rating: _Rating, among: Sequence[int], repeat: bool
 ) -> list[int]:
-    """Add one candidate at a time, always the one with the best rating."""
+    """Choose candidates one at a time, always the one with the best rating."""
     left, chosen = list(among), list[int]()
     added = np.zeros_like(rating.present)
     while len(chosen) < n:
@@ -292,7 +292,7 @@ def _greedy(
 
 
 def _improved(chosen: list[int], rows: Sequence[Array], rating: _Rating, repeat: bool) -> list[int]:
-    """Exchange one candidate at a time for a better one until no exchange improves the set."""
+    """Replace one candidate at a time by a better one until no replacement improves the set."""
     chosen = list(chosen)
     for _ in range(_MOST_PASSES):
         has_changed = False
@@ -303,7 +303,7 @@ def _improved(chosen: list[int], rows: Sequence[Array], rating: _Rating, repeat:
             now = rating(added + rows[chosen[k]].T @ rows[chosen[k]])
             best = max(free, key=lambda i: rating(added + rows[i].T @ rows[i]))
             value = rating(added + rows[best].T @ rows[best])
-            # The margin keeps candidates that are equal up to rounding from being swapped forever.
+            # The margin prevents endless exchange of candidates that are equal up to rounding.
             if value[0] > now[0] or value[1] > now[1] + 1e-9 * abs(now[1]):
                 chosen[k], has_changed = best, True
         if not has_changed:
@@ -318,10 +318,10 @@ def _described(
     order: Sequence[int],
     rating: _Rating,
 ) -> NextMeasurements:
-    """Describe the benefit of each measurement, given those before it."""
+    """Return the chosen measurements with the benefit of each after the previous ones."""
     scaled = found.problem.scaled
     names = scaled.names
-    # If the noise was estimated, the variances keep their small-sample correction.
+    # If the noise was estimated, variances include the small-sample correction.
     scale = np.abs(found.split.sizes) * scaled.slopes(found.theta) * math.sqrt(found.spread)
     added = np.zeros_like(rating.present)
     before, is_open = _errors(rating, added)
@@ -353,7 +353,7 @@ def _described(
 
 
 def _errors(rating: _Rating, added: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return relative standard errors, and which parameters are still undetermined."""
+    """Return relative standard errors, and whether each parameter is still undetermined."""
     inverse, opened, _ = rating.inverse(added)
     is_open = np.any(np.abs(opened) > 1e-4 * np.max(np.abs(opened), initial=1e-300), axis=1)
     return np.sqrt(np.diag(inverse)), np.asarray(is_open)

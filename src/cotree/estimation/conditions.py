@@ -1,8 +1,8 @@
-"""Conditions of an estimation problem, and the values measured in them.
+"""Conditions of an estimation problem, and measured values.
 
-A condition is a run of a compiled model, some of whose parameters and initial values are estimated.
-Measured values are compared with states or outputs of the model. A standard deviation that is not a
-number is a state or an output, too. The compiled sensitivities give the derivatives of all of them.
+A condition is a run of a compiled model with some estimated parameters and initial values. Measured
+values are compared with states or outputs of the model. A standard deviation may also be a state or
+an output. Compiled sensitivities are the derivatives of all these.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
 
 
-#: Distributions of the difference, with standard deviation (or scale) ``noise``.
+#: Distributions of the difference between measured and predicted values. ``noise`` is the standard
+#: deviation of the normal and the scale of the Laplace distribution.
 DISTRIBUTIONS = ("normal", "laplace")
 
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """A run in which values were measured.
+    """Conditions of a run in which values were measured.
 
     Attributes
     ----------
     name : str
         Its name in messages and results.
     model : Model
-        Compiled with sensitivities to all of its parameters and initial values that are estimated.
+        Model, compiled with sensitivities to all estimated parameters and initial values.
     parameters : mapping of str to str or float
-        Values of parameters of the model: the name of an estimated parameter, or a number. Other
-        parameters keep the model's value.
+        Values of model parameters: the name of an estimated parameter, or a number. Other
+        parameters have the value of the model.
     initial : mapping of str to str or float
         Initial values of states, in the same form.
     inputs : mapping of str to object
@@ -48,10 +49,10 @@ class Condition:
     t_start : float
         Start of the run, [s].
     columns : mapping of str to str
-        The state or output that each column of its data measures.
+        State or output that each data column measures.
     before : Condition or None
-        A run to the steady state at which this one begins; it has the same model, and may itself
-        begin at a steady state. Values in ``initial`` take precedence over the steady state.
+        Previous run, to the steady state at which this one begins. It has the same model, and may
+        itself begin at a steady state. Values in ``initial`` take precedence over the steady state.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Condition:
     before: Condition | None = None
 
     def quantity(self, name: str) -> str:
-        """Find a state or output by the name of a column that measures it, or by its own name."""
+        """Return the state or output for the name of a measured column, or for its own name."""
         # A column that measures a state may have an output of its own.
         if name in self.columns:
             return self.columns[name]
@@ -76,18 +77,18 @@ class Condition:
         )
 
     def column(self, quantity: str) -> str:
-        """Return the name of the column that measures a state or output, or else its own name."""
+        """Return the name of the column that measures a state or output, else its own name."""
         return next((name for name, own in self.columns.items() if own == quantity), quantity)
 
     @property
     def chain(self) -> tuple[Condition, ...]:
-        """The condition itself and the ones before it, the first run last."""
+        """The condition itself and those before it, from the last run to the first."""
         return (self, *(self.before.chain if self.before else ()))
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Measured values, one row each, in any order.
+    """Measured values, each with condition, time, observable and noise, in any order.
 
     Attributes
     ----------
@@ -96,17 +97,17 @@ class Measured:
     t : ndarray, shape (n,)
         Times, [s], not before the start of the condition.
     observable : sequence of str, n
-        The state or output that was measured.
+        State or output that was measured.
     value : ndarray, shape (n,)
-        Measured values, finite, not transformed.
+        Measured values, finite and not transformed.
     noise : sequence of str or float, n
         Standard deviations of the transformed values (scales of Laplace distributions): a positive
-        number, a state or an output of the model, or an estimated parameter, which need not be a
-        parameter of the model.
+        number, a state or output of the model, or an estimated parameter, which the model need not
+        have.
     transformation : sequence of str, n
-        Each one of ``SCALES``; a single one applies to all values.
+        One of ``SCALES`` for each value, or a single one for all.
     distribution : sequence of str, n
-        Each one of ``DISTRIBUTIONS``; a single one applies to all values.
+        One of ``DISTRIBUTIONS`` for each value, or a single one for all.
     """
 
     condition: npt.NDArray[np.intp]
@@ -128,7 +129,7 @@ class Measured:
 
 
 def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
-    """Refuse a condition that contains unknown names."""
+    """Raise an error if a condition contains unknown names."""
     model, what = condition.model, f"condition '{condition.name}'"
     for kind, given, known in (
         ("parameter", condition.parameters, model.parameters),
@@ -151,7 +152,7 @@ def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
 def check_measured(
     measured: Measured, conditions: Sequence[Condition], estimated: Sequence[str]
 ) -> None:
-    """Refuse invalid measured rows."""
+    """Raise an error if measured rows are invalid."""
     n = len(measured)
     for name, values in vars(measured).items():
         if len(values) != n:
@@ -180,10 +181,10 @@ def check_measured(
 
 
 class Columns:
-    """The parameters and initial values that a member sets for one condition.
+    """Columns of parameters and initial values that an ensemble member sets for one condition.
 
-    ``through``, shape (n_sensitivities, n_estimated), is one where a sensitivity parameter of the
-    model is tied to an estimated parameter, and zero elsewhere.
+    ``through``, shape (n_sensitivities, n_estimated), is the matrix with ones for sensitivity
+    parameters that are tied to estimated parameters, and zeros elsewhere.
     """
 
     def __init__(self, condition: Condition, columns: Sequence[str], names: Sequence[str]) -> None:
@@ -199,7 +200,7 @@ class Columns:
                 self.through[model.sensitivities.index(name), names.index(value)] = 1.0
 
     def row(self, values: Array) -> Array:
-        """Return the column values of one member for values of the estimated parameters."""
+        """Return the row of a member for the given values of the estimated parameters."""
         row = self._numbers.copy()
         for j, k in self._places:
             row[j] = values[k]

@@ -20,24 +20,24 @@ Array = npt.NDArray[np.float64]
 #: Scales of estimated parameters: linear, natural logarithm and decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
-#: Derivative of the natural logarithm of a value with respect to the scaled value.
+#: Derivative of the natural logarithm of a value with respect to the scaled value, by scale.
 LOGARITHMS = {"lin": 1.0, "log": 1.0, "log10": math.log(10.0)}
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """An estimated parameter.
+    """An estimated parameter: bounds, scale and initial guess.
 
     Attributes
     ----------
     name : str
         Its name.
     lower, upper : float
-        Bounds of its value, in its unit; infinite if there is none.
+        Bounds of its value, in its unit; infinite if there are none.
     scale : str
-        One of ``SCALES``: the variable of an optimiser is the value, or its logarithm.
+        One of ``SCALES``: the optimiser's variable is the value or its logarithm.
     start : float or None
-        Initial guess, within the bounds; None leaves the choice to the estimation.
+        Initial guess within the bounds; None if the estimation shall choose one.
     unit : str
         Unit of the value.
     """
@@ -52,7 +52,7 @@ class Estimated:
     def __post_init__(self) -> None:
         what = f"'{self.name}'"
         check_choice(self.scale, f"the scale of {what}", SCALES)
-        # Written so that nan is refused as well.
+        # This form of the condition also rejects nan.
         if not self.lower < self.upper:
             raise ParameterError(
                 f"{what} has the bounds {self.lower:g} and {self.upper:g}: the lower one must be "
@@ -71,14 +71,14 @@ class Estimated:
 
 
 class Scaled:
-    """Conversion between the values of estimated parameters and the optimiser's variables.
+    """Conversion between values of estimated parameters and variables of the optimiser.
 
     Attributes
     ----------
     names : tuple of str
         Their names.
     lower, upper : ndarray, shape (n,)
-        Bounds on their scales.
+        Bounds of the optimiser's variables.
     """
 
     def __init__(self, estimated: Sequence[Estimated]) -> None:
@@ -109,12 +109,13 @@ class Scaled:
         return np.where(self._is_log, self.values(theta) * self._factors, 1.0)
 
 
-# Default bounds of a positive parameter: its initial guess divided and multiplied by this.
+# Factor by which the initial guess of a positive parameter is divided and multiplied to obtain
+# default bounds.
 _SPAN = 100.0
 
 
 def read_ranges(parameters: Any) -> dict[str, Any]:
-    """Read names of estimated parameters with their ranges, which :func:`estimated` reads."""
+    """Return the ranges of estimated parameters by name, for :func:`estimated`."""
     if isinstance(parameters, str):
         parameters = [parameters]
     if not isinstance(parameters, (Mapping, Sequence)):
@@ -129,7 +130,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
         if name in found:
             raise ParameterError(f"'{name}' is given twice: name it once")
         found[name] = parameters[item] if isinstance(parameters, Mapping) else item
-        if found[name] is name:  # the name stands in a list, without a range
+        if found[name] is name:  # the name is an element of a list, without a range
             found[name] = None
     if not found:
         raise ParameterError("nothing is estimated: name at least one parameter")
@@ -143,11 +144,12 @@ def estimated(
     nominal: float | None,
     unit: str = "",
 ) -> Estimated:
-    """Read the range of one parameter.
+    """Build an estimated parameter from its range.
 
-    A range is ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound; or None:
-    from a hundredth to a hundred times the initial guess, on a logarithmic scale. ``start`` is the
-    user's guess; the model's value, ``nominal``, is the default if it is within the bounds.
+    A range is ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound. The range
+    None extends from a hundredth to a hundred times the initial guess on a logarithmic scale.
+    ``start`` is the user's guess. By default it is the model's value ``nominal`` if that is within
+    the bounds.
     """
     what = f"'{brief(name)}'"
     if isinstance(given, Estimated):
@@ -173,7 +175,7 @@ def estimated(
     )
     scale = str(given[2]) if len(given) == 3 else "lin"
     if start is None:
-        # The scene's value is only a default: it is dropped if it violates the bounds.
+        # The scene's value is only a default, which is ignored if it violates the bounds.
         inside = (
             nominal is not None and lower <= nominal <= upper and (scale == "lin" or nominal > 0.0)
         )
@@ -191,16 +193,15 @@ def _bound(value: Any, what: str) -> float:
 
 
 def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Array:
-    """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
+    """Return starting points: first the initial guess, then a Latin hypercube within the bounds.
 
-    Points are on the scales of the parameters, shape (n, n_estimated). Without a guess, a parameter
-    starts in the middle of its bounds. If a bound is infinite, starts extend one decade beyond the
-    guess on a logarithmic scale; on a linear scale they extend to zero and to twice the guess, or
-    to -1 and 1 if the guess is zero.
+    Points are on the scales of the parameters, shape (n, n_estimated). A parameter without a guess
+    starts in the middle of its bounds. An infinite bound is replaced: on a logarithmic scale by one
+    decade from the guess, on a linear scale by zero or twice the guess, or by -1 or 1 if the guess
+    is zero.
     """
     scaled = Scaled(rows)
     ends = np.array([_ends(row) for row in rows]).T
-    # Infinite bounds are replaced by an interval around the guess.
     low = np.where(np.isfinite(scaled.lower), scaled.lower, np.minimum(ends[0], scaled.upper))
     high = np.where(np.isfinite(scaled.upper), scaled.upper, np.maximum(ends[1], scaled.lower))
     first = scaled.scaled(np.array([math.nan if r.start is None else r.start for r in rows]))
@@ -212,7 +213,7 @@ def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Ar
 
 
 def _ends(row: Estimated) -> tuple[float, float]:
-    """Return an interval around the guess of a parameter, on its scale."""
+    """Return the interval around a parameter's guess, on its scale, for infinite bounds."""
     if row.scale != "lin":
         decade = math.log(10.0) / LOGARITHMS[row.scale]
         middle = math.log10(row.start) * decade if row.start else 0.0

@@ -1,7 +1,7 @@
 """Experiments: measured data and the conditions under which they were recorded.
 
-Error messages name the file, row and column at fault. The name of a column may include its unit,
-``angle [deg]``; missing values are nan.
+Error messages name the file, row and column. Column names may include units, as in ``angle [deg]``.
+Missing values are nan.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _LARGEST = 2**30  # maximum file size, [byte]
 _MISSING = frozenset({"", "nan", "na", "n/a", "none", "null", "-"})
 
-#: Names of the time column that are recognised, in lower case.
+#: Recognised names of the time column, in lower case.
 _TIMES = ("t", "time")
 
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*\Z", re.DOTALL)
@@ -37,7 +37,7 @@ _PARENTHESES = re.compile(r"(.*\S)\s+\(([^()]*)\)\s*\Z", re.DOTALL)
 
 @dataclass(frozen=True)
 class Column:
-    """A column of numbers."""
+    """A column of numbers with its name and unit."""
 
     #: Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
     name: str
@@ -47,15 +47,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of numbers as functions of time."""
+    """Measured columns over time."""
 
-    where: str  # origin of the data, for messages
-    rows: Sequence[str]  # designation of each row in messages, such as "line 5"
+    where: str  # description of the data source, for messages
+    rows: Sequence[str]  # name of each row in messages, such as "line 5"
     t: Array  # increasing times of the rows, [s]
     columns: Mapping[str, Column]  # columns by name, without the time column
 
     def column(self, name: str) -> Column:
-        """Return a column by its name with or without the unit."""
+        """Return a column by its name, which may include the unit."""
         plain = split_unit(name)[0]
         for known in (name, plain):
             if known in self.columns:
@@ -63,7 +63,7 @@ class Table:
         raise ParameterError(f"{self.where} has no column '{name}'{nearest(name, self.columns)}")
 
     def unit(self, column: Column, wanted: str = "", given: str | None = None) -> Unit | None:
-        """Parse the unit of a column and check it against that of the measured quantity."""
+        """Return a column's unit after checking it against the unit of the measured quantity."""
         what = f"column '{column.name}' of {self.where}"
         unit = check_unit(column.unit if given is None else given, f"the unit of {what}")
         if unit is not None and wanted:
@@ -72,10 +72,10 @@ class Table:
 
 
 def read_table(data: Any, where: str, time: str | None = None) -> Table:
-    """Read measured data: a file, a DataFrame, or a mapping of columns, including one of times.
+    """Read measured data from a file, a DataFrame, or a mapping of columns with the times.
 
-    ``where`` is the origin of the data in messages; files have their name. The time column is
-    ``t`` or ``time``, in lower or upper case, by default.
+    Messages call the data ``where``, or by the name of the file. The default time column is ``t``
+    or ``time``, in lower or upper case.
     """
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name
@@ -88,7 +88,7 @@ def read_table(data: Any, where: str, time: str | None = None) -> Table:
     if unit is not None:
         check_fits(unit, "s", f"column '{name}' of {where}")
     t = in_si(times.values, unit)
-    # Spreadsheets may append lines that contain nothing but separators.
+    # Spreadsheets may append lines that contain only separators.
     others = [column.values for column in columns.values()]
     kept = ~np.isnan(t)
     for i in np.flatnonzero(~kept):
@@ -101,14 +101,14 @@ def read_table(data: Any, where: str, time: str | None = None) -> Table:
 
 
 def in_si(values: Array, unit: Unit | None) -> Array:
-    """Convert values to SI."""
+    """Convert values to SI units."""
     if unit is None or unit.is_si:
         return values
     return values * float(unit.factor) + float(unit.offset)
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split ``angle [deg]`` or ``angle (deg)``."""
+    """Split ``angle [deg]`` or ``angle (deg)`` into name and unit."""
     found = _BRACKETS.match(name) or _PARENTHESES.match(name)
     return (found[1].strip(), found[2].strip()) if found else (name.strip(), "")
 
@@ -142,7 +142,7 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
     index = getattr(data, "index", None)
     if hasattr(data, "columns") and index is not None:
         items = [(name, data[name]) for name in data.columns]
-        # The time column may be the index.
+        # The index may contain the times.
         if index.name is not None:
             items.insert(0, (index.name, index))
     elif isinstance(data, Mapping):
@@ -179,13 +179,13 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
 def _columns(
     items: Iterable[tuple[str, Any]], rows: Sequence[str], where: str
 ) -> dict[str, Column]:
-    """Convert named sequences to columns."""
+    """Convert sequences to columns by name."""
     found: dict[str, Column] = {}
     for header, values in items:
         name, unit = split_unit(header)
         if name in found:
             raise ParameterError(f"{where} has two columns '{name}': rename one of them")
-        if name:  # a separator at the end of each line creates a column without a name
+        if name:  # trailing separators create a column without a name
             found[name] = Column(name, unit, _numbers(values, rows, f"{where}, ", name))
     return found
 
@@ -219,7 +219,7 @@ def _number(value: Any, where: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        # The missing value of pandas; the package need not be installed.
+        # This is the missing value of pandas, which need not be installed.
         if type(value).__name__ == "NAType":
             return np.nan
         raise ParameterError(f"{where}: '{brief(str(value))}' is not a number") from None
@@ -241,7 +241,7 @@ def _time_column(columns: Mapping[str, Column], where: str, time: str | None) ->
 
 
 def _check_times(t: Array, rows: Sequence[str], where: str) -> None:
-    """Refuse times that are not strictly increasing."""
+    """Raise an error if times are not strictly increasing."""
     if not t.size:
         raise ParameterError(f"{where} holds no times, only missing values")
     wrong = np.flatnonzero(np.diff(t) <= 0.0)
@@ -260,7 +260,7 @@ def _check_times(t: Array, rows: Sequence[str], where: str) -> None:
 
 
 class Experiment:
-    """Measured data of one run and the conditions under which they were recorded.
+    """Measured data of one run, and the conditions under which they were recorded.
 
     Parameters
     ----------
@@ -351,22 +351,22 @@ class Experiment:
         return f"<Experiment {self.name or ''}: {names} at {t.size} times to {t[-1]:g} s>"
 
     def noise_of(self, column: str) -> float | str | None:
-        """Return the standard deviation of a column as given; None if it is to be estimated."""
+        """Return the noise of a column as the user gave it; None if it is to be estimated."""
         found = self._noise.get(column, self._noise.get(""))
         if found is None or isinstance(found, str):
             return found
         return check_number(found, f"the noise of column '{column}' of {self.where}")
 
     def unit_of(self, column: str) -> str | None:
-        """Return the unit of a column from ``units``, or None."""
+        """Return the unit that ``units`` states for a column, or None."""
         return self._units.get(column)
 
     def transform_of(self, column: str) -> str:
-        """Return the transformation under which values of a column are compared."""
+        """Return the transformation with which values of a column are compared."""
         return str(self._transform.get(column, self._transform.get("", "lin")))
 
     def _values(self, what: str, given: Any) -> dict[str, float | str]:
-        """Check values by name: numbers, or names of estimated parameters."""
+        """Return values by name after checking that they are numbers or names."""
         where = f"{what} of {self.where}"
         return {
             name: v if isinstance(v, str) else check_number(v, f"'{brief(name)}' in {where}")
@@ -374,7 +374,7 @@ class Experiment:
         }
 
     def _observed(self, given: Any) -> dict[str, str] | None:
-        """Read what the columns measure; keys are names without units."""
+        """Return the quantity that each column measures, by column name without unit."""
         if given is None:
             return None
         if isinstance(given, str):
@@ -392,7 +392,7 @@ class Experiment:
         return {self.table.column(str(name)).name: text for name, text in given.items()}
 
     def _by_column(self, what: str, given: Any) -> dict[str, Any]:
-        """Read a mapping by column; a single value for all columns has an empty key."""
+        """Return a mapping by column; the empty key has a single value for all columns."""
         if given is None:
             return {}
         if not isinstance(given, Mapping):

@@ -1,4 +1,4 @@
-"""Findings about a fit: a sentence for each problem that limits the use of its estimates."""
+"""Findings about a fit: a sentence for each limitation of its estimates."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
 
-# Estimates count as lying on a bound if they are closer than this, relative to the distance between
-# the bounds or to their value: optimisers with bounds keep their iterates strictly feasible.
+# An estimate is at a bound if its distance is less than this fraction of the distance between both
+# bounds or of its value. Optimisers with bounds never reach them exactly.
 _AT_BOUND = 1e-6
 
-# Starts whose objectives differ by less than this found the same optimum; a change of a parameter
+# Starts whose objectives differ by less than this have found the same optimum. A parameter change
 # by one standard error raises the objective by 0.5, a hundred times as much.
 SAME_OPTIMUM = 0.005
 
-# If chi-squared has a tail probability below this, on either side, the model or the noise is wrong.
+# If the probability of chi-squared in either tail is below this, the model or the noise is wrong.
 _IMPROBABLE = 1e-3
 
-# An interval on a logarithmic scale whose ends differ by more than this factor is uninformative.
+# An interval on a logarithmic scale is uninformative if the ratio of its limits is larger than
+# this.
 _WIDE = 1e3
 
 
 def at_bounds(problem: Problem, theta: Array) -> dict[str, str]:
-    """Return the parameters at a bound, with "lower" or "upper"."""
+    """Return "lower" or "upper" for each parameter at a bound, by name."""
     found, scaled = {}, problem.scaled
     for name, x, low, high in zip(scaled.names, theta, scaled.lower, scaled.upper, strict=True):
         near = _AT_BOUND * (high - low if math.isfinite(high - low) else max(1.0, abs(x)))
@@ -45,7 +46,7 @@ def at_bounds(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
-    """Report failed convergence, failed starts, and an optimum that only one start reached."""
+    """Report a lack of convergence, failed starts, and an optimum that only one start reached."""
     best, sentences = starts[0], []
     if not math.isfinite(best.objective):
         return (f"No start succeeded: {best.message}.",)
@@ -66,7 +67,7 @@ def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
 
 
 def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
-    """Report estimates at a bound."""
+    """Report the estimates that are at a bound."""
     sentences = []
     for row in problem.estimated:
         side = sides.get(row.name)
@@ -88,7 +89,7 @@ def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
 def of_directions(found: Uncertainty, more_rows: Array | None = None) -> tuple[str, ...]:
     """Report the directions that the data do not determine.
 
-    ``more_rows``, the information of priors, is taken to be the same at nearby points.
+    ``more_rows``, the information from priors, is assumed to be the same at nearby points.
     """
     if not found.split.open.shape[1]:
         return ()
@@ -134,8 +135,8 @@ def of_agreement(
 ) -> tuple[str, ...]:
     """Report residuals that are inconsistent with the given noise, by a chi-squared test.
 
-    Robust losses are exempt: they are chosen because there are outliers with large residuals, and
-    the standard errors account for them.
+    Robust losses are exempt, because they are chosen for data with outliers, whose large residuals
+    the standard errors take into account.
     """
     is_given = not any(isinstance(v, str) for v in problem.measured.noise)
     is_robust = search is not None and search.loss != "linear"

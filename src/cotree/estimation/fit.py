@@ -47,7 +47,7 @@ def estimation_problem(
     method: str | None = None,
     **settings: Unpack[SettingsDict],
 ) -> Problem:
-    """Set up the problem that :func:`cotree.fit` solves, for other optimisers and samplers.
+    """Build the problem that :func:`cotree.fit` solves, for use with other optimisers and samplers.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ _NOT_ESTIMATED = ", which is not estimated"
 
 
 class _Assembly:
-    """Assembles a problem step by step."""
+    """Builds an estimation problem from models, experiments and parameters."""
 
     def __init__(
         self,
@@ -115,11 +115,11 @@ class _Assembly:
             for row, name in zip(rows, _names(rows), strict=True)
         ]
         self._found: dict[str, Estimated] = {}
-        self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs, stored once
+        self._equal: dict[Any, dict[str, Any]] = {}  # inputs, so that equal ones are stored once
         self._check_used()
 
     def problem(self, **given: Any) -> Problem:
-        """Compile the models and assemble the problem, for runs with some settings."""
+        """Compile the models and build the problem; ``given`` are settings of its runs."""
         scene = self._observer.scene
         settings = settings_from(scene.defaults, {"max_steps": STEPS_OF_FIT, **given})
         new = set().union(*(run.new for run in self._runs))
@@ -137,7 +137,7 @@ class _Assembly:
         self._observer.compile(self._runs, wanted, {n: self._new_value(n) for n in new})
         conditions = [self._condition(run) for run in self._runs]
         measured = measured_rows(self._runs, self._noise, self._estimate, self._found)
-        # In the order in which the user gave them, with noise parameters last.
+        # Parameters have the order in which the user gave them, with noise parameters last.
         places = {name: i for i, name in enumerate(self._ranges)}
         found = sorted(
             self._found.values(),
@@ -148,7 +148,7 @@ class _Assembly:
         return Problem(found, conditions, measured, settings)
 
     def _check_used(self) -> None:
-        """Refuse estimated parameters that nothing uses, and unknown names in experiments."""
+        """Raise an error for unused estimated parameters and unknown names in experiments."""
         scene, rows = self._observer.scene, [run.experiment for run in self._runs]
         used = set().union(*(run.new for run in self._runs))
         used |= {v for run in self._runs for v in run.deviations.values()}
@@ -180,12 +180,12 @@ class _Assembly:
             )
 
     def _nominal_value(self, name: str) -> float | None:
-        """Return the scene's value of a parameter, or None if it is derived or not in the scene."""
+        """Return a parameter's value in the scene; None if it is derived or not in the scene."""
         row = self._observer.scene.parameters.get(name)
         return None if row is None or row.is_derived else row.number
 
     def _new_value(self, name: str) -> float:
-        """Return a default for a new parameter; every run overrides it."""
+        """Return a default value for a new parameter, which every run overrides."""
         for run in self._runs:
             value = run.experiment.parameters.get(name)
             if value is not None and not isinstance(value, str):
@@ -193,7 +193,7 @@ class _Assembly:
         return self._begin.get(name, 1.0)
 
     def _estimate(self, name: str, experiment: str, nominal: float | None, unit: str = "") -> str:
-        """Return the name of the estimated parameter for an experiment; create it if it is new."""
+        """Return the name of a parameter that is estimated for an experiment; create it if new."""
         full = f"{name}[{experiment}]" if name in self._apart else name
         if full not in self._found:
             begin = self._begin.get(full, self._begin.get(name))
@@ -201,7 +201,7 @@ class _Assembly:
         return full
 
     def _condition(self, run: Observed) -> Condition:
-        """Make the condition of an experiment."""
+        """Build the condition of an experiment."""
         row, model = run.experiment, run.model
         first = dict(zip(model.states, model.initial_state.tolist(), strict=True))
         units = {
@@ -225,12 +225,12 @@ class _Assembly:
                     target[key] = self._estimate(value, run.name, nominal, units.get(key, ""))
         inputs = {key: self._input(row, key, value) for key, value in run.inputs.items()}
         if all(isinstance(value, (int, float)) for value in inputs.values()):
-            # Experiments with the same mapping run in one block.
+            # Experiments that share one mapping of inputs run in one block.
             inputs = self._equal.setdefault(tuple(sorted(inputs.items())), inputs)
         return Condition(run.name, model, parameters, initial, inputs, row.t_start, run.outputs)
 
     def _input(self, row: Experiment, name: str, value: Any) -> Any:
-        """Return an input; a column of the data becomes a table without missing values."""
+        """Return an input; convert a data column to a table without missing values."""
         column = row.table.columns.get(name)
         if column is None or value is not column:
             return value
@@ -245,7 +245,7 @@ class _Assembly:
 
 
 def _listed(experiments: Any) -> list[Experiment]:
-    """Accept a single experiment or a sequence."""
+    """Return a list of experiments, given a single one or a sequence."""
     found = [experiments] if isinstance(experiments, Experiment) else experiments
     if isinstance(found, (str, bytes)) or not hasattr(found, "__iter__"):
         found = [found]
@@ -261,7 +261,7 @@ def _listed(experiments: Any) -> list[Experiment]:
 
 
 def _names(rows: Sequence[Experiment]) -> list[str]:
-    """Name experiments: by their own name if it is unique, else by their number from one."""
+    """Return a name for each experiment: its own if unique, else its number, from one."""
     given = [row.name for row in rows]
     return [
         name if name is not None and given.count(name) == 1 else str(i + 1)
@@ -272,7 +272,7 @@ def _names(rows: Sequence[Experiment]) -> list[str]:
 def _apart(
     ranges: Mapping[str, Any], shared: Sequence[str] | None, per_experiment: Sequence[str]
 ) -> set[str]:
-    """Find the parameters that are estimated separately for each experiment."""
+    """Return the parameters that are estimated separately for each experiment."""
     apart = check_names(per_experiment, "per_experiment")
     alike = None if shared is None else check_names(shared, "shared")
     check_known(apart, ranges, "per_experiment names", _NOT_ESTIMATED, ParameterError)
@@ -287,7 +287,7 @@ def _apart(
 
 
 def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
-    """Read the initial guesses."""
+    """Return the initial guesses after checking them."""
     given = check_mapping(start, "start")
     names = (name.partition("[")[0] for name in given)
     check_known(names, ranges, "start names", _NOT_ESTIMATED, ParameterError)
@@ -313,10 +313,10 @@ def fit(
     progress: bool = True,
     **settings: Unpack[SettingsDict],
 ) -> FitResult:
-    """Estimate parameters and initial values from measurements, by maximum likelihood.
+    """Estimate parameters and initial values from measurements by maximum likelihood.
 
     ``scipy.optimize.least_squares`` receives the residuals and their exact Jacobian. It searches
-    from several starts side by side, whose runs the ensemble engine computes together. The outcome
+    from several starts concurrently, whose runs the ensemble engine computes together. The outcome
     of a start does not depend on the others.
 
     Parameters
@@ -402,7 +402,7 @@ def fit(
 def solve(
     problem: Problem, search: Search, n_starts: int, seed: int, *, progress: bool = True
 ) -> FitResult:
-    """Search from several starts, at least one of which must succeed."""
+    """Minimise from several starts; raise an error if none succeeds."""
     points = sized(problem, spread_starts(problem.estimated, n_starts, seed))
     records = minimise_from_starts(problem, points, search, progress=progress)
     if not math.isfinite(records[0].objective):
@@ -419,7 +419,7 @@ def solve(
 
 
 def sized(problem: Problem, points: Array) -> Array:
-    """Initialise noise parameters that have no guess by the root mean square of the residuals."""
+    """Set noise parameters without a guess to the root mean square of the residuals."""
     noise = np.array([v if isinstance(v, str) else "" for v in problem.measured.noise])
     unset = [
         (j, noise == row.name)
@@ -442,7 +442,7 @@ def sized(problem: Problem, points: Array) -> Array:
 
 
 def _check_search(problem: Problem, search: Search) -> None:
-    """Refuse a loss or an optimiser that does not support the problem."""
+    """Raise an error if the loss or the optimiser does not support the problem."""
     unknown = [name for name in problem.measured.noise if isinstance(name, str)]
     if search.loss != "linear" and unknown:
         raise ParameterError(
@@ -461,7 +461,7 @@ def _check_search(problem: Problem, search: Search) -> None:
         )
     if search.loss != "linear":
         raise ParameterError(f"optimiser='lm' does not support loss '{search.loss}': use 'trf'")
-    # Each value with estimated noise contributes a second row.
+    # Each value with estimated noise adds a second row.
     if len(problem.measured) + len(unknown) < len(problem.estimated):
         raise ParameterError(
             "optimiser='lm' needs at least as many measured values as parameters, of which there "
@@ -470,7 +470,7 @@ def _check_search(problem: Problem, search: Search) -> None:
 
 
 def _check_determined(problem: Problem, theta: Array) -> None:
-    """Refuse a problem in which no parameter influences any measured value."""
+    """Raise an error if no parameter influences any measured value."""
     (found,) = problem.predict([theta])
     if not np.any(found.slopes):
         names = ", ".join(f"'{name}'" for name in problem.scaled.names)

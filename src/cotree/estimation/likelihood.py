@@ -1,4 +1,4 @@
-"""Residuals, likelihood and Fisher information as functions of predictions; no model runs here.
+"""Residuals, likelihood and Fisher information as functions of predictions.
 
 With a measured value m, its prediction y and the transformation T, the residual is
 r = (T(y) - T(m)) / sigma. A row with a normal distribution contributes
@@ -28,11 +28,11 @@ class Predictions:
     slopes: Array  # derivatives of the observables with respect to the scaled estimated parameters
     sigma: Array  # standard deviations of the transformed values (for Laplace: scales)
     sigma_slopes: Array  # derivatives of ``sigma`` with respect to the scaled estimated parameters
-    message: str = ""  # reason for a failed run, whose values are nan; empty if all succeeded
+    message: str = ""  # reason why a run failed, with nan as values; empty if all succeeded
 
 
 class Likelihood:
-    """Likelihood of the measured values given predictions."""
+    """Likelihood of measured values for given predictions."""
 
     def __init__(self, measured: Measured) -> None:
         logs = np.array(measured.transformation, dtype=object)
@@ -42,7 +42,7 @@ class Likelihood:
         self.is_normal = np.array(measured.distribution, dtype=object) == "normal"
         self.value = np.asarray(measured.value, dtype=float)
         self._target = self.transformed(self.value)
-        # Negative logarithms of the constant factors of the densities.
+        # Negative logarithms of the constant factors in the densities.
         log_slope = np.where(
             self.is_log, np.log(self._factor * np.abs(self.value) + ~self.is_log), 0
         )
@@ -50,7 +50,7 @@ class Likelihood:
         self._constant = float(np.sum(log_norm + log_slope))
 
     def transformed(self, values: Array) -> Array:
-        """Transform values of the rows; nan where the logarithm does not exist."""
+        """Transform a value for each row; nan if it has no logarithm."""
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(np.where(self.is_log, values, 1.0)) / self._factor
         return np.where(self.is_log, logs, values)
@@ -60,7 +60,7 @@ class Likelihood:
         return np.asarray((self.transformed(found.values) - self._target) / found.sigma)
 
     def residual_slopes(self, found: Predictions) -> Array:
-        """Return the derivatives of r, shape (n_rows, n_estimated)."""
+        """Return the derivatives of the residuals, shape (n_rows, n_estimated)."""
         slopes = self._mean_slopes(found)
         return np.asarray(
             slopes - (self.residuals(found) / found.sigma)[:, None] * found.sigma_slopes
@@ -80,7 +80,7 @@ class Likelihood:
     def gradient(self, found: Predictions) -> Array:
         """Return the gradient of the log-likelihood, shape (n_estimated,).
 
-        The Laplace density has a kink at a residual of zero; there the mean of both one-sided
+        The Laplace density has a kink at residual zero, where the mean of both one-sided
         derivatives is used.
         """
         r = self.residuals(found)
@@ -96,16 +96,15 @@ class Likelihood:
     def fisher_rows(self, found: Predictions) -> Array:
         """Return J such that J^T J is the Fisher information, shape (2 n_rows, n_estimated).
 
-        Rows of the measured values come first, then those of their standard deviations. Singular
-        values of J reveal undetermined directions with twice as many digits as eigenvalues of
-        J^T J.
+        Rows for the measured values precede those for their standard deviations. Singular values of
+        J reveal undetermined directions with twice as many digits as eigenvalues of J^T J.
         """
-        # The information about sigma is 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).
+        # Fisher information about sigma: 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).
         share = np.where(self.is_normal, math.sqrt(2.0), 1.0)
         by_sigma = found.sigma_slopes * (share / found.sigma)[:, None]
         return np.vstack([self._mean_slopes(found), by_sigma])
 
     def _mean_slopes(self, found: Predictions) -> Array:
-        """Return the derivatives of transformed predictions, divided by sigma."""
+        """Return the derivatives of the transformed predictions, divided by sigma."""
         scale = np.where(self.is_log, self._factor * found.values, 1.0) * found.sigma
         return np.asarray(found.slopes / scale[:, None])

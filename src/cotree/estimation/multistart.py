@@ -1,14 +1,15 @@
-"""Multistart least squares, with the simulations of all starts batched in the ensemble engine.
+"""Multistart least squares, in which the ensemble engine simulates all starts together.
 
-For a given normal noise, F consists of the residuals. The other terms, logarithms of estimated
-standard deviations and absolute values for Laplace distributions, are not squares. They are
-rewritten such that at every point 1/2 F^T F is the objective up to a constant, J^T F is its exact
-gradient, and J^T J approximates its Hessian. To this end a last row, whose row of J is zero,
-corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the first two properties:
-Gauss-Newton steps in a standard deviation are then about twice too long and converge slowly.
+For normal noise that is given, the vector F consists of the residuals. Other terms of the objective
+are not squares: logarithms of estimated standard deviations, and absolute values for Laplace
+distributions. They are rewritten such that at every point 1/2 F^T F is the objective up to a
+constant, J^T F is its exact gradient, and J^T J approximates its Hessian. To this end an additional
+row, with zeros in J, corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the
+first two properties, so that Gauss-Newton steps in a standard deviation are about twice too long
+and converge slowly.
 
-Each start runs SciPy's ``least_squares`` in its own thread. Whenever all threads wait for
-predictions, these are computed in one batch. The result of a start does not depend on the others.
+Each start runs SciPy's ``least_squares`` in its own thread. When all threads wait for predictions,
+these are computed in one batch. The result of a start does not depend on the others.
 """
 
 from __future__ import annotations
@@ -38,32 +39,33 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
-    #: Function that returns additional residuals at ``theta`` and their Jacobian.
+    #: Function that returns additional residuals and their Jacobian at ``theta``.
     Rows = Callable[[Array], tuple[Array, Array]]
 
 
 class Stopped(BaseException):
-    """Computation was stopped; a ``BaseException``, so that no handler catches it by accident."""
+    """Computation was stopped. A ``BaseException``, so that no ``except Exception`` catches it."""
 
 
 class Rendezvous:
-    """Computes the requests of threads in batches, each when all active ones are waiting.
+    """Computes the predictions that threads request, in one batch when all threads are waiting.
 
-    Starts one after another would take 20 to 45 % more processor time for small models, and leave
-    processors idle if a fit has few experiments. ``compute`` returns the predictions of a batch, an
-    array with a row for each request; it runs in the thread that :meth:`meet` was called in, which
+    If starts ran one after another, small models would take 20 to 45 % more processor time, and
+    processors would be idle in fits of few experiments. ``compute`` returns the predictions for an
+    array with a row for each request. It runs in the thread that calls :meth:`run_all`, which
     receives Ctrl-C.
     """
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
         self._compute = compute
-        # Run numbers, points and queues for answers; None if a function has returned.
+        # Each item has the number of a function, a point and a queue for the answer, or is None if
+        # a function has returned.
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._asked: list[tuple[int, Any, queue.SimpleQueue[Any]]] = []
         self._n_working = 0
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Request predictions for a thread, and wait for them."""
+        """Request predictions at ``theta`` from a thread, and wait for them."""
         answer: queue.SimpleQueue[Predictions | None] = queue.SimpleQueue()
         self._arrived.put((number, np.array(theta, dtype=float), answer))
         found = answer.get()
@@ -74,10 +76,10 @@ class Rendezvous:
     def run_all(
         self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]
     ) -> bool:
-        """Run functions in one thread each; return whether Ctrl-C has stopped them.
+        """Run each function in its own thread; return whether Ctrl-C has stopped them.
 
-        They call :meth:`ask` with their number. ``report`` is called after each batch with the
-        numbers of functions that have returned and of predictions computed.
+        Functions call :meth:`ask` with their number. After each batch ``report`` is called with the
+        number of functions that have returned and the number of predictions computed.
         """
         n_computed, self._n_working = 0, len(works)
         with stopped_by_interrupt() as stop, ThreadPoolExecutor(len(works)) as pool:
@@ -102,7 +104,7 @@ class Rendezvous:
             self._arrived.put(None)
 
     def _gather(self) -> bool:
-        """Wait until all active threads have made a request; return whether there are any."""
+        """Wait until all active threads have made a request; return whether any is active."""
         while len(self._asked) < self._n_working:
             request = self._arrived.get()
             if request is None:
@@ -125,7 +127,7 @@ class StartRecord:
     Attributes
     ----------
     began, theta : ndarray, shape (n_estimated,)
-        First and best values of the estimated parameters on their scales.
+        Initial and best values of the estimated parameters on their scales.
     objective : float
         The objective at the best point; infinite if no run succeeded.
     n_evaluations : int
@@ -135,8 +137,8 @@ class StartRecord:
     message : str
         Reason for termination.
     optimality : float
-        The largest entry of the gradient where the optimiser ended, each times the distance to the
-        bound that it points to; nan if it was interrupted.
+        Largest gradient entry at the final point, each multiplied by the distance to the bound
+        towards which the objective decreases; nan if the optimiser was interrupted.
     """
 
     began: Array
@@ -148,16 +150,16 @@ class StartRecord:
     optimality: float = math.nan
 
 
-# A standard deviation may shrink by a factor exp(-20) = 2e-9 from its initial value. A larger
-# exponent would cost digits of the objective.
+# Negative logarithm of the factor, exp(-20) = 2e-9, by which a standard deviation may shrink from
+# its initial value. A larger exponent would cost digits of the objective.
 _SHRINKS = 20.0
 
-# Below this, residuals of a Laplace distribution count quadratically: it smooths the kink at zero.
+# Residuals of Laplace distributions below this are squared, which smooths the kink at zero.
 _CORNER = 1e-3
 
 
 class SquareRows:
-    """Computes F and J from the predictions of one start."""
+    """Computes F and J, see above, from the predictions of one start."""
 
     def __init__(self, problem: Problem) -> None:
         self._likelihood = problem.likelihood
@@ -169,13 +171,13 @@ class SquareRows:
     def at(self, found: Predictions) -> tuple[Array, Array]:
         """Return F, shape (n,), and J, shape (n, n_estimated).
 
-        The first call fixes the additive constant of the terms of standard deviations.
+        The first call determines the additive constant in the terms of standard deviations.
         """
         r = self._likelihood.residuals(found)
         slopes = self._likelihood.residual_slopes(found)
         if self._is_plain:
             return r, slopes
-        # The squares of these rows are r^2 for normal and |r| for Laplace distributions.
+        # Squares of these rows are r^2 for normal and |r| for Laplace distributions.
         weights = np.where(self._is_normal, 1.0, np.maximum(np.abs(r), _CORNER) ** -0.5)
         rows, missing = r * weights, np.where(self._is_normal, 0.0, 2.0 * np.abs(r))
         missing = missing - np.where(self._is_normal, 0.0, rows**2)
@@ -184,15 +186,15 @@ class SquareRows:
             logs = np.log(found.sigma)
         if self._first is None:
             self._first = logs
-        # With respect to log(sigma), J^T J of the rows above contributes r^2, but the Hessian of
-        # the objective is 2 r^2, with expectation 2. For Laplace distributions little is missing.
+        # The Hessian of the objective with respect to log(sigma) is 2 r^2, with expectation 2, of
+        # which the rows above provide r^2 in J^T J. For Laplace distributions little is missing.
         weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
         by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
         rest = np.sum(missing) + np.sum(
             2.0 * (logs - self._first + _SHRINKS)[noisy] - weight**-2.0 + 4.0
         )
         with np.errstate(invalid="ignore"):
-            # If a standard deviation shrinks too far, this is nan, and the step is rejected.
+            # If a standard deviation has shrunk too far, this is nan, so that the step is rejected.
             last = np.sqrt(rest)
         return (
             np.concatenate([rows, 1.0 / weight, [last]]),
@@ -202,11 +204,12 @@ class SquareRows:
         )
 
 
-# Number of starts that run concurrently, one thread each; results do not depend on it.
+# Number of starts that run concurrently, each in a thread, without effect on results.
 _SIDE_BY_SIDE = 256
 
 
-# Residuals that MINPACK receives if a run fails; large, but their squares do not overflow.
+# Value of all residuals that MINPACK receives if a run fails, small enough for its square not to
+# overflow.
 _HIGH = 1e100
 
 
@@ -214,18 +217,19 @@ _HIGH = 1e100
 class Search:
     """Settings of an optimiser; see ``scipy.optimize.least_squares``."""
 
-    #: ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
+    #: ``trf`` or ``dogbox``, which support bounds, or ``lm``, which does not.
     optimiser: str = "trf"
-    loss: str = "linear"  # ``linear``, or a robust loss, which requires a given noise
-    #: Residual, in standard deviations, beyond which a value counts as an outlier.
+    loss: str = "linear"  # ``linear``, or a robust loss, for which the noise must be given
+    #: Residual, in standard deviations, beyond which a robust loss treats a value as an outlier.
     f_scale: float = 1.0
-    #: Termination tolerances: relative change of the objective, relative step, and gradient.
+    #: Termination tolerances for the relative change of the objective, the relative step and the
+    #: gradient.
     ftol: float = 1e-12
     xtol: float = 1e-10
     gtol: float = 1e-8
     max_evaluations: int | None = None  # maximum number of evaluations per start
-    #: Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
-    #: the distance between finite bounds on the parameters' scales.
+    #: Scaling of the parameters: ``jacobian`` uses the columns of the Jacobian, ``bounds`` the
+    #: distance between finite bounds on the parameters' scales.
     scale: str = "jacobian"
 
     def __post_init__(self) -> None:
@@ -245,7 +249,7 @@ def minimise_from_starts(
     more_rows: Rows | None = None,
     progress: bool = True,
 ) -> tuple[StartRecord, ...]:
-    """Minimise the negative log-likelihood, or a loss, from several starts.
+    """Minimise the negative log-likelihood, or a robust loss, from several starts.
 
     Parameters
     ----------
@@ -289,14 +293,14 @@ def minimise_from_starts(
                 is_stopped = meeting.run_all([one.run for one in block], count)
             records += [one.record() for one in block]
             n_evaluations = sum(row.n_evaluations for row in records)
-    # The sort is stable, so of equal starts the first one comes first.
+    # The sort is stable, so that equal starts keep their order.
     return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
 
 
 class Start:
-    """One start: runs the optimiser and keeps the best of the points it evaluates.
+    """One start, which runs the optimiser and stores the best point.
 
-    ``scaled`` are the parameters that vary, and ``ask`` returns predictions at values of them.
+    ``scaled`` are the varied parameters. ``ask`` returns the predictions for their values.
     """
 
     def __init__(
@@ -312,14 +316,14 @@ class Start:
         self._began, self._more, self._ask = began, more_rows, ask
         self._rows = SquareRows(problem)
         self._n_evaluations = 0
-        # The point evaluated last, with its residuals and their Jacobian.
+        # The point that was evaluated last, with residuals and Jacobian.
         self._at: tuple[Array, Array, Array] | None = None
         self._best, self._least = began, math.inf
         self._ended: OptimizeResult | None = None
         self._message = "interrupted before its first point"
 
     def run(self) -> None:
-        """Run the optimiser; called in a separate thread."""
+        """Run the optimiser, in a thread of its own."""
         from scipy.optimize import least_squares
 
         lower, upper, how = self._scaled.lower, self._scaled.upper, self._search
@@ -348,7 +352,7 @@ class Start:
                 self._message = f"interrupted after {counted(self._n_evaluations, 'evaluation')}"
 
     def record(self) -> StartRecord:
-        """Return the outcome."""
+        """Return the outcome of the start."""
         is_converged = self._ended is not None and self._ended.status > 0
         ended = self._ended
         return StartRecord(
@@ -370,7 +374,7 @@ class Start:
         if self._more is not None:
             more, along = self._more(theta)
             rows, slopes = np.concatenate([rows, more]), np.vstack([slopes, along])
-        # A point without derivatives is useless to the optimiser, so the step is rejected.
+        # The optimiser cannot use a point without derivatives, so that nan rejects the step.
         if found.message or not np.all(np.isfinite(slopes)):
             rows = np.full_like(rows, np.nan)
         if not np.all(np.isfinite(rows)) and self._least == math.inf:
@@ -380,7 +384,7 @@ class Start:
         return rows
 
     def _high_values(self, theta: Array) -> Array:
-        """Return large residuals if a run fails, since MINPACK mistakes nan for convergence."""
+        """Return residuals, large ones if a run fails: MINPACK mistakes nan for convergence."""
         rows = self._values(theta)
         return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 
@@ -390,7 +394,7 @@ class Start:
         return self._at[2]
 
     def _note(self, theta: Array, found: Predictions, rows: Array) -> None:
-        """Update the best point."""
+        """Store a point if it is the best one."""
         if not np.all(np.isfinite(rows)):
             return
         if self._search.loss == "linear":
@@ -403,7 +407,7 @@ class Start:
             self._best, self._least = theta.copy(), objective
 
     def _why(self, ended: OptimizeResult) -> str:
-        """Return the reason for termination."""
+        """Return the reason why the optimiser terminated."""
         if ended.status < 1:
             return (
                 f"it stopped after {counted(self._n_evaluations, 'evaluation')}, the limit, with "
@@ -413,7 +417,7 @@ class Start:
         return f"converged: {_CONVERGED[int(ended.status)]}"
 
 
-# Reasons by the status of `least_squares`.
+# Reasons for termination by the status of ``least_squares``.
 _CONVERGED = {
     1: "the gradient vanishes",
     2: "the objective no longer changes",
@@ -423,10 +427,11 @@ _CONVERGED = {
 
 
 def _robust(rows: Array, search: Search) -> float:
-    """Return half the sum of losses as SciPy defines it."""
+    """Return the cost as SciPy defines it, half the sum of losses."""
     from scipy.optimize import least_squares
 
-    # SciPy does not export its loss functions, so a problem with zero Jacobian evaluates the cost.
+    # SciPy does not export its loss functions. The cost is computed by solving a problem with a
+    # zero Jacobian.
     there = least_squares(
         lambda x: rows,
         [0.0],

@@ -1,8 +1,8 @@
-"""Models of experiments: the scene, extended by outputs for the measured quantities.
+"""Models of experiments: scenes that are extended by outputs for measured quantities.
 
-In: a model or a scene, and experiments with expressions for observables, noise and inputs. Out: for
-each experiment a compiled model with sensitivities to the estimated parameters, and the names of
-its outputs. Experiments whose inputs have the same expressions share one model.
+Experiments have expressions for observables, noise and inputs. For each one, a model is compiled
+with sensitivities to the estimated parameters, and its output names are determined. Experiments
+whose inputs have the same expressions share one model.
 """
 
 from __future__ import annotations
@@ -38,33 +38,33 @@ _LONGEST = 50  # maximum length of an output name derived from a column name
 
 @dataclass
 class Observed:
-    """An experiment: its observables, noise and inputs in terms of its model."""
+    """Observables, noise and inputs of an experiment, by names in its model."""
 
     experiment: Experiment
     name: str
     model: Model = field(init=False)  # the model, set when it has been compiled
-    #: Name of the state or output that each column measures.
+    #: Name of the state or output that a column measures, by column.
     outputs: dict[str, str] = field(default_factory=dict)
-    #: Name of the output that is the standard deviation of a column, if given by an expression.
+    #: Name of the output for the standard deviation of a column that is given by an expression.
     noise: dict[str, str] = field(default_factory=dict)
-    #: Name of the estimated parameter that is the standard deviation of a column.
+    #: Name of the estimated parameter for the standard deviation of a column.
     deviations: dict[str, str] = field(default_factory=dict)
-    #: Inputs given as numbers, tables or functions.
+    #: Inputs that are numbers, tables or functions, by name.
     inputs: dict[str, Any] = field(default_factory=dict)
     expressions: dict[str, str] = field(default_factory=dict)  # expressions of inputs, by name
-    #: Names of parameters in expressions that the scene does not have.
+    #: Names in expressions that are parameters but not in the scene.
     new: set[str] = field(default_factory=set)
 
 
 class Observer:
-    """Adds outputs for measured quantities to a scene, and compiles it."""
+    """Adds outputs for measured quantities to a scene and compiles it."""
 
     def __init__(self, model: Model | Scene) -> None:
         if not isinstance(model, (Model, Scene)):
             raise ParameterError(
                 f"a fit needs a compiled model or a scene, not {brief(repr(model))}"
             )
-        # Variants of a compiled model keep its tree and its options.
+        # If a compiled model is given, its tree and its options are kept.
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
         self.scene: SceneDescription = model.spec.scene if isinstance(model, Model) else model
@@ -75,12 +75,12 @@ class Observer:
         """Names of the states."""
         if self._model is None:
             assert isinstance(self.scene, Scene)
-            # Compiled without sensitivities, which is cheap and cached.
+            # Compilation without sensitivities is fast and cached.
             self._model = self.scene.compile()
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, own_name: str, wanted: Sequence[str]) -> Observed:
-        """Assign a state or an output to each measured column of an experiment."""
+        """Determine the state or output for each measured column of an experiment."""
         found = Observed(experiment, own_name)
         known = {*wanted, *experiment.parameters}
         table, given = experiment.table, experiment.inputs
@@ -137,13 +137,13 @@ class Observer:
         return {name: name for name in names}
 
     def _output(self, column: str, text: str, where: str, found: Observed, known: set[str]) -> str:
-        """Return the state or output that equals an expression; add an output if there is none."""
+        """Return the state or output for an expression; add an output if there is none."""
         expression = parse(text, where)
         plain = expression.text.strip()
         if plain in self.scene.outputs:
             return plain
-        # States are checked only if they are known without an extra compilation; otherwise
-        # `compile` replaces the output.
+        # State names are used only if they are known without another compilation. Otherwise
+        # :meth:`compile` later replaces the output by the state.
         if self._model is not None and plain in self._model.states:
             return plain
         scene = self.scene
@@ -164,7 +164,7 @@ class Observer:
     def compile(
         self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
     ) -> None:
-        """Compile the models of experiments; those with the same expressions share one."""
+        """Compile models for all experiments; those with equal expressions share one."""
         alike: dict[Any, list[Observed]] = {}
         for row in rows:
             alike.setdefault(tuple(sorted(row.expressions.items())), []).append(row)
@@ -172,7 +172,7 @@ class Observer:
             model = self._compiled(group, wanted, values)
             for row in group:
                 row.model = model
-                # Columns that measure a state refer to it rather than to an output equal to it.
+                # Columns that measure a state refer to the state instead of an equal output.
                 for column, name in row.outputs.items():
                     text = self._new.get(name, name)
                     row.outputs[column] = text if text in model.states else name
@@ -198,7 +198,7 @@ class Observer:
         for name, text in outputs.items():
             scene.output(name, text)
         with warnings.catch_warnings():
-            # The fit itself reports parameters on which nothing depends.
+            # The fit reports parameters without effect later.
             warnings.filterwarnings("ignore", message="no state or output depends on")
             if given is None:
                 assert isinstance(scene, Scene)
@@ -206,11 +206,11 @@ class Observer:
             return compile_spec(given.spec.of(scene, names))
 
 
-#: Prefix of names of estimated standard deviations: ``noise[v]`` for column ``v``.
+#: Prefix of the names of estimated standard deviations, such as ``noise[v]`` for column ``v``.
 NOISE = "noise"
 
-# Bounds of estimated standard deviations, in multiples of the range of the data. The lower one is
-# below the accuracy of the runs; the upper one accommodates starts far from the optimum.
+# Bounds of estimated standard deviations, in multiples of the data range. The lower one is below
+# the accuracy of runs. The upper one is large enough for starts far from the optimum.
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 
@@ -220,7 +220,7 @@ def measured_rows(
     estimate: Callable[..., str],
     found: dict[str, Estimated],
 ) -> Measured:
-    """Return the measured values of all experiments; estimated noise is added to ``found``."""
+    """Return the measured values of all experiments; add estimated noise to ``found``."""
     rows: list[tuple[int, float, str, float, str | float, str]] = []
     for number, run in enumerate(runs):
         n_before, where = len(rows), run.experiment.where
@@ -245,8 +245,8 @@ def measured_rows(
             elif column in run.noise:
                 deviations = [run.noise[column]]
             else:
-                # A standard deviation is a difference, so offsets of units do not apply; that of a
-                # logarithm has no unit.
+                # A standard deviation is a difference, so that offsets of units do not apply. That
+                # of a logarithm has no unit.
                 factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
                 deviations = _given_noise(run, column, given, factor, there)
             deviations *= len(there) // len(deviations)
@@ -269,7 +269,7 @@ def measured_rows(
 def _present(
     run: Observed, name: str, output: str, transform: str
 ) -> tuple[npt.NDArray[np.intp], Array, Unit | None]:
-    """Return the places of values of a column that are not missing, these in SI, and its unit."""
+    """Return a column's present values in SI, the indices of their rows (first) and its unit."""
     row = run.experiment
     table, column = row.table, row.table.columns[name]
     unit = table.unit(column, _unit(run.model, output), row.unit_of(name))
@@ -287,13 +287,13 @@ def _present(
 def _given_noise(
     run: Observed, name: str, given: float | str, factor: float, there: npt.NDArray[np.intp]
 ) -> list[str | float]:
-    """Return the standard deviations of a column, from another column, or a single number."""
+    """Return the standard deviations of a column, or a single one if all are equal."""
     row, table = run.experiment, run.experiment.table
     if not isinstance(given, str):
         return [check_positive(given * factor, f"the noise of column '{name}' of {row.where}")]
     column = table.columns[given]
     unit = table.unit(column, "", row.unit_of(given))
-    # A column of standard deviations without a unit has the unit of the measured column.
+    # If the column of standard deviations has no unit, it is that of the measured column.
     scale = factor if unit is None else float(unit.factor)
     return [
         check_positive(column.values[i] * scale, f"{row.where}, {table.rows[i]}, noise '{given}'")
@@ -304,7 +304,7 @@ def _given_noise(
 def _estimated_noise(
     found: dict[str, Estimated], column: str, values: Array, transform: str, unit: str
 ) -> str:
-    """Return the estimated standard deviation of a column, shared by all experiments."""
+    """Return the name of a column's estimated standard deviation, common to all experiments."""
     name = f"{NOISE}[{column}]"
     if transform != "lin":
         values, unit = np.log(values), ""

@@ -1,11 +1,12 @@
 """An estimation problem: conditions, measured values and estimated parameters.
 
-In: conditions, measured rows and estimated parameters. Out: predictions, and from them residuals,
-log-likelihood, gradient and Fisher information, as functions of the estimated parameters on their
-scales. Runs at several points in parameter space go through the ensemble engine in one call.
+A problem computes predictions, and from them residuals, log-likelihood, gradient and Fisher
+information, as functions of the estimated parameters on their scales. Runs at several points in
+parameter space are computed by one call of the ensemble engine.
 
-A steady state is the end of a run: in networks with conserved quantities it depends on the initial
-values, and the Jacobian there is singular. A root finder would need the conservation laws.
+A steady state is computed by a run until states stop changing. In networks with conserved
+quantities it depends on the initial values and its Jacobian is singular, so that a root finder
+would need the conservation laws.
 """
 
 from __future__ import annotations
@@ -39,17 +40,17 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Block, Plan
 
 
-# Times at which a run to the steady state is checked, [s]. Steps of implicit methods grow as the
-# states settle, so that each of the last decades takes only a few steps.
+# Times at which a run is tested for a steady state, [s]. Steps of implicit methods grow as states
+# settle, so that each of the last decades takes only a few steps.
 _TIMES = 10.0 ** np.arange(-2, 11)
 
-# Values are at rest if they change by less than this, in multiples of the tolerances, over a decade
-# of time: within ten times the time an exponential decays to a negligible rest.
+# Largest change over a decade of time, in multiples of the tolerances, of values that are at rest.
+# Within ten times the time, an exponential decays to a negligible remainder.
 _CHANGE = 10.0
 
 
 class _Runs:
-    """Runs of a model from rows of values, with sensitivities and without."""
+    """Runs a model for rows of parameters and initial values, with or without sensitivities."""
 
     def __init__(self, model: Model, settings: Settings, outputs: Sequence[str] = ()) -> None:
         self._model, self._settings, self._outputs = model, settings, outputs
@@ -57,12 +58,12 @@ class _Runs:
         self._plans: dict[bool, Plan] = {}
 
     def run(self, columns: Sequence[str], rows: Array, n_first: int, *, slopes: bool) -> Block:
-        """Run rows, of which the first belong to the first point."""
+        """Run all rows; the first ``n_first`` belong to the first point in parameter space."""
         if slopes not in self._plans:
-            # The method is chosen at the first point. If a distant point turns out to be stiff,
-            # that is detected during its run.
+            # The method is chosen at the first point. If another point is stiff, that is detected
+            # during its run.
             members = Members(tuple(columns), rows[:n_first], {MEMBER: np.arange(n_first)})
-            # It is chosen once, so that results do not depend on the history of evaluations.
+            # The method is chosen only once, so that results do not depend on previous evaluations.
             known = next(iter(self._plans.values()), None)
             own = replace(known.settings if known else self._settings, sensitivities=slopes)
             plan = make_plan(self._model.kernels, own, members, outputs=self._outputs, lanes=1)
@@ -71,7 +72,7 @@ class _Runs:
 
 
 class SteadyStates:
-    """Steady states at which the conditions of a group begin."""
+    """Computes the steady states at which the conditions of a group begin."""
 
     def __init__(
         self, conditions: Sequence[Condition], names: Sequence[str], settings: Settings
@@ -79,7 +80,7 @@ class SteadyStates:
         self._conditions, self._settings, self._names = conditions, settings, names
         self._model = conditions[0].model
         first_runs = [c.before for c in conditions if c.before is not None]
-        # Several conditions may begin at one steady state.
+        # Several conditions may begin at the same steady state.
         self._distinct = list(dict.fromkeys(first_runs))
         self._of = [self._distinct.index(before) for before in first_runs]
         parameters = dict.fromkeys(name for c in self._distinct for name in c.parameters)
@@ -101,7 +102,7 @@ class SteadyStates:
                 settings,
                 t_span=(0.0, float(_TIMES[-1])),
                 t_eval=_TIMES,
-                # Explicit methods would take too many steps to the last of these times.
+                # Explicit methods would need too many steps for such long runs.
                 method="rodas5" if settings.method == "auto" else settings.method,
                 inputs=self._distinct[0].inputs,
             ),
@@ -109,9 +110,9 @@ class SteadyStates:
         self._keeps: list[npt.NDArray[np.bool_]] = []
 
     def through(self, own: Sequence[Array]) -> list[Array]:
-        """Map sensitivities to estimated parameters for runs that begin at the steady states.
+        """Return matrices from sensitivities to estimated parameters for runs from steady states.
 
-        ``own`` are the maps of the later runs alone; see :class:`Columns`.
+        ``own`` are the matrices ``through`` of these runs alone; see :class:`Columns`.
         """
         model, found = self._model, []
         earlier = [item.through for item in self._maps]
@@ -119,7 +120,8 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # Sensitivities to initial values that only the run before estimates are free here.
+            # If only the previous run estimates an initial value, its matrix determines this
+            # sensitivity.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):
@@ -127,7 +129,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Sensitivities to parameters that were fixed numbers before begin at zero.
+            # Sensitivities to parameters that were fixed numbers in the previous run begin at zero.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -135,10 +137,10 @@ class SteadyStates:
     def begin(
         self, columns: Sequence[str], rows: Array, values: Array, *, slopes: bool
     ) -> tuple[tuple[str, ...], Array, list[str]]:
-        """Add the steady states to the columns and rows of members, (n_thetas * n_conditions, ...).
+        """Add initial values at steady states to columns and rows, (n_thetas * n_conditions, ...).
 
-        Initial values that members set already are kept. The reasons why a member has no steady
-        state, or empty strings, are returned, too.
+        Initial values that members already set are kept. The third result contains the reason why a
+        member has no steady state, or an empty string.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
         its, earlier = self._columns, [""] * len(own)
@@ -171,11 +173,11 @@ class SteadyStates:
         return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
 
     def _at_rest(self, z: Array, n: int) -> int | None:
-        """Find the first of the checked times at which values have stopped changing."""
+        """Return the index of the first tested time after which values hardly changed, or None."""
         a = self._settings
         size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
         change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
-        # Small sensitivities are compared with the largest one to the same parameter.
+        # Small sensitivities are compared with the largest sensitivity to the same parameter.
         slopes = np.abs(z[:, n:].reshape(len(z), -1, n)).max(axis=2, keepdims=True)
         near = np.abs(np.diff(z[:, n:].reshape(len(z), -1, n), axis=0)) <= (
             _CHANGE * a.rtol * slopes[1:]
@@ -185,12 +187,12 @@ class SteadyStates:
         return int(found[0]) + 1 if found.size else None
 
 
-# Length of a run for which only the initial time was measured, [s].
+# Duration of a run in which values were measured only at the initial time, [s].
 _SHORTEST = 1.0
 
 
 class Group:
-    """Conditions that run in one block, with the numbers of their measured rows, ``rows``."""
+    """Conditions that run in one block; ``rows`` are the indices of their measured rows."""
 
     def __init__(
         self,
@@ -223,20 +225,21 @@ class Group:
         self._runs = _Runs(self._model, own, self._outputs)
 
     def _quantities(self, measured: Measured) -> None:
-        """Locate the observables and standard deviations of the rows within a block."""
+        """Determine the positions of observables and standard deviations in a block of results."""
         wanted = [measured.observable[i] for i in self.rows.tolist()]
         noise = [measured.noise[i] for i in self.rows.tolist()]
         known = {*self._model.states, *self._model.outputs}
         self.numbers = np.array([np.nan if isinstance(v, str) else v for v in noise], dtype=float)
         self._with_noise = np.array([i for i, v in enumerate(noise) if v in known], dtype=np.intp)
-        # Standard deviations that are estimated parameters: their rows and parameter numbers.
+        # Rows whose standard deviations are estimated parameters, and the indices of these
+        # parameters.
         direct = [i for i, v in enumerate(noise) if isinstance(v, str) and v not in known]
         self._direct = np.array(direct, dtype=np.intp)
         self._direct_of = np.array([self._names.index(str(noise[i])) for i in direct], np.intp)
         wanted += [str(noise[i]) for i in self._with_noise]
         states = self._model.states
         self._outputs = tuple(dict.fromkeys(name for name in wanted if name not in states))
-        # Order of the columns: states, then the requested outputs.
+        # Columns of results are the states, then the requested outputs.
         place = {name: i for i, name in enumerate((*states, *self._outputs))}
         self._which = np.array([place[name] for name in wanted], dtype=np.intp)
         self._member = np.concatenate([self._condition_of, self._condition_of[self._with_noise]])
@@ -247,9 +250,9 @@ class Group:
     ) -> tuple[Array, Array, Array, Array, tuple[str, ...]]:
         """Run all conditions for each row of parameter values.
 
-        Observables and standard deviations are returned, each with their derivatives with respect
-        to the values of the estimated parameters, not their logarithms, which are empty if not
-        requested; then the reasons why the runs of a row failed, or empty strings.
+        Returns observables and their derivatives, standard deviations and their derivatives, and
+        for each row the reason why its runs failed or an empty string. Derivatives are with respect
+        to the unscaled values of the estimated parameters, and empty unless requested.
         """
         n, n_rows = len(values), len(self.rows)
         rows = np.array([item.row(theta) for theta in values for item in self._maps])
@@ -269,7 +272,7 @@ class Group:
         return found[:, :n_rows], along[:, :n_rows], sigma, sigma_along, messages
 
     def _read(self, block: Block, n: int, *, slopes: bool) -> tuple[Array, Array]:
-        """Extract values and their derivatives by the estimated parameters from a block."""
+        """Return the values of measured quantities in a block and their derivatives."""
         n_states, n_c = len(self._model.states), len(self._conditions)
         shape = (n, n_c, len(self._times))
         every = np.concatenate([block.z[..., :n_states], block.outputs], axis=2)
@@ -285,7 +288,7 @@ class Group:
         return values, np.einsum("qrm,rmj->qrj", along, self._through[self._member])
 
     def _messages(self, block: Block, failed: Sequence[str], n: int) -> tuple[str, ...]:
-        """Return for each point why one of its runs failed, or an empty string."""
+        """Return the reason why a run failed, or an empty string, for each parameter point."""
         n_c, found = len(self._conditions), []
         # An event may end a run before the last measurement.
         last = np.array([self._times[self._at[self._condition_of == c]].max() for c in range(n_c)])
@@ -305,7 +308,7 @@ class Group:
 
 
 class Problem:
-    """Measured values and the simulations that predict them.
+    """Measured values, and the simulations that predict them.
 
     Parameters
     ----------
@@ -438,7 +441,7 @@ class Problem:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of the estimated parameters on their scales, as SciPy's ``minimize`` takes them.
+        """Bounds of the estimated parameters on their scales, in the form for SciPy's ``minimize``.
 
         They are infinite if there is no bound.
         """
@@ -472,7 +475,7 @@ class Problem:
         return -self.likelihood.log_likelihood(found), -self.likelihood.gradient(found)
 
     def residuals(self, theta: Any) -> Array:
-        """Return the normalised residuals, shape (n_rows,); nan if a run fails.
+        """Return the residuals divided by their noise, shape (n_rows,); nan if a run fails.
 
         Parameters
         ----------
@@ -492,7 +495,7 @@ class Problem:
         return self.likelihood.residual_slopes(self.predicted(theta))
 
     def predicted(self, theta: Any) -> Predictions:
-        """Return predictions with derivatives at one point; the latest are cached.
+        """Return predictions with derivatives at one point; those of the last point are cached.
 
         Parameters
         ----------
@@ -500,14 +503,14 @@ class Problem:
             Values of the estimated parameters on their scales.
         """
         point = np.array(as_array(theta, (len(self.estimated),), "theta"), dtype=float)
-        # Optimisers request values and derivatives at the same point in separate calls.
+        # Optimisers request values and derivatives at the same point by separate calls.
         key = point.tobytes()
         if self._last is None or self._last[0] != key:
             self._last = key, self.predict([point])[0]
         return self._last[1]
 
     def _grouped(self) -> list[Group]:
-        """Group conditions that can run in one block; those without measurements are not run."""
+        """Group the conditions that can run in one block; omit those without measurements."""
         found: dict[Hashable, list[int]] = {}
         for number, condition in enumerate(self.conditions):
             times = self.measured.t[self.measured.condition == number]
@@ -515,7 +518,7 @@ class Problem:
                 continue
             key = (
                 id(condition.model),
-                # Tables cannot be hashed, so inputs are compared by identity of their mapping.
+                # Tables cannot be hashed, so that mappings of inputs are compared by identity.
                 id(condition.inputs) if condition.inputs else 0,
                 condition.t_start,
                 float(times.max()),

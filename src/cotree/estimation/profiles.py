@@ -1,13 +1,13 @@
 """Profile likelihoods of estimated parameters.
 
-In: a problem at its estimates. Out: the minimum of the objective over all other parameters, as a
-function of one parameter, and the interval in which it rises by no more than a limit
-(:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). This
-likelihood-ratio interval is invariant under reparametrisation, follows curved valleys, and is
-unbounded if the data do not determine the parameter.
+A profile is the minimum of the objective over all other parameters, as a function of one parameter.
+The likelihood-ratio interval is the range in which it rises by no more than a limit
+(:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). The interval
+is invariant under reparametrisation, follows curved valleys, and is unbounded if the data do not
+determine the parameter.
 
-Both directions of all parameters are followed concurrently: whenever all of them wait for
-predictions, these are computed in one batch.
+Both directions of all parameters are followed concurrently: when all of them wait for predictions,
+these are computed in one batch.
 """
 
 from __future__ import annotations
@@ -31,20 +31,21 @@ if TYPE_CHECKING:
     from cotree.estimation.uncertainty import Uncertainty
 
 
-# Target for the rise of twice the objective per step, as a fraction of the limit, which gives about
-# four points on each side, and the rise beyond which a step is shortened.
+# Target for the rise of twice the objective per step, which results in about four points on each
+# side, and rise beyond which a step is repeated with a shorter length, as fractions of the limit.
 _STEP, _TOO_FAR = 0.25, 1.0
 
-# Maximum number of steps in one direction, and growth factor of the step size.
+# Maximum number of steps in one direction, and largest growth factor of the step size.
 _MOST, _LONGER = 60, 2.0
 
-# Unbounded parameters are followed for this many standard errors or, if undetermined, multiples.
+# Unbounded parameters are followed for this many standard errors or, if undetermined, units of
+# change.
 _FARTHEST = 50.0
 
-# Tolerances for the other parameters; the error of the objective is of second order in these.
+# Tolerances of the optimised parameters; the error of the objective is of second order in these.
 _SEARCH = Search(ftol=1e-8, xtol=1e-8, gtol=1e-8)
 
-# The end of an interval is refined until the rise is this close to the limit.
+# Largest difference between the rise at the end of an interval and the limit.
 _NEAR = 5e-3
 
 
@@ -61,19 +62,20 @@ class Profile:
     rise : ndarray, shape (n,)
         Twice the increase of the minimised objective above that of the estimates.
     thetas : ndarray, shape (n, n_estimated)
-        All parameters there, on their scales.
+        All parameters at these values, on their scales.
     estimate : float
         The estimate.
     level : float
-        Level of confidence.
+        Confidence level.
     limit : float
-        The rise at the ends of the interval.
+        Rise at the limits of the interval.
     interval : tuple of float
-        Ends of the interval; the bound, which may be infinite, if the limit is not reached.
+        Interval of the parameter; an end is the bound, which may be infinite, if the limit is not
+        reached.
     is_closed : tuple of bool
-        Whether the lower and the upper end lie inside the bounds.
+        Whether the lower and the upper end are inside the bounds.
     sentence : str
-        The interval, or why it is open, in words.
+        A sentence with the interval, or with the reason why it is open.
     scale : str
         The scale on which the parameter is estimated.
     """
@@ -94,8 +96,8 @@ class Profile:
     def curve(self, n: int = 201) -> tuple[Array, Array]:
         """Interpolate the profile for plotting.
 
-        Interpolation is applied to the signed root of the rise, which is a straight line for a
-        linear model, as a function of the parameter on its scale.
+        The signed root of the rise is interpolated over the parameter on its scale. For a linear
+        model it is a straight line.
 
         Parameters
         ----------
@@ -131,7 +133,7 @@ def profiles_of(
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
-    """Compute the profile likelihoods of the parameters with the numbers ``chosen``.
+    """Compute the profile likelihoods of the parameters with the indices ``chosen``.
 
     ``objective`` is the negative log-likelihood at the estimates, including priors.
     """
@@ -148,7 +150,7 @@ def profiles_of(
 
 
 class _Walk:
-    """Continuation from the estimates along one parameter, with the others optimised."""
+    """Follows a profile from the estimate in one direction, with the other parameters optimised."""
 
     def __init__(
         self,
@@ -164,12 +166,12 @@ class _Walk:
         self._more, self._ask, self._index, self._side = more_rows, ask, index, side
         theta, scaled = found.theta, found.problem.scaled
         self.points: list[tuple[float, float, Array]] = [(float(theta[index]), 0.0, theta)]
-        self.end: float | None = None  # the value at which the limit is crossed
+        self.end: float | None = None  # parameter value at which the limit is crossed
         self.why = ""
         bound = float((scaled.lower if side < 0 else scaled.upper)[index])
         error = float(found.errors[index])
         size = float(abs(found.split.sizes[index]))
-        # Undetermined parameters have no finite standard error and start with a relative step.
+        # Undetermined parameters have infinite standard errors, so that the first step is relative.
         self._first = error * math.sqrt(_STEP * self._limit) if math.isfinite(error) else 0.2 * size
         reach = _FARTHEST * (error if math.isfinite(error) else size)
         # A lower bound of zero is minus infinity on a logarithmic scale.
@@ -217,13 +219,13 @@ class _Walk:
         self.why = "where the limit of steps was reached"
 
     def _next(self, step: float, before: float, after: float) -> float:
-        """Choose the step for the target rise by linear extrapolation of the root of the rise."""
+        """Return the step for the target rise, by linear extrapolation of the root of the rise."""
         slope = (math.sqrt(max(after, 0.0)) - math.sqrt(max(before, 0.0))) / step
         wanted = math.sqrt(max(after, 0.0) + _STEP * self._limit) - math.sqrt(max(after, 0.0))
         return min(_LONGER * step, wanted / slope if slope > 0.0 else math.inf)
 
     def _refine(self) -> None:
-        """Locate the crossing of the limit between the last two points by regula falsi."""
+        """Find where the limit is crossed between the last two points, by regula falsi."""
         (a, low, _), (b, high, _) = self.points[-2:]
         wanted = math.sqrt(self._limit)
         for _ in range(6):
@@ -243,7 +245,7 @@ class _Walk:
                 b, high = point[0], point[1]
 
     def _at(self, x: float) -> tuple[float, float, Array] | None:
-        """Evaluate the profile at a value; None if the runs fail."""
+        """Evaluate the profile at a parameter value; return None if runs fail."""
         nearest = min(self.points, key=lambda row: abs(row[0] - x))
         along = self._along
         if len(self.points) > 1:
@@ -268,7 +270,7 @@ class _Walk:
         return x, 2.0 * (row.objective - self._objective), there
 
     def _ask_at(self, x: float, others: Array) -> Predictions:
-        """Return predictions with the parameter fixed."""
+        """Return predictions for values of the others, with this parameter fixed at ``x``."""
         found, i = self._ask(np.insert(others, self._index, x)), self._index
         return replace(
             found,
@@ -277,14 +279,14 @@ class _Walk:
         )
 
     def _more_at(self, x: float, others: Array) -> tuple[Array, Array]:
-        """Return the residuals of priors with the parameter fixed."""
+        """Return prior residuals for values of the others, with this parameter fixed at ``x``."""
         assert self._more is not None
         rows, slopes = self._more(np.insert(others, self._index, x))
         return rows, np.delete(slopes, self._index, axis=1)
 
 
 def _joined(found: Uncertainty, i: int, level: float, down: _Walk, up: _Walk) -> Profile:
-    """Combine both directions."""
+    """Combine both directions to a profile."""
     problem, theta = found.problem, found.theta
     points = sorted([*down.points[1:], *up.points], key=lambda row: row[0])
     thetas = np.array([row[2] for row in points])

@@ -1,4 +1,4 @@
-"""Results of a fit: estimates and their uncertainty."""
+"""Results of a fit: estimates with their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from cotree.plot.fits import Course, Residuals
 
 
-# Width of sentences, the smallest correlation that is listed, and the largest number of them.
+# Width of text, smallest correlation that is listed, and largest number of listed correlations.
 _WIDTH, _CORRELATED, _MOST_CORRELATED = 96, 0.5, 8
 
-# Arrays in JSON.
+# Attributes with arrays that are written to JSON.
 _ARRAYS = ("theta", "covariance", "correlation", "fisher", "eigenvalues")
 
 _HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "unit", "")
@@ -43,9 +43,9 @@ _HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "u
 class FitResult(Reported):
     """Estimated parameters with their uncertainty.
 
-    ``print(result)`` shows estimates with standard errors and intervals, and the findings: anything
-    that limits the use of the estimates. Standard errors follow from the Fisher information, which
-    is formed from exact sensitivities; profiles do not assume that the model is nearly linear.
+    ``print(result)`` shows estimates with standard errors and intervals, and findings, which are
+    limitations of the estimates. Standard errors follow from the Fisher information, which is
+    formed from exact sensitivities. Profiles do not assume that the model is nearly linear.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class FitResult(Reported):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the estimated parameters, in the order of arrays."""
+        """Names of the estimated parameters, in the order of array entries."""
         return self.problem.scaled.names
 
     @property
@@ -110,7 +110,7 @@ class FitResult(Reported):
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """Covariance and Fisher information, on the scales of the parameters."""
+        """Covariance and Fisher information on the scales of the parameters."""
         from cotree.estimation.uncertainty import robust_factor, uncertainty_of
 
         factor = 1.0
@@ -122,17 +122,17 @@ class FitResult(Reported):
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard errors by name, in units; infinite if a parameter is not determined."""
+        """Standard errors by name, in units; infinite for undetermined parameters."""
         slopes = self.problem.scaled.slopes(self.theta)
-        # The derivative is zero for a value of zero on a logarithmic scale.
+        # On a logarithmic scale the derivative vanishes for a value of zero.
         errors = np.where(slopes > 0.0, slopes, 1.0) * self.uncertainty.errors
         return dict(zip(self.names, errors.tolist(), strict=True))
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return confidence intervals by name, in units.
 
-        They are formed on the scale of each parameter, so those of parameters on logarithmic scales
-        are positive, and do not take the bounds into account.
+        They are computed on the scale of each parameter, so that they are positive for logarithmic
+        scales. Bounds are not taken into account.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class FitResult(Reported):
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the estimates, (n_estimated, n_estimated); nan if undetermined."""
+        """Correlation of the estimates, (n_estimated, n_estimated); nan for undetermined ones."""
         return self.uncertainty.correlation
 
     @property
@@ -170,22 +170,22 @@ class FitResult(Reported):
 
     @property
     def eigenvectors(self) -> Array:
-        """Eigenvectors for :attr:`eigenvalues`, in relative changes, in the columns."""
+        """Eigenvectors for :attr:`eigenvalues` in the columns, as relative changes."""
         return np.asarray(np.linalg.eigh(self._relative_fisher())[1])
 
     @property
     def residuals(self) -> Array:
-        """Residuals of the measured values in standard deviations, computed minus measured."""
+        """Residuals (computed minus measured values) in standard deviations."""
         return self.problem.likelihood.residuals(self.predictions)
 
     @property
     def chi2(self) -> float:
-        """Sum of the squared residuals."""
+        """Chi-squared: sum of the squared residuals."""
         return self.problem.likelihood.chi2(self.predictions)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of measured values less that of the parameter combinations they determine."""
+        """Number of measured values minus that of the parameter combinations they determine."""
         n_open = int(self.uncertainty.split.open.shape[1])
         return len(self.problem.measured) - len(self.names) + n_open
 
@@ -212,21 +212,21 @@ class FitResult(Reported):
 
     @cached_property
     def at_bounds(self) -> dict[str, str]:
-        """Parameters at a bound, with "lower" or "upper"."""
+        """Parameters at a bound, each with "lower" or "upper"."""
         from cotree.estimation.findings import at_bounds
 
         return at_bounds(self.problem, self.theta)
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that the data do not determine, a sentence for each group."""
+        """Sentences that describe parameter combinations that the data do not determine."""
         from cotree.estimation.findings import of_directions
 
         return of_directions(self.uncertainty, self._prior)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Limitations of the estimates, one sentence each; empty if there are none."""
+        """Limitations of the estimates, with one sentence for each; empty if there are none."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
@@ -260,7 +260,7 @@ class FitResult(Reported):
     def profiles(
         self, names: Sequence[str] | None = None, *, level: float = 0.95
     ) -> dict[str, Profile]:
-        """Compute profile likelihoods of some or all parameters, in one batch.
+        """Compute the profile likelihoods of the given parameters, by default of all, in one batch.
 
         Parameters
         ----------
@@ -336,7 +336,7 @@ class FitResult(Reported):
     def next_measurements(
         self, candidates: Any, n: int = 5, *, criterion: str = "D", repeat: bool = True
     ) -> NextMeasurements:
-        """Choose the measurements that shrink the intervals most.
+        """Choose the further measurements that reduce the intervals most.
 
         Parameters
         ----------
@@ -372,7 +372,7 @@ class FitResult(Reported):
 
     @cached_property
     def _prior(self) -> Array | None:
-        """Jacobian of the residuals of priors at the estimates."""
+        """Return the Jacobian of the prior residuals at the estimates."""
         return None if self.more_rows is None else self.more_rows(self.theta)[1]
 
     def _relative_fisher(self) -> Array:
@@ -381,7 +381,7 @@ class FitResult(Reported):
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """Units by name; an empty string if unknown."""
+        """Units of the parameters by name; empty strings if unknown."""
         return {
             row.name: row.unit or _unit(self.problem, row.name) for row in self.problem.estimated
         }
@@ -397,7 +397,7 @@ class FitResult(Reported):
         return self.starts[0].optimality
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON-compatible values; numbers that are not finite are None."""
+        """Return all results as JSON-compatible values; numbers that are not finite are None."""
         found: dict[str, Any] = json_values(
             {
                 "parameters": self._estimates(),
@@ -412,7 +412,7 @@ class FitResult(Reported):
         return found
 
     def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """Return the same as JSON text; if a path is given, also write it to that file."""
+        """Return the values of ``to_dict()`` as JSON text; write it to ``path`` if given."""
         from cotree.files import atomic_write
 
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
@@ -430,7 +430,7 @@ class FitResult(Reported):
         return frame(self._starts(), "rank")
 
     def plot(self) -> Figure:
-        """Plot data and predictions with bands, residuals, and starts or correlations."""
+        """Plot data and predictions with bands, residuals, and either starts or correlations."""
         return overview(self)
 
     def plot_courses(self, *, noise: bool = False) -> Figure:
@@ -443,7 +443,7 @@ class FitResult(Reported):
         return draw_courses(courses(self, noise=noise))
 
     def plot_residuals(self) -> Figure:
-        """Plot residuals over time, measured against predicted values, and a probability plot."""
+        """Plot residuals over time, measured over predicted values, and a probability plot."""
         from cotree.plot.fits import draw_residuals
 
         return draw_residuals(residuals(self))
@@ -468,7 +468,7 @@ class FitResult(Reported):
         return draw_correlation(self.names, self.correlation)
 
     def report(self) -> Report:
-        """Build the report: agreement, estimates, correlations and findings."""
+        """Build the report with goodness of fit, estimates, correlations and findings."""
         sizes = {
             "parameter": len(self.problem.estimated),
             "value": len(self.problem.measured),
@@ -508,7 +508,7 @@ class FitResult(Reported):
         return f"<FitResult: {found}>"
 
     def _estimates(self, level: float = 0.95) -> list[dict[str, Any]]:
-        """Return a row for each parameter: estimate, error, interval, bounds and remark."""
+        """Return estimate, error, interval, bounds and remark of each parameter as a row."""
         errors, intervals = self.standard_errors, self.intervals(level)
         is_open = self.uncertainty.split.is_open
         rows = []
@@ -550,10 +550,10 @@ class FitResult(Reported):
         }
 
     def _starts(self) -> list[dict[str, Any]]:
-        """Return a row for each start, the best one first.
+        """Return a row for each start, with the best one first.
 
-        The distance from the best end point is the Mahalanobis distance, in standard errors;
-        undetermined directions do not contribute.
+        The distance from the best end point is the Mahalanobis distance in standard errors, without
+        undetermined directions.
         """
         best, rows = self.starts[0], []
         values = self.problem.scaled.values
@@ -586,7 +586,7 @@ class FitResult(Reported):
         return f"The 95 % intervals use {law}{on_scale}."
 
     def _correlated(self) -> list[str]:
-        """List the largest correlations."""
+        """Return sentences on the largest correlations."""
         found = [
             (abs(c), f"{self.names[i]} with {self.names[j]} {c:+.2f}")
             for i in range(len(self.names))
@@ -597,7 +597,7 @@ class FitResult(Reported):
 
 
 def _unit(problem: Problem, name: str) -> str:
-    """Find the unit of the model parameter or state to which an estimated parameter is tied."""
+    """Return the unit of the model parameter or state to which an estimated parameter is tied."""
     for condition in problem.conditions:
         for target, value in (*condition.parameters.items(), *condition.initial.items()):
             if value == name:
@@ -613,12 +613,12 @@ def _wrapped(sentence: str, later: str = "") -> str:
     return textwrap.fill(sentence, _WIDTH, subsequent_indent=later)
 
 
-# Largest numbers of time plots in an overview and in a figure of their own; more are unreadable.
+# Largest numbers of readable time plots in an overview and in a separate figure.
 _MOST_IN_OVERVIEW, _MOST = 6, 24
 
 
 def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> list[Course]:
-    """Return measured and computed values over time with bands, at most ``most`` of them."""
+    """Return measured and computed values over time with bands, for at most ``most`` plots."""
     from cotree.plot.fits import Course
 
     measured, found = result.problem.measured, result.predictions
@@ -658,7 +658,7 @@ def residuals(result: FitResult) -> list[Residuals]:
 
 
 def overview(result: FitResult) -> Figure:
-    """Plot time courses, residuals, and starts or correlations."""
+    """Plot time courses, residuals, and either starts or correlations."""
     from cotree.plot.fits import draw_overview
 
     shown = courses(result, most=_MOST_IN_OVERVIEW)
@@ -666,7 +666,7 @@ def overview(result: FitResult) -> Figure:
 
 
 def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:
-    """Return the rows of each quantity in each experiment."""
+    """Return condition, name and row indices for each quantity measured in each experiment."""
     measured = result.problem.measured
     parts: dict[tuple[int, str], list[int]] = {}
     for i, name in enumerate(measured.observable):

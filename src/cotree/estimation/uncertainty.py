@@ -1,17 +1,17 @@
 """Uncertainty of estimates: covariance, standard errors, intervals and correlations.
 
-In: derivatives of the predictions, at the estimates and at nearby points. Out: covariances and
-quantiles; directions along which parameters can change together without changing any prediction,
-and sentences about them.
+From derivatives of the predictions, at the estimates and at nearby points, follow covariances,
+quantiles, and directions along which parameters can change together without changing any
+prediction.
 
-Directions are first expressed in relative changes, in which an identifiable product of powers has
-integer exponents, then in absolute changes, in which an identifiable sum has integer coefficients.
-Either is accepted only if it also holds at the other points, since near the estimates alone every
-curved manifold looks like a plane.
+Directions are first expressed in relative changes, for which an identifiable product of powers has
+integer exponents, then in absolute changes, for which an identifiable sum has integer coefficients.
+Either form is accepted only if it also holds at nearby points, since close to the estimates alone
+every curved manifold is almost a plane.
 
-Where J is a matrix at the estimates with the Fisher information J^T J, the covariance is the
-inverse of the information (the Cramer-Rao bound), from a singular value decomposition of J in
-relative units. Parameters that are involved in an undetermined direction have infinite standard
+Let J be a matrix for which J^T J is the Fisher information at the estimates. The covariance is the
+inverse of the information (the Cramer-Rao bound), computed by a singular value decomposition of J
+in relative units. Parameters that change along an undetermined direction have infinite standard
 errors; the others are not affected.
 
 If standard deviations of the noise are estimated along with the parameters, maximum likelihood
@@ -42,43 +42,43 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
 
 
-# Global errors of values and sensitivities, in multiples of the local tolerances: over long
-# oscillations the local errors accumulate to several hundred times the tolerance.
+# Assumed global errors of values and sensitivities, in multiples of the local tolerances. Over long
+# oscillations, local errors accumulate to several hundred times the tolerance.
 _GROWN = 1e3
 
-# Exponents and coefficients follow from sensitivities with about five correct digits; larger
-# integers than this would not be plausible.
+# Largest plausible integer exponent or coefficient. They follow from sensitivities with about five
+# correct digits.
 _DIGITS, _LARGEST = 1e-3, 6
 
-# Entries of a direction below this fraction of the largest one count as zero.
+# Entries of a direction below this fraction of the largest entry count as zero.
 _NOTHING = 1e-4
 
-# Number of nearby points, and the range of their relative distances from the estimates.
+# Number of nearby points, and range of their relative distances from the estimates.
 _N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Determined and undetermined directions of the parameter space at a point."""
+    """Determined and undetermined directions in parameter space at one point."""
 
-    #: Unit of change of each parameter on its scale, which to first order doubles the value.
+    #: Unit of change of each parameter on its scale, which doubles the value to first order.
     sizes: Array
-    values: Array  # corresponding changes of the unscaled values
+    values: Array  # the same changes in unscaled values
     open: Array  # undetermined directions in these units, as orthonormal columns
-    #: Whether the unit is the parameter's value, which requires a nonzero value.
+    #: Whether the unit of change is the parameter's value, which must not be zero.
     is_relative: npt.NDArray[np.bool_]
 
     @property
     def is_open(self) -> npt.NDArray[np.bool_]:
-        """Whether each parameter is involved in an undetermined direction."""
+        """Whether each parameter changes along an undetermined direction."""
         return np.asarray(np.any(np.abs(self.open) > _NOTHING, axis=1))
 
 
 def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
-    """Find the directions that the information does not determine.
+    """Find the directions that the Fisher information does not determine.
 
-    ``rows`` is a square root J of the information J^T J, shape (n_rows, n), on the scales of the
-    parameters; the accuracy of predictions decides which changes differ from zero.
+    ``rows`` is the matrix J with the information J^T J, shape (n_rows, n), on the scales of the
+    parameters. Changes of predictions below their accuracy count as zero.
     """
     settings = problem.settings
     slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
@@ -87,10 +87,10 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     other = np.where(np.isfinite(width), width, 1.0)
     units = np.where(is_relative, values, other)
     sizes = units / np.where(slopes > 0.0, slopes, 1.0)
-    # A parameter has no influence if a unit change moves predictions by less than their errors.
+    # A parameter has no influence if its unit change alters predictions by less than their errors.
     deviations = np.abs(found.values) * settings.rtol + settings.atol
     slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
-    # Estimated standard deviations do not depend on a simulation, so their columns are exact.
+    # Estimated standard deviations do not depend on simulations, so that their columns are exact.
     is_run = np.any(found.slopes != 0.0, axis=0)
     blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
     return Split(sizes, units, _null(rows * sizes, _GROWN * settings.rtol, blur), is_relative)
@@ -99,7 +99,7 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
 def _null(rows: Array, relative: float, blur: Array) -> Array:
     """Return an orthonormal basis of the numerical null space.
 
-    The error of a column has the norm ``blur`` plus ``relative`` times the norm of the column.
+    The norm of the error in a column is ``blur`` plus ``relative`` times the norm of the column.
     """
     n = rows.shape[1]
     norms = np.linalg.norm(rows, axis=0)
@@ -109,10 +109,10 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
     if live.size:
         _, s, vh = np.linalg.svd(rows[:, live] / norms[live], full_matrices=True)
         s = np.concatenate([s, np.zeros(live.size - len(s))])
-        # Perturbations move singular values by at most the norm of the perturbation (Weyl).
+        # A perturbation changes singular values by at most its norm (Weyl).
         limit = float(np.linalg.norm(relative + blur[live] / norms[live]))
         along = np.zeros((n, int(np.sum(s <= limit))))
-        # Undo the normalisation of the columns.
+        # Reverse the normalisation of the columns.
         along[live] = (vh[s <= limit] / norms[live]).T
         found.append(along)
     basis = np.hstack(found)
@@ -120,7 +120,7 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
 
 
 def neighbouring_points(problem: Problem, theta: Array) -> Array:
-    """Choose nearby points, at which a structural direction must be undetermined as well."""
+    """Return nearby points, at which a structurally undetermined direction is undetermined, too."""
     random = np.random.default_rng(0)
     share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))
     share *= random.choice([-1.0, 1.0], share.shape)
@@ -130,7 +130,7 @@ def neighbouring_points(problem: Problem, theta: Array) -> Array:
 
 
 def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
-    """Describe the directions not determined, a sentence for each group of parameters."""
+    """Return a sentence on the undetermined directions of each group of parameters."""
     sentences, idle = [], []
     for group in _groups(here.open):
         rows = here.open[group]
@@ -185,7 +185,7 @@ def _sentence(
 
 
 def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
-    """Return whether combinations are constant along the undetermined directions elsewhere."""
+    """Return whether combinations stay constant along undetermined directions nearby."""
     rows = np.array(simple, dtype=float)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     for item in opens:
@@ -198,7 +198,7 @@ def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) ->
 
 
 def _groups(basis: Array) -> list[list[int]]:
-    """Group parameters that share an undetermined direction in reduced echelon form."""
+    """Group the parameters that share undetermined directions, by their reduced echelon form."""
     reduced = np.abs(_reduced(basis.T)) > _NOTHING
     groups: list[set[int]] = []
     for row in reduced:
@@ -214,7 +214,7 @@ def _spanned(columns: Array) -> Array:
 
 
 def _complement(columns: Array) -> Array:
-    """Return rows that span the orthogonal complement of the column space."""
+    """Return an orthonormal basis of the orthogonal complement of the column space, in rows."""
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=True)
     return np.asarray(u[:, int(np.sum(s > _NOTHING)) :].T)
 
@@ -238,7 +238,7 @@ def _reduced(rows: Array) -> Array:
 
 
 def _simple(rows: Array) -> list[list[int]] | None:
-    """Express rows as small integers; None if that is not possible."""
+    """Scale rows to small integers; return None if that is not possible."""
     found = []
     for row in _reduced(rows):
         parts = [Fraction(float(x)).limit_denominator(_LARGEST) for x in row]
@@ -274,7 +274,7 @@ def _sum(names: Sequence[str], coefficients: Sequence[int]) -> str:
 
 
 def _direction(names: Sequence[str], group: list[int], along: Array, here: Split) -> str:
-    """Describe the changes along a direction, in percent unless the value is zero."""
+    """Return a text on the changes along a direction, in percent unless the value is zero."""
     along = along / np.abs(along).max() * (1.0 if along[0] >= 0 else -1.0)
     return _listed(
         [
@@ -294,24 +294,24 @@ def _listed(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The uncertainty of estimates, with parameters on their scales.
+    """The uncertainty of estimates on the parameters' scales.
 
     Attributes
     ----------
     problem, theta : Problem, ndarray of shape (n,)
         The problem and the estimates.
     fisher : ndarray, shape (n, n)
-        Fisher information, including that of priors.
+        Fisher information, including the contribution of priors.
     covariance, correlation : ndarray, shape (n, n)
-        Undetermined parameters have infinite variances, and nan elsewhere.
+        Undetermined parameters have infinite variances, and nan in other entries.
     errors : ndarray, shape (n,)
         Standard errors.
     root : ndarray, shape (n, n_determined)
-        R such that R R^T is the covariance in the determined subspace.
+        Matrix R for which R R^T is the covariance in the determined subspace.
     freedom : float
         Degrees of freedom of Student's t; infinite if the noise is given.
     spread : float
-        Correction factor of variances, for estimated noise and for robust losses.
+        Factor by which variances are corrected for estimated noise and for robust losses.
     split : Split
         Determined and undetermined directions.
     """
@@ -328,7 +328,7 @@ class Uncertainty:
     split: Split
 
     def quantile(self, level: float) -> float:
-        """Return half the width of a confidence interval in standard errors."""
+        """Return half the width of a confidence interval, in standard errors."""
         from scipy import stats
 
         inside = 0.5 * (1.0 + check_level(level))
@@ -336,7 +336,7 @@ class Uncertainty:
         return float(law.ppf(inside))
 
     def rise(self, level: float) -> float:
-        """Return the rise of twice the objective at the ends of a profile-likelihood interval.
+        """Return the rise of twice the objective at the limits of a profile-likelihood interval.
 
         For a given noise this is the quantile of chi-squared with one degree of freedom. If the
         noise is estimated from n values, it is n log(1 + t^2 / freedom) with the quantile t of
@@ -348,16 +348,16 @@ class Uncertainty:
         return self.freedom * self.spread * math.log1p(squared / self.freedom)
 
     def error_along(self, slopes: Array) -> Array:
-        """Return standard errors of quantities from their derivatives, shape (n_quantities, n).
+        """Return standard errors of quantities with the derivatives ``slopes``, (n_quantities, n).
 
-        They are infinite for quantities that change along an undetermined direction.
+        The errors are infinite for quantities that change along an undetermined direction.
         """
         errors = np.linalg.norm(slopes @ self.root, axis=1)
         if not self.split.open.size:
             return np.asarray(errors)
         scaled = slopes * self.split.sizes
         length = np.linalg.norm(scaled, axis=1)
-        # Sensitivities have about five correct digits, so smaller components count as zero.
+        # Sensitivities have about five correct digits, so that smaller components count as zero.
         is_open = np.linalg.norm(scaled @ self.split.open, axis=1) > 1e-4 * length
         return np.where(is_open, np.inf, errors)
 
@@ -379,8 +379,8 @@ def uncertainty_of(
 ) -> Uncertainty:
     """Compute the uncertainty of estimates ``theta``, shape (n,), on their scales.
 
-    ``more_rows``, shape (n_more, n), are rows of J from priors; variances are multiplied by
-    ``factor``, for robust losses.
+    ``more_rows``, shape (n_more, n), are the rows of J that result from priors. Variances are
+    multiplied by ``factor``, which depends on the robust loss.
     """
     rows = problem.likelihood.fisher_rows(found)
     if more_rows is not None:
@@ -403,7 +403,7 @@ def uncertainty_of(
 
 
 def _root(rows: Array, parts: Split) -> Array:
-    """Return a square root of the inverse information in the determined subspace."""
+    """Return R such that R R^T is the inverse information in the determined subspace."""
     n = rows.shape[1]
     basis = np.linalg.qr(np.hstack([parts.open, np.eye(n)]))[0][:, parts.open.shape[1] :]
     scaled = rows * parts.sizes @ basis
@@ -414,7 +414,7 @@ def _root(rows: Array, parts: Split) -> Array:
 
 
 def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
-    """Return degrees of freedom and the correction factor of variances for estimated noise."""
+    """Return degrees of freedom, and the correction factor of variances for estimated noise."""
     acts_on_noise = np.any(found.sigma_slopes != 0.0, axis=0)
     acts_on_values = np.any(found.slopes != 0.0, axis=0)
     if not acts_on_noise.any():
@@ -422,15 +422,15 @@ def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
     n = int(np.sum(np.any(found.sigma_slopes != 0.0, axis=1)))
     freedom = n - int(np.sum(acts_on_values))
     if freedom < 1:
-        # No degrees of freedom are left from which the noise could be estimated.
+        # No degrees of freedom remain for estimating the noise.
         return 1.0, float(n)
     return float(freedom), n / freedom
 
 
 def robust_factor(residuals: Array, loss: str, f_scale: float, n_estimated: int) -> float:
-    """Return the factor of the asymptotic variance of an M-estimator (Huber 1981).
+    """Return the variance factor of an M-estimator for a robust loss (Huber 1981).
 
-    It is the mean square of the influence function over the square of its mean derivative.
+    It is the mean square of the influence function divided by the square of its mean derivative.
     """
     z = (residuals / f_scale) ** 2
     size = np.sqrt(np.maximum(z, 1e-300))

@@ -1,9 +1,9 @@
-"""The model of a PEtab problem: a scene from an SBML file, with outputs for the measured values.
+"""The model of a PEtab problem: a scene from an SBML file, with outputs for measured values.
 
-Each distinct formula, with the overrides of the measurement table substituted for its placeholders,
-becomes one output. Noise formulas without names become numbers. The condition table takes
-precedence over the parameter table, and both over the model. After a preequilibration each state
-keeps its value unless the condition sets it.
+Overrides of the measurement table replace the placeholders in formulas, and each distinct formula
+becomes an output. Noise formulas without names become numbers. The condition table takes precedence
+over the parameter table, and both over the model. After a preequilibration each state keeps its
+value unless the condition sets it.
 """
 
 from __future__ import annotations
@@ -38,29 +38,30 @@ Setting = str | float
 
 @dataclass(frozen=True)
 class Entities:
-    """The quantities of a model that tables may set, by identifier."""
+    """Names in the scene of the model quantities that tables may set, by identifier."""
 
-    #: Parameters of the scene: constants of the model, and parameters that only formulas use.
+    #: Parameters of the scene for constants of the model, and for parameters that only formulas
+    #: use.
     parameters: Mapping[str, str]
-    states: Mapping[str, str]  # quantities that change with time and are states of the model
-    #: Parameters of the scene that are the initial values of some of these states, as numbers.
+    states: Mapping[str, str]  # states of the scene for quantities that change with time
+    #: Parameters of the scene for the initial values of those states for which they are numbers.
     initial: Mapping[str, str]
-    #: Names of ``parameters`` and ``states`` that have no value in the model.
+    #: Identifiers in ``parameters`` and ``states`` that have no value in the model.
     valueless: frozenset[str] = frozenset()
-    #: Values of the entries of ``parameters`` that are numbers in the model.
+    #: Values of those ``parameters`` that are numbers in the model.
     numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 class Link(NamedTuple):
-    """A run, with the values that its condition sets, by names in the scene."""
+    """A run, with the values that its condition sets by names in the scene."""
 
-    name: str  # name of the quantity in messages
+    name: str  # name of the run in messages
     parameters: dict[str, Setting]
     initial: dict[str, Setting]
 
 
 class ConditionReader:
-    """Reads the values that conditions set."""
+    """Determines the values that conditions set."""
 
     def __init__(self, tables: Tables, entities: Entities) -> None:
         self._tables, self._entities = tables, entities
@@ -74,27 +75,28 @@ class ConditionReader:
                     )
 
     def chain(self, condition: str, before: str, is_at_rest: bool) -> tuple[Link, ...]:
-        """Return the runs up to measured values; all but the last end at a steady state.
+        """Return the runs that lead to measured values; all but the last end at a steady state.
 
-        ``before`` is the preequilibration, or empty. ``is_at_rest`` means that values were measured
-        at the steady state of the condition itself.
+        ``before`` is the preequilibration condition, or empty. ``is_at_rest`` is true if values
+        were measured at the steady state of the condition itself.
         """
         first = (self._link(before, before),) if before else ()
         name = f"{condition} after {before}" if before else condition
         own = self._link(condition, name, *first)
-        # Values at a steady state are those at the start of a run that begins there.
+        # Values at a steady state are obtained from the start of a run that begins there.
         last = (Link(f"{name} at rest", own.parameters, {}),) if is_at_rest else ()
         return (*first, own, *last)
 
     def _link(self, key: str, name: str, before: Link | None = None) -> Link:
-        """Return the values that a condition sets, perhaps after a preequilibration."""
+        """Return the run of a condition, which may follow the steady state of ``before``."""
         condition, entities = self._tables.conditions[key], self._entities
         found = Link(name, {}, {})
         for identifier, parameter in entities.parameters.items():
             value = self._setting(condition, identifier)
             if value is not None:
                 found.parameters[parameter] = value
-        # Parameters that are initial values keep their value, which has no effect after a run.
+        # Parameters for initial values are kept, since they have no effect on a run that begins at
+        # a steady state.
         for parameter in entities.initial.values() if before else ():
             if before and parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
@@ -104,8 +106,8 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is None:
                 continue
-            # An initial value that is a number in the model is a parameter of the scene, from which
-            # other initial values may be derived.
+            # An initial value that is a number in the model is a parameter of the scene. Other
+            # initial values may be derived from it.
             if not before and identifier in entities.initial:
                 found.parameters[entities.initial[identifier]] = value
             else:
@@ -113,7 +115,7 @@ class ConditionReader:
         return found
 
     def _setting(self, condition: ConditionRow, identifier: str) -> Setting | None:
-        """Return the value of an entity in a condition; None keeps that of the model."""
+        """Return the value of a quantity in a condition; None if it is that of the model."""
         if identifier not in condition.cells:
             value = self._listed(identifier)
         else:
@@ -128,12 +130,12 @@ class ConditionReader:
         return value
 
     def _listed(self, name: str) -> Setting | None:
-        """Return a parameter of the table: its name if it is estimated, else its number."""
+        """Return the name of an estimated parameter, else its value in the parameter table."""
         row = self._tables.parameters.get(name)
         return name if row and row.is_estimated else row.nominal if row else None
 
     def _named(self, condition: ConditionRow, identifier: str, cell: str) -> Setting:
-        """Return the value of a name in a cell: a parameter, or a constant of the model."""
+        """Return the value of a name in a cell, which is a parameter or a constant of the model."""
         numbers, named = self._entities.numbers, cell
         for _ in range(len(condition.cells) + 1):
             value = self._listed(named)
@@ -141,7 +143,7 @@ class ConditionReader:
                 return value
             own = condition.cells.get(named)
             if own is None:
-                break  # the condition does not set the quantity, which keeps the model's value
+                break  # the condition does not set this quantity
             if not isinstance(own, str):
                 return own
             named = own
@@ -159,7 +161,7 @@ class ConditionReader:
         )
 
 
-_LONGEST = 4000  # maximum number of characters, as for expressions in scenes
+_LONGEST = 4000  # maximum number of characters of a formula, as for expressions in scenes
 _TIME = "time"
 
 _TOKEN = re.compile(
@@ -178,7 +180,7 @@ _FUNCTIONS = (
 
 
 class Formula:
-    """A formula in PEtab's syntax, with its ``names`` except ``time``, in order."""
+    """A formula in PEtab's syntax; ``names`` lists its names in order, without ``time``."""
 
     def __init__(self, text: str) -> None:
         found: dict[str, None] = {}
@@ -197,7 +199,7 @@ class Formula:
         self.names = tuple(found)
 
     def expression(self, meaning: Callable[[str], str]) -> str:
-        """Write the formula as an expression of a scene."""
+        """Return the formula as an expression for scenes; ``meaning`` replaces each name."""
 
         def tree(name: str) -> ast.expr:
             return shared_tree("t" if name == _TIME else meaning(name))
@@ -206,7 +208,7 @@ class Formula:
 
 
 def number_of(expression: str, where: str) -> float | None:
-    """Return the value of an expression without names, else None."""
+    """Return the value of an expression that contains no names, else None."""
     checked = parse(expression, where)
     return None if checked.names else checked.lower(Dag(), dict[str, Node]().__getitem__).value
 
@@ -228,7 +230,7 @@ class _Rewriter(Rewriter):
         return None
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        # They have equal precedence in PEtab, but not in Python.
+        # These operators have equal precedence in PEtab, but not in Python.
         if any(isinstance(part, ast.BoolOp) for part in node.values):
             raise ExpressionError("mixes && and || in one condition: add parentheses")
         return super().visit_BoolOp(node)
@@ -238,10 +240,10 @@ PLACEHOLDER = re.compile(r"(observable|noise)Parameter([0-9]+)_(\w+)\Z")
 
 
 class Outputs:
-    """The outputs that measured rows need; ``expressions`` has them by name.
+    """Outputs for the rows of the measurement table; ``expressions`` has their formulas by name.
 
-    ``meaning`` returns the expression for a name of the model or of the parameter table, or None;
-    ``name`` returns an unused name of the scene, close to the one wished for.
+    ``meaning`` returns the expression for a name in the model or in the parameter table, or None.
+    ``name`` returns an unused name in the scene that resembles the given one.
     """
 
     def __init__(
@@ -257,7 +259,7 @@ class Outputs:
         self.expressions: dict[str, str] = {}
 
     def of_row(self, row: MeasurementRow) -> tuple[str, str | float]:
-        """Return the outputs of a row's observable and noise; constant noise is a number."""
+        """Return the outputs for observable and noise of a row; constant noise is a number."""
         key = (row.observable, row.observable_parameters, row.noise_parameters)
         if key not in self._found:
             observable = self._tables.observables[row.observable]
@@ -268,12 +270,12 @@ class Outputs:
     def _pair(
         self, row: MeasurementRow, observable: ObservableRow, overrides: Mapping[str, str]
     ) -> tuple[str, str | float]:
-        """Form the two outputs of an observable with overrides."""
+        """Return the outputs for an observable and its noise with the given overrides."""
         formula = self._formula(observable, "observableFormula")
         wanted = self._expression(row, observable, formula, overrides)
         name = self._output(observable.name, wanted)
         formula = self._formula(observable, "noiseFormula")
-        # A noise formula may name any observable by its identifier.
+        # A noise formula may contain identifiers of observables.
         known = dict(overrides)
         for other in formula.names:
             if other in self._tables.observables and other not in known:
@@ -292,7 +294,7 @@ class Outputs:
         return name, number
 
     def _output(self, wish: str, expression: str) -> str:
-        """Return the output of an expression; equal expressions share one."""
+        """Return the name of the output for an expression; equal expressions share one."""
         if expression not in self._by_expression:
             name = self._name(wish)
             self._by_expression[expression] = name
@@ -337,7 +339,7 @@ class Outputs:
             raise observable.row.error(str(error)) from None
 
     def _overrides(self, row: MeasurementRow, observable: ObservableRow) -> dict[str, str]:
-        """Return the expressions that replace the placeholders, by name."""
+        """Return the expressions that replace placeholders, by placeholder."""
         found = {}
         for kind, given, column in (
             ("observable", row.observable_parameters, "observableFormula"),
@@ -363,10 +365,10 @@ class Outputs:
 
 
 class PetabModel:
-    """A scene, and the names that its quantities have in the tables.
+    """The scene of a PEtab problem, which translates names in the tables to names in the scene.
 
-    ``scene`` is the scene, to which :meth:`add_outputs` adds outputs, ``namer`` has its names, and
-    ``entities`` are the quantities that conditions may set.
+    :meth:`add_outputs` adds outputs to ``scene``. ``namer`` assigns its names, and ``entities`` are
+    the quantities that conditions may set.
     """
 
     def __init__(self, tables: Tables) -> None:
@@ -382,12 +384,12 @@ class PetabModel:
         self.entities = self._entities()
 
     def meaning(self, name: str) -> str | None:
-        """Return the expression for a name in the tables, or None."""
+        """Return the name in the scene for a name in the tables, or None."""
         symbol = self._sbml.symbols.get(name)
         return self._added.get(name) if symbol is None else symbol.name
 
     def add_outputs(self, outputs: Outputs) -> None:
-        """Add observables and noise to the scene."""
+        """Add the outputs for observables and noise to the scene."""
         for name, expression in outputs.expressions.items():
             try:
                 self.scene.output(name, expression)
@@ -395,7 +397,7 @@ class PetabModel:
                 raise SceneError(f"{self._tables.file}: {error}") from None
 
     def _added_parameters(self) -> dict[str, str]:
-        """Declare parameters of observables and noise that are not in the model."""
+        """Declare parameters that only observable and noise formulas use; return their names."""
         tables = self._tables
         names: list[str | float] = []
         for observable in tables.observables.values():
@@ -411,7 +413,7 @@ class PetabModel:
         return added
 
     def _entities(self) -> Entities:
-        """List the quantities that can be set."""
+        """Return the quantities that tables can set."""
         parameters, states, initial = dict(self._added), {}, {}
         tables = self._tables
         valueless = {*self._added} & tables.columns | self._sbml.assumed
@@ -430,7 +432,7 @@ class PetabModel:
                 if not self._is_number(symbol.name):
                     if identifier not in tables.settable:
                         continue
-                    # The tables of the problem replace the initial assignment of the model.
+                    # The tables replace the initial assignment in the model.
                     self.scene.set(symbol.name, 1.0)
                     valueless.add(identifier)
                 elif identifier not in self._sbml.assumed:
@@ -450,11 +452,11 @@ def _names_in(text: str) -> tuple[str, ...]:
     try:
         return tuple(n for n in Formula(text).names if not PLACEHOLDER.match(n))
     except ModelError:
-        return ()  # where the formula is used, the error is raised with its row
+        return ()  # use of the formula will raise the error with its row
 
 
 def _values(tables: Tables) -> dict[str, float]:
-    """Return values from the tables, for quantities without a value in the model."""
+    """Return values in the tables, which are used for quantities without a value in the model."""
     found: dict[str, float] = {}
     for condition in tables.conditions.values():
         for name, cell in condition.cells.items():
@@ -465,9 +467,9 @@ def _values(tables: Tables) -> dict[str, float]:
 
 
 def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
-    """Compile the model; return its scene with outputs, the conditions and the measured values.
+    """Compile the model; return its scene with all outputs, the conditions and the measured values.
 
-    Measured values are in the order of the measurement tables.
+    Measured values are in the order of rows in the measurement tables.
     """
     found = PetabModel(tables)
     outputs = Outputs(tables, found.meaning, found.namer.own)
@@ -495,7 +497,7 @@ def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
 
 
 def _wanted(chains: Iterable[Iterable[Link]]) -> list[str]:
-    """List the parameters and initial values to which sensitivities are needed."""
+    """Return the names of parameters and initial values to which sensitivities are needed."""
     tables = [table for chain in chains for link in chain for table in link[1:]]
     return list(
         dict.fromkeys(k for table in tables for k, v in table.items() if isinstance(v, str))
@@ -503,7 +505,7 @@ def _wanted(chains: Iterable[Iterable[Link]]) -> list[str]:
 
 
 def _conditions(chains: Iterable[Iterable[Link]], model: Model) -> tuple[Condition, ...]:
-    """Make the conditions; those that begin at the same steady state share the runs before."""
+    """Build the conditions; those that begin at the same steady state share previous runs."""
     leading: dict[tuple[object, ...], Condition] = {}
     found = []
     for *before, (name, parameters, initial) in chains:

@@ -1,11 +1,11 @@
-"""PEtab problems, version 1: read and compile them, compute likelihoods and gradients, and fit.
+"""PEtab problems, version 1: reading, compilation, likelihood, gradient and fit.
 
-In: the YAML file of a problem. Out: a ``PetabProblem``, an estimation problem that keeps the names,
-scales and tables of PEtab.
+The YAML file of a problem is read to a ``PetabProblem``, an estimation problem that keeps PEtab's
+names, scales and tables.
 
 A prior whose type begins with ``parameterScale`` is a density of the parameter on its scale; any
-other prior is a density of its value. Densities are evaluated as stated, without the factor of a
-change of variables, and are not truncated at the bounds. Starts out of bounds are drawn again.
+other prior is a density of its value. No Jacobian factor for a change of variables is applied, and
+densities are not truncated at the bounds. Starts out of bounds are drawn again.
 """
 
 from __future__ import annotations
@@ -40,16 +40,17 @@ if TYPE_CHECKING:
 
 _MOST_DRAWS = 1000
 
-# Below this deviation, in multiples of its scale, the Laplace distribution's absolute value is
-# replaced by a square, whose slope passes through zero continuously.
+# Deviation, in multiples of the scale of a Laplace distribution, below which a square replaces the
+# absolute value, so that the slope is continuous at zero.
 _CORNER = 1e-3
 
-# Added to logarithms to make them positive: the logarithm of a double is never below -745.
+# Number that is added to logarithms to make them positive. The logarithm of a double is never below
+# -745.
 _LEAST_LOG = 750.0
 
 
 class Priors:
-    """Objective priors of the estimated parameters, some of which have none."""
+    """Objective priors of the estimated parameters, of which some may have none."""
 
     def __init__(self, estimated: Sequence[Estimated], rows: Sequence[PriorRow | None]) -> None:
         self._n = len(estimated)
@@ -61,21 +62,21 @@ class Priors:
         return bool(self._terms)
 
     def log_density(self, theta: Array) -> float:
-        """Compute the sum of the logarithms of all densities."""
+        """Compute the sum of the log densities of all priors."""
         return sum(prior.log_density(float(theta[i]))[0] for i, prior in self._terms)
 
     def gradient(self, theta: Array) -> Array:
-        """Compute its derivatives with respect to the scaled parameters, shape (n_estimated,)."""
+        """Compute the gradient of the log density on the parameters' scales, (n_estimated,)."""
         found = np.zeros(self._n)
         for i, prior in self._terms:
             found[i] = prior.log_density(float(theta[i]))[1]
         return found
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
-        """Return residuals for least-squares methods, with their Jacobian.
+        """Return residuals that represent the priors in least-squares methods, with their Jacobian.
 
-        Half of their sum of squares is minus the sum of the logarithms up to a constant, and the
-        transposed Jacobian times the residuals is its exact gradient. Uniform priors have none.
+        Half their sum of squares is minus the log density up to a constant, and the transposed
+        Jacobian times the residuals is its exact gradient. Uniform priors have no residuals.
         """
         rows = [(i, *row) for i, prior in self._terms for row in prior.squares(float(theta[i]))]
         slopes = np.zeros((len(rows), self._n))
@@ -85,7 +86,7 @@ class Priors:
 
 
 class Prior:
-    """A prior of one parameter."""
+    """The prior of one parameter."""
 
     def __init__(self, row: PriorRow, estimated: Estimated) -> None:
         self._kind, self._a, self._b = row.kind, row.first, row.second
@@ -118,12 +119,12 @@ class Prior:
             value, slope = -0.5 * r * r - math.log(self._b * math.sqrt(2.0 * math.pi)), -r
         else:
             value, slope = -abs(r) - math.log(2.0 * self._b), -math.copysign(bool(r), r)
-        # A density of the logarithm becomes one of the value by the factor 1/x.
+        # The factor 1/x converts a density of the logarithm to a density of the value.
         factor = float(self._is_log)
         return value - factor * z, (slope / self._b - factor) * z_slope
 
     def squares(self, theta: float) -> list[tuple[float, float]]:
-        """Compute residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
+        """Compute residuals for least squares and their derivatives; see :meth:`Priors.rows`."""
         if self._family == "uniform":
             return []
         z, along = self._deviation(theta)
@@ -131,10 +132,10 @@ class Prior:
             return [(math.nan, 0.0)]
         r, r_slope = (z - self._a) / self._b, along / self._b
         if self._family == "normal":
-            # The factor 1/x of a log-normal density only shifts the square.
+            # The factor 1/x of a log-normal density only shifts the minimum of the square.
             return [(r + (self._b if self._is_log else 0.0), r_slope)]
-        # This residual times its slope is the slope of the absolute value; a residual with zero
-        # slope supplies the rest of the value.
+        # This residual times its derivative is the derivative of the absolute value. A second
+        # residual, with derivative zero, provides the rest of the value.
         weight = max(abs(r), _CORNER) ** -0.5
         rows = [(r * weight, r_slope * weight)]
         missing = 2.0 * abs(r) - (r * weight) ** 2
@@ -144,7 +145,7 @@ class Prior:
         return [*rows, (math.sqrt(missing), 0.0)]
 
     def sample(self, n: int, random: np.random.Generator) -> Array:
-        """Draw starts on the parameter's scale, within its bounds, shape (n,)."""
+        """Draw starting values within the bounds on the parameter's scale, shape (n,)."""
         low, high = self._bounds
         found: Array = np.empty(0)
         for _ in range(_MOST_DRAWS):
@@ -169,7 +170,7 @@ class Prior:
 def sample_starts(
     estimated: Sequence[Estimated], rows: Sequence[PriorRow | None], n: int, seed: int | None
 ) -> Array:
-    """Draw starts on the scales, shape (n, n_estimated); uniform without a prior."""
+    """Draw starting points on the parameters' scales, (n, n_estimated); uniform without a prior."""
     random, scaled = np.random.default_rng(seed), Scaled(estimated)
     found = np.empty((n, len(rows)))
     for i, (parameter, row) in enumerate(zip(estimated, rows, strict=True)):
@@ -189,11 +190,11 @@ def sample_starts(
 def read_petab(
     path: str | Path, *, method: str = "auto", **settings: Unpack[SettingsDict]
 ) -> PetabProblem:
-    """Read an estimation problem in PEtab's format, version 1, and compile its model.
+    """Read an estimation problem in PEtab format, version 1, and compile its model.
 
     The model is an SBML file, as :func:`cotree.read_sbml` reads it. Conditions, preequilibrations,
     overrides of observables and noise, transformations, distributions and priors are read;
-    docs/petab.md says what is not.
+    docs/petab.md lists what is not supported.
 
     Parameters
     ----------
@@ -225,8 +226,8 @@ def read_petab(
     """
     given: dict[str, Any] = {"max_steps": STEPS_OF_FIT, **settings}
     shared, tables = Settings(method=method, **given), read_tables(path)
-    # The compiler builds the engines while Python reads and forms the model; most models are
-    # stiff, and runs to a steady state are done by rodas5.
+    # Compilation of the engines runs in parallel with reading of the model. Most models are stiff,
+    # and rodas5 computes steady states.
     engines = ("dop853", "rodas5") if method == "auto" else (method,)
     build_ahead(*engines, then=[load_batch])
     return PetabProblem(tables, *mapped(tables), shared)
@@ -245,9 +246,9 @@ class PetabProblem(Problem):
     names : tuple of str
         The estimated parameters.
     nominal : dict of str to float
-        Nominal values of the estimated parameters that have one.
+        Nominal values of those estimated parameters that have one.
     scene : cotree.Scene
-        The model with the outputs that were measured.
+        Scene of the model, with outputs for the measured quantities.
     model : cotree.Model
         The compiled model.
     priors : Priors
@@ -276,7 +277,7 @@ class PetabProblem(Problem):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The estimated parameters."""
+        """Names of the estimated parameters."""
         return self.scaled.names
 
     @property
@@ -285,7 +286,7 @@ class PetabProblem(Problem):
         return self.conditions[0].model
 
     def using(self, *, method: str | None = None, **settings: Unpack[SettingsDict]) -> PetabProblem:
-        """Return the same problem with another integration method or other tolerances.
+        """Return the same problem with another integration method or other run settings.
 
         Parameters
         ----------
@@ -314,7 +315,7 @@ class PetabProblem(Problem):
         return super().theta(parameters)
 
     def log_likelihood(self, parameters: Any = None) -> float:
-        """Compute the logarithm of the likelihood of all measured values, without priors.
+        """Compute the log-likelihood of all measured values, without priors.
 
         Parameters
         ----------
@@ -331,14 +332,14 @@ class PetabProblem(Problem):
         return self.likelihood.log_likelihood(self._found(parameters, slopes=False))
 
     def chi2(self, parameters: Any = None) -> float:
-        """Compute the sum of the squared residuals, each divided by its noise.
+        """Compute the sum of squares of the residuals, each divided by its noise.
 
         Parameters and errors are those of :meth:`log_likelihood`.
         """
         return self.likelihood.chi2(self._found(parameters, slopes=False))
 
     def gradient(self, parameters: Any = None) -> Array:
-        """Compute the derivatives of the log-likelihood by the parameters on their scales.
+        """Compute the gradient of the log-likelihood with respect to the scaled parameters.
 
         Parameters and errors are those of :meth:`log_likelihood`.
 
@@ -350,7 +351,7 @@ class PetabProblem(Problem):
         return self.likelihood.gradient(self._found(parameters, slopes=True))
 
     def log_prior(self, parameters: Any = None) -> float:
-        """Compute the sum of the logarithms of the objective priors' densities.
+        """Compute the sum of the log densities of the objective priors.
 
         Priors on the parameter's scale are densities on that scale, all others are densities of its
         value; they are not truncated at bounds. Parameters and errors are those of
@@ -359,7 +360,7 @@ class PetabProblem(Problem):
         return self.priors.log_density(self.theta(parameters))
 
     def simulate(self, parameters: Any = None) -> Any:
-        """Compute predictions of the measured values, as a PEtab simulation table.
+        """Compute predictions of the measured values, and return a PEtab simulation table.
 
         Parameters and errors are those of :meth:`log_likelihood`.
 
@@ -371,8 +372,8 @@ class PetabProblem(Problem):
         import pandas
 
         values = self._found(parameters, slopes=False).values
-        # Read with pandas as other tools for PEtab do, so that the cells are equal; this engine
-        # keeps all digits of numbers in every version.
+        # Tables are read with pandas, as by other PEtab tools, to obtain equal cells. This engine
+        # keeps all digits of numbers in every version of pandas.
         files = self._tables.measurement_files
         tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
         # Rows that contain only separators are skipped.
@@ -400,7 +401,7 @@ class PetabProblem(Problem):
         return value - self.priors.log_density(theta), gradient - self.priors.gradient(theta)
 
     def starts(self, n: int, seed: int | None = None) -> Array:
-        """Draw starts of a fit from the initialization priors.
+        """Draw starting points of a fit from the initialization priors.
 
         Parameters
         ----------
@@ -469,7 +470,7 @@ class PetabProblem(Problem):
         return FitResult(self, found, search, more_rows=more)
 
     def _with_priors(self, record: StartRecord) -> StartRecord:
-        """Replace the squares of the priors by their logarithms, which differ by a constant."""
+        """Replace squares of prior residuals by log densities, which differ by a constant."""
         if not (self.priors and math.isfinite(record.objective)):
             return record
         rows, _ = self.priors.rows(record.theta)
@@ -484,6 +485,6 @@ class PetabProblem(Problem):
 
 
 def _estimated(row: ParameterRow) -> Estimated:
-    # Rounding may put nominal values slightly out of bounds; starts must be within them.
+    # Starts must be within the bounds, but rounding may put nominal values slightly outside.
     start = None if row.nominal is None else min(max(row.nominal, row.lower), row.upper)
     return Estimated(row.name, row.lower, row.upper, row.scale, start)

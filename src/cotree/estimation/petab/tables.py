@@ -1,7 +1,6 @@
-"""The tables of a PEtab problem, version 1, read and checked row by row.
+"""Reading of the tables of a PEtab problem, version 1, with checks of each row.
 
-In: the files of the tables. Out: ``Tables``, in which every row has its file and line. Formulas
-remain texts.
+Every row in ``Tables`` has its file and line. Formulas remain texts.
 
 Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
 """
@@ -30,30 +29,30 @@ _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 _Named = TypeVar("_Named", "ParameterRow", "ObservableRow", "ConditionRow")
 
-#: Cell of the condition table: a number, a name, or None to keep the model's value.
+#: Cell of the condition table: a number, a name, or None for the model's value.
 Cell = float | str | None
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a table."""
+    """A row of a table, with its file and line."""
 
     line: SourceLine  # file and line of the row, for messages
-    cells: Mapping[str, str]  # texts of the row by column
+    cells: Mapping[str, str]  # cell texts by column
 
     def error(self, message: str) -> SceneError:
-        """Make an error whose message begins with the file and line of this row."""
+        """Return an error whose message begins with file and line of this row."""
         return self.line.error(message)
 
     def text(self, column: str, default: str = "") -> str:
-        """Return a cell, or the default if it is empty or the table has no such column."""
+        """Return the text of a cell, or the default if it is empty or the column is missing."""
         value = (self.cells.get(column) or "").strip()
         return default if value in ("", "NaN", "nan", "NA") else value
 
     def number(
         self, column: str, default: float | None = None, *, may_be_infinite: bool = False
     ) -> float:
-        """Return a number; refuse an empty cell if there is no default."""
+        """Return the number in a cell; raise an error for an empty cell without a default."""
         text = self.text(column)
         if not text:
             if default is None:
@@ -65,20 +64,20 @@ class Row:
         return value if may_be_infinite else self.finite(column, value)
 
     def finite(self, column: str, value: float) -> float:
-        """Return a number of a cell; refuse infinity."""
+        """Return the number ``value`` of a cell; raise an error if it is infinite."""
         if math.isinf(value):
             raise self.error(f"'{column}' is {value}: give a finite number")
         return value
 
     def choice(self, column: str, known: Sequence[str]) -> str:
-        """Return one of the known words, the first if the cell is empty."""
+        """Return the word in a cell, by default the first of the known words."""
         text = self.text(column, known[0])
         if text not in known:
             raise self.error(f"'{column}' is '{brief(text)}'{nearest(text, known)}")
         return text
 
     def identifier(self, column: str) -> str:
-        """Return an identifier."""
+        """Return the identifier in a cell; raise an error if it is invalid."""
         text = self.text(column)
         if not _IDENTIFIER.match(text):
             raise self.error(
@@ -88,7 +87,7 @@ class Row:
         return text
 
     def listed(self, column: str) -> tuple[str | float, ...]:
-        """Return the numbers or names in a cell, separated by semicolons."""
+        """Return the numbers and names in a cell, which semicolons separate."""
         text = self.text(column)
         parts = [part.strip() for part in text.split(";")] if text else []
         found: list[str | float] = []
@@ -102,7 +101,7 @@ class Row:
 
 @dataclass(frozen=True)
 class PriorRow:
-    """A prior: its type and its two parameters."""
+    """A prior, with its type and its two parameters."""
 
     kind: str
     first: float
@@ -111,7 +110,7 @@ class PriorRow:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A row of the parameter table; bounds and nominal value are not scaled."""
+    """A row of the parameter table, with unscaled bounds and nominal value."""
 
     name: str
     row: Row
@@ -125,7 +124,7 @@ class ParameterRow:
 
     @property
     def value(self) -> float:
-        """The nominal value, or one if there is none."""
+        """The nominal value, or 1 if there is none."""
         return 1.0 if self.nominal is None else self.nominal
 
 
@@ -143,7 +142,7 @@ class ObservableRow:
 
 @dataclass(frozen=True)
 class MeasurementRow:
-    """A row of the measurement table; ``before`` is the preequilibration, empty without one."""
+    """A row of the measurement table; ``before`` is the preequilibration condition or empty."""
 
     row: Row
     observable: str
@@ -157,7 +156,7 @@ class MeasurementRow:
 
 @dataclass(frozen=True)
 class ConditionRow:
-    """A row of the condition table: the values that it sets, by name."""
+    """A row of the condition table, with the values that it sets by name."""
 
     name: str
     row: Row
@@ -166,11 +165,11 @@ class ConditionRow:
 
 @dataclass(frozen=True)
 class Tables:
-    """All tables of a problem; rows of the first three by name."""
+    """All tables of a problem; parameters, observables and conditions are by name."""
 
     file: str  # name of the YAML file
     model: Path  # path of the SBML file
-    measurement_files: Sequence[Path]  # paths, in the order of the YAML file
+    measurement_files: Sequence[Path]  # measurement tables in the order of the YAML file
     parameters: Mapping[str, ParameterRow]
     observables: Mapping[str, ObservableRow]
     conditions: Mapping[str, ConditionRow]
@@ -178,12 +177,12 @@ class Tables:
 
     @cached_property
     def columns(self) -> frozenset[str]:
-        """The quantities that some condition sets."""
+        """The quantities that at least one condition sets."""
         return frozenset(name for row in self.conditions.values() for name in row.cells)
 
     @cached_property
     def settable(self) -> frozenset[str]:
-        """The quantities that the condition table or the parameter table sets."""
+        """The quantities in the condition table or in the parameter table."""
         return self.columns | self.parameters.keys()
 
     @cached_property
@@ -203,7 +202,7 @@ _PRIORS = (
 )
 
 
-#: Names of the columns that each table must have.
+#: Names of the required columns of each table.
 _COLUMNS = {
     "parameter": ("parameterId", "parameterScale", "nominalValue"),
     "observable": ("observableId", "observableFormula", "noiseFormula"),
@@ -213,13 +212,13 @@ _COLUMNS = {
 
 
 def as_number(text: str) -> float | None:
-    """Return the number of a text, or None if it is not a number, ``nan`` or beyond doubles."""
-    # Python would accept underscores between digits.
+    """Convert a text to a number; None if it is no number, ``nan`` or too large for a double."""
+    # Python would also accept underscores between digits.
     try:
         value = math.nan if "_" in text else float(text)
     except ValueError:
         return None
-    is_beyond = math.isinf(value) and "n" not in text.lower()  # 1e999 is refused, inf is allowed
+    is_beyond = math.isinf(value) and "n" not in text.lower()  # rejects 1e999, but not inf
     return None if math.isnan(value) or is_beyond else value
 
 
@@ -236,9 +235,9 @@ def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> d
 
 
 def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
-    """Read the rows that are not empty of tables that have the required columns."""
+    """Yield the rows of tables that are not empty; raise an error if columns are missing."""
     for path in paths:
-        # With `newline=""` the csv module receives the line ends of the file unchanged.
+        # With ``newline=""`` the csv module receives line ends unchanged.
         text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
         reader = csv.DictReader(text, delimiter="\t", strict=True)
         try:
@@ -256,7 +255,7 @@ def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
                     )
             for cells in reader:
                 row = Row(SourceLine(str(path), reader.line_num), cells)
-                # The csv module puts cells beyond the header under the key None.
+                # The csv module stores cells beyond the header under the key None.
                 if None in cells:
                     raise row.error(
                         f"the row has more cells than the {len(columns)} columns of the header"
@@ -314,7 +313,7 @@ def _prior(row: Row, column: str) -> PriorRow | None:
     kind = row.choice(f"{column}Type", _PRIORS)
     numbers = [value for value in given if not isinstance(value, str)]
     if kind == "parameterScaleUniform" and not given:
-        return None  # a uniform prior on the whole range between the bounds equals no prior
+        return None  # a uniform prior between the bounds is equivalent to no prior
     if len(numbers) != 2 or len(given) != 2:
         raise row.error(f"'{column}Parameters' of a {kind} prior must be two numbers, as in 0;1")
     first, second = numbers
@@ -390,7 +389,7 @@ _MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]
 
 
 def read_tables(path: str | Path) -> Tables:
-    """Read the tables that a YAML file names."""
+    """Read the tables that a YAML file lists."""
     data, folder = _parsed(path), Path(path).parent
     given = data["format_version"]
     version = str(given.get("version") if isinstance(given, dict) else given).strip()
@@ -437,7 +436,7 @@ def _parsed(path: str | Path) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
-        # Errors about single characters have the attribute reason instead of problem.
+        # Errors about invalid characters have the attribute reason instead of problem.
         problem = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
         raise SceneError(f"{where}: not valid YAML: {problem}") from None
     if not isinstance(data, dict) or "format_version" not in data:
@@ -454,7 +453,7 @@ def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:
 
 
 def _model(path: str | Path, problem: dict[str, Any]) -> str:
-    """Find the model: ``sbml_files``, or ``model_files`` in later forms of version 1."""
+    """Return the model file: ``sbml_files``, or ``model_files`` in later forms of version 1."""
     models = problem.get("model_files")
     if isinstance(models, dict) and not problem.get("sbml_files"):
         for model in models.values():
