@@ -1,3 +1,3 @@
-"""The program: kernels over one arena of nodes, between the equations and the C text."""
+"""The program: kernels as expression graphs, between the equations and the C text."""
 
 from __future__ import annotations

@@ -1,23 +1,23 @@
-"""Derivatives along many directions as maps of many columns.
+"""Derivatives along many directions as maps, which apply the same statements to many columns.
 
-In a sensitivity graph the derivative of a terminal equation by one of its parameters is a source:
-``F' = m a' + m' a``. Along f-circuits and f-cutsets, the values that follow from sources and from
-the states' sensitivities are the same for all parameters. This module separates the common part,
-which is as large as possible: sources are the largest values that depend on no sensitivity of a
-state.
+In a sensitivity graph, the derivative of a terminal equation by one of its parameters contains a
+source: ``F' = m a' + m' a``. The operations that follow along f-circuits and f-cutsets, on sources
+and state sensitivities, are the same for all parameters. This module separates these common
+operations, which are as many as possible: sources are the largest values that depend on no state
+sensitivity.
 
-Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, in which the matrix b_x
-is common to all and b_j is the explicit derivative by the parameter. Statements written out for
-each parameter exploit its zeros; those of a map are written once, and C processes several columns
-at a time. The columns of the Jacobian are one map of unit vectors s; if they are fewer than the
-parameters, it is formed first and multiplied by each s_j. The costs of these alternatives are
-compared.
+For parameter j the derivatives of the unknowns solve ``A w_j = b_x s_j + b_j``, in which the matrix
+b_x is the same for all parameters and b_j is the explicit derivative by parameter j. Statements
+written out for each parameter exploit its zeros; those of a map are written once, and C processes
+several columns at a time. The columns of the Jacobian are a map of unit vectors s. If they are
+fewer than the parameters, the Jacobian can also be formed first and multiplied by each s_j. The
+cheapest of these alternatives is used.
 
-Implicit methods need three further kernels. The first prepares, at a point, values for the second.
-The second is linear in a direction v of the states and is evaluated once in each stage of a
-method: it returns d(J s + f_p)/dx v for every parameter, by differentiating the sensitivities once
-more. The third returns the derivatives of the rates of states and sensitivities with respect to
-time at fixed states; the inputs of the scene vary with time.
+Implicit methods need three further kernels. The first computes values at a point that the second
+uses. The second is linear in a direction v of the states and is evaluated once in each stage of a
+method: it returns d(J s + f_p)/dx v for every parameter, by differentiating the rates of
+sensitivities once more. The third returns the derivatives of the rates of states and sensitivities
+by time at fixed states, including the time dependence of the scene's inputs.
 """
 
 from __future__ import annotations
@@ -61,28 +61,27 @@ if TYPE_CHECKING:
     from cotree.program.solved import SolvedSystem
 
 
-#: Number of operations to move one nonzero value into a vector, or out of it.
+#: Cost of moving one value into or out of a vector, in operations.
 _MOVE = 2
-#: Number of sweeps in which exchanges of all pairs of columns are tried, and maximum number of
-#: columns.
+#: Maximum number of sweeps that exchange columns in pairs, and of columns with which this is done.
 _SWEEPS, _MOST_COLUMNS = 4, 400
 
 
 def cost_of_map(linear: LinearMap) -> int:
-    """Estimate the cost of a map, in scalar operations."""
+    """Estimate the cost of a map in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
-    # A statement of one block is one vector operation, counted like a scalar one.
+    # A statement is one vector operation for each block, which counts like a scalar one.
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
-    """Put columns with similar zeros into one block, and leave out zero columns.
+    """Put columns with similar zeros into one block, and omit zero columns.
 
     Columns of different blocks are exchanged in pairs until no exchange reduces the number of
-    computed values. Also returns the original place of each column.
+    computed values. Also returns the original index of each column.
     """
-    # For each column, the statements that are nonzero there, as a bit mask.
+    # For each column, a bit mask of the statements that are nonzero in it.
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -90,13 +89,13 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
             lowest = support & -support
             nonzero[lowest.bit_length() - 1] |= 1 << k
             support ^= lowest
-    # A column whose results are all zero is omitted.
+    # Columns whose results are all zero are omitted.
     found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
     places = [j for j in range(linear.n_columns) if found >> j & 1]
     blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
     for _ in range(_SWEEPS if len(places) <= _MOST_COLUMNS else 0):
         pairs = ((a, b) for a in range(len(blocks)) for b in range(a))
-        # Every pair is tried, whether or not the previous one was exchanged.
+        # The list ensures that every pair is tried.
         if not any([_exchange(blocks[a], blocks[b], nonzero) for a, b in pairs]):
             break
     order = list(chain.from_iterable(blocks))
@@ -104,7 +103,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
 
 
 def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
-    """Swap columns of two blocks if this reduces their operations."""
+    """Exchange columns of two blocks if this reduces their operations; return whether it does."""
     least = _n_together(first, nonzero) + _n_together(second, nonzero)
     has_changed = False
     for i, k in product(range(len(first)), range(len(second))):
@@ -125,24 +124,24 @@ def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
     return union.bit_count()
 
 
-#: Operations that can be applied separately to both parts of their arguments.
+#: Operations that can be applied separately to the two parts of their arguments.
 _SUMS = frozenset({"add", "sub", "neg"})
 
 
 @dataclass(frozen=True)
 class CommonDirection:
-    """Derivatives along any direction, from sensitivities of states and from sources."""
+    """Derivatives along any direction, as functions of state sensitivities and sources."""
 
-    direction: Derivative  # forcing and rates, in terms of changes and sources
-    sources: tuple[Node, ...]  # symbols of the source terms
-    #: Nonzero sources of each parameter, by index.
+    direction: Derivative  # forcing and rates, in terms of state changes and sources
+    sources: tuple[Node, ...]  # symbols of the sources
+    #: Nonzero sources of each parameter, by index of the source.
     given: list[dict[int, Node]]
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Separate the common part of all directions from the sources; None if there are no sources.
+    """Separate the common operations of all directions from the sources, None if there are none.
 
-    ``unknowns`` are their symbols and values.
+    ``unknowns`` maps the symbols of the unknowns to their values.
     """
     common, dag = equations.direction, equations.dag
     if common is None:
@@ -151,8 +150,8 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
-    # Values that depend on sensitivities and sources are formed once for all parameters; only the
-    # values of the sources differ.
+    # Values that depend on sensitivities and sources are formed once for all parameters, which
+    # differ only in the values of the sources.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
     direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
@@ -160,9 +159,9 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Splits values that are linear in changes of states and of parameters into two parts.
+    """Splits values that are linear in changes of states and parameters into these two parts.
 
-    The sources of nested sums are added first, so that each column contributes one value.
+    The sources in nested sums are added first, so that each sum has a single source.
     """
 
     def __init__(
@@ -173,7 +172,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Results count as uses: a value with two uses must be formed as a whole.
+        # Results count as uses, since a value with several uses must be formed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -183,7 +182,7 @@ class _Parting:
                 self._parts[node] = self._parts_of(node)
 
     def parted(self, node: Node) -> Node:
-        """Return a value in terms of the symbols of sources."""
+        """Return a value as a function of state changes and source symbols."""
         if node not in self._changed:
             return node
         if node not in self._moved:
@@ -195,15 +194,15 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Return the nonzero sources of each single change, by place."""
+        """Return the nonzero sources for a unit change of each parameter, by index."""
         nodes = list(self.sources)
         bits = {node: 1 << j for j, node in enumerate(self._changes)}
         supports = supports_of(reachable(nodes), bits)
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
-            # Sources are linear in the changes: with one change equal to one and all others zero, a
-            # source is its value for that parameter.
+            # Sources are linear in the changes, so their values for a parameter follow from a
+            # change of one for this parameter and zero for all others.
             places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
             along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
             pairs = zip(places, along, strict=True)
@@ -214,47 +213,47 @@ class _Parting:
         return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
-        """Split a value into parts that depend on states, and on parameters only."""
+        """Split a value into a part that depends on state changes and the rest."""
         dag = self._dag
         if node.op not in _SUMS:
-            # Products and quotients have one factor that changes. Its two parts are added first,
-            # since multiplying both would cost twice as much.
+            # Products and quotients have one changing factor. Its two parts are added first, since
+            # multiplying both would cost twice as much.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Return both parts of a term of a sum, if the term has no other user."""
+        """Return both parts of a term; it is split only if it has no user but this sum."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
             return self._dag.zero, node
         if self._n_readers[node] == 1:
             return self._parts[node]
-        # The sum has another user, so splitting it here would form it twice.
+        # The term has another user, so splitting it here would form it twice.
         return self.parted(node), self._dag.zero
 
 
-#: Number of operations below which the code is written out for each direction.
+#: Number of operations up to which statements are written out for each direction.
 _FEW_OPERATIONS = 600
-#: A map is used if it costs less than this fraction of the written-out operations.
+#: Fraction of the cost of written-out statements below which a map is used.
 _WORTH = 0.75
-#: Maximum number of column values that a kernel stores on the stack: 800 kB.
+#: Maximum number of column values that a kernel stores on the stack, 800 kB.
 _MOST_VALUES = 100_000
-#: Number of directions that are written out to estimate the cost of one.
+#: Number of directions that are written out to estimate the average cost of one.
 _SAMPLES = 5
 
-#: Derivatives along one direction, by index.
+#: Nonzero derivatives along one direction, by index of the rate.
 _Row = dict[int, "Node"]
 
 
 @dataclass(frozen=True)
 class MappedRates:
-    """The rates along all states, and along all sensitivities; None if they are not a map."""
+    """Derivatives of the rates that are computed by maps; None for those that are not."""
 
-    columns: list[_Row] | None  # columns of the Jacobian, by index
-    sensitivities: list[Node] | None  # rates of all sensitivities, by direction; None: no map
+    columns: list[_Row] | None  # columns of the Jacobian
+    sensitivities: list[Node] | None  # rates of all sensitivities, parameter by parameter
 
 
 def map_rates(
@@ -265,11 +264,11 @@ def map_rates(
 ) -> MappedRates:
     """Form derivatives of the rates as maps if that costs less than writing them out.
 
-    ``rates`` are solved; ``reached`` are the states that depend on each parameter, the
-    sensitivities of all others being zero.
+    ``rates`` do not contain unknowns. ``reached`` are the states that depend on each parameter; the
+    sensitivities of all others are zero.
     """
-    # Eliminating algebraic unknowns needs the derivatives along each direction separately; see
-    # cotree.program.lower.
+    # The elimination of algebraic unknowns needs the derivatives along each direction separately;
+    # see cotree.program.lower.
     if equations.n_algebraic:
         return MappedRates(None, None)
     common = part_sources(equations, solved.unknowns)
@@ -293,7 +292,7 @@ def map_rates(
 
 @dataclass(frozen=True)
 class _Map:
-    """A map of columns, in the order of its columns."""
+    """A map with its arguments and the order of its columns."""
 
     dag: Dag
     linear: LinearMap
@@ -305,7 +304,7 @@ class _Map:
 
     @property
     def known(self) -> list[Node]:
-        """Values that are computed before the map is applied."""
+        """The arguments of the map, which are computed before it is applied."""
         return [*self.shared, *(value for column in self.columns for value in column)]
 
     @cached_property
@@ -327,7 +326,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Ways:
-    """Alternative forms of the derivatives of the rates."""
+    """Constructor of alternative forms of the derivatives of the rates, with their costs."""
 
     equations: Equations
     common: CommonDirection
@@ -341,20 +340,20 @@ class _Ways:
 
     @cached_property
     def _states(self) -> list[Node]:
-        """The symbols of a change of all states."""
+        """The symbols of the changes of all states."""
         return [self._dag.symbol(STATE_CHANGE, i) for i in range(len(self.equations.states))]
 
     @cached_property
     def _solving(self) -> list[int]:
-        """Places of the rates that depend on unknowns."""
-        # Rates without unknowns are not part of this map; with_unsolved forms their derivatives
-        # directly.
+        """Indices of the rates that depend on unknowns."""
+        # Rates without unknowns are not results of the map, since with_unsolved forms their
+        # derivatives directly.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]
 
     def along_states(self) -> _Map | None:
-        """Map unit vectors: the columns of the Jacobian, for rates that depend on unknowns."""
+        """Form the columns of the Jacobian as a map of unit vectors, for rates with unknowns."""
         one, zero, places = self._dag.one, self._dag.zero, range(len(self._states))
         if _are_too_many(len(places), len(places), len(self._solving)):
             return None
@@ -363,12 +362,12 @@ class _Ways:
         return self._map(results, self._solving, self._states, columns)
 
     def with_unsolved(self, along_states: _Map) -> list[_Row]:
-        """Add the entries that do not depend on unknowns to the columns of the Jacobian."""
+        """Return the columns of the Jacobian, including the rates that depend on no unknowns."""
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
-            # The rate is linear in the changes of states, so its derivative by one is its value
-            # with this change equal to one and all others zero.
+            # The rate is linear in the state changes, so its derivative by a state is its value for
+            # a change of one of this state and zero of all others.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -379,10 +378,10 @@ class _Ways:
         return found
 
     def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
-        """Choose the cheaper form of the rates of sensitivities; the last map returns them.
+        """Return the maps of the cheaper form of the sensitivity rates, the last of which has them.
 
-        It is either one map of changes of states and of sources, or the columns of the Jacobian,
-        the explicit derivatives by parameters, and a sum of products of both.
+        The form is either a single map of state changes and sources; or the Jacobian, the explicit
+        derivatives by parameters, and a map that multiplies and adds these.
         """
         n, n_given = len(self._states), sum(map(len, (*self.reached, *self.common.given)))
         if _are_too_many(n_given, len(self.reached), n):
@@ -396,7 +395,7 @@ class _Ways:
         ]
         n_sources = len(self.common.sources)
         given = [spread(row, n_sources, self._dag.zero) for row in self.common.given]
-        # These columns keep the order of ``s``, so that C reads sensitivities in place.
+        # The columns keep the order of ``s``, so that C reads sensitivities in place.
         at_once = self._map(
             self._results(()),
             range(n),
@@ -407,8 +406,8 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # The Jacobian requires a product and a sum for each nonzero and column. If these exceed the
-        # statements of the first form, the second form cannot be cheaper.
+        # The second form has a product and a sum for each nonzero of the Jacobian. If these exceed
+        # the statements of the first form, it cannot be cheaper.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -424,7 +423,7 @@ class _Ways:
         """Multiply the Jacobian by the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        # The derivatives by parameters are additional inputs of each column.
+        # The explicit derivatives by parameters are additional inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -435,11 +434,11 @@ class _Ways:
             for s, row in zip(changes, alone, strict=True)
         ]
         found = self._map(results, range(n), [*self._states, *own.values()], given, in_order=True)
-        assert found is not None  # the terms are sums of products
+        assert found is not None  # sums of products are linear
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Return the rates of all states along any direction, with some symbols zero."""
+        """Return the derivatives of all rates along any direction, with zero for given symbols."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
@@ -462,7 +461,7 @@ class _Ways:
         *,
         in_order: bool = False,
     ) -> _Map | None:
-        """Form a map; None if that is impossible, or it is too large."""
+        """Form a map, or return None if that is impossible or the map is too large."""
         n_given = sum(not value.is_zero for column in columns for value in column)
         if _are_too_many(n_given, len(columns), len(results)):
             return None
@@ -476,7 +475,7 @@ class _Ways:
         return _Map(self._dag, linear, formed[1], taken, order, len(columns), list(places))
 
     def _cost(self, maps: Sequence[_Map]) -> int:
-        """Estimate the cost of some maps, with that of the values computed before them."""
+        """Estimate the cost of maps, including the values that are computed before them."""
         return self._before(maps) + sum(cost_of_map(one.linear) for one in maps)
 
     def _before(self, maps: Sequence[_Map]) -> int:
@@ -484,7 +483,7 @@ class _Ways:
         return count_operations(node for node in nodes if node.op != "map").total
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
-        """Return whether maps cost less than statements written out for each direction."""
+        """Return whether maps cost clearly less than statements for each direction ``rows``."""
         if not rows:
             return False
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])
@@ -496,18 +495,18 @@ class _Ways:
             count_operations(node for node in order if node not in shared).total
             for order in written_out
         )
-        # The average cost of the sampled directions is used for all of them.
+        # All directions are assumed to have the average cost of the sampled ones.
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Return whether inputs and results of columns exceed the space on a kernel's stack."""
+    """Return whether the inputs and results of all columns are too many for a kernel's stack."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:
-    """Choose a few of n indices, evenly spaced."""
+    """Return a few of n indices, evenly spaced."""
     times = min(n, _SAMPLES)
     return [(2 * i + 1) * n // (2 * times) for i in range(times)]
 
@@ -528,33 +527,34 @@ _ALONG = KernelSpec(
 
 @dataclass(frozen=True)
 class Curvature:
-    """Both kernels."""
+    """Kernels of the second derivatives that implicit methods need."""
 
-    #: Kernels; ``k`` contains prepared values, and for ``along`` the values that ``at`` computes.
+    #: Kernel that is called once at a point, and kernel that is called for each direction. Their
+    #: argument ``k`` contains prepared values; that of ``along`` also the results of ``at``.
     at: Kernel
     along: Kernel
-    places: tuple[int, ...]  # places of the results of ``along`` among the rates of sensitivities
+    places: tuple[int, ...]  # indices of the results of ``along`` among the sensitivity rates
 
 
 def form_curvature(program: Program) -> Curvature | None:
-    """Differentiate the rates of sensitivities by the states.
+    """Differentiate the rates of sensitivities by the states at fixed sensitivities.
 
-    None if these rates depend on the states through the sensitivities only.
+    Returns None if these derivatives are zero.
     """
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
     seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
     found = tangents(kernel.results, seed)
-    # Most of these derivatives are zero, and are omitted from the results.
+    # Most of these derivatives are zero and are omitted from the results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None
     whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
-    # The second kernel has the arguments ``v`` and ``k`` only. All other values that it reads,
-    # states and parameters included, are carried over from the first one.
+    # The second kernel has only the arguments ``v`` and ``k``. The first kernel returns all other
+    # values that it reads, including states and parameters.
     read = {arg for node in order if node in moving for arg in node.args}
     carried = [
         node
@@ -577,13 +577,13 @@ _SPEC = KernelSpec(
 
 
 def form_time_slope(program: Program) -> Kernel | None:
-    """Differentiate the rates by time; None if they depend on neither time nor inputs."""
+    """Differentiate the rates by time; return None if they depend on neither time nor inputs."""
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}
-    # The inputs are the scene's functions of time, so that the chain rule includes them.
+    # Inputs are the scene's functions of time, so the chain rule includes them.
     moving = tangents(kernels["inputs"].results, time)
-    # At a fixed state: states and sensitivities have no tangent.
+    # States and sensitivities are fixed and have no tangents.
     seed = {**time, **{dag.symbol(INPUT, i): node for i, node in enumerate(moving)}}
     found = tangents(rates, seed)
     if all(node.is_zero for node in found):

@@ -1,8 +1,8 @@
-"""Costs of a program: counts of operations, and cycles estimated by a model of a processor.
+"""Costs of a program: numbers of operations, and processor cycles estimated by a simple model.
 
 A modern processor starts two independent operations per cycle; the longest path through the values
-bounds the latency. The longer of both times dominates, and a fraction of the other is added. The
-numbers are rounded ones of common 64-bit processors.
+bounds the latency. The model adds the longer of these two times and a fraction of the shorter one.
+Its numbers are rounded values for common 64-bit processors.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OperationCount:
-    """Operations of a kernel.
+    """Numbers of operations of a kernel.
 
     Attributes
     ----------
     by_kind : mapping of str to int
-        Counts by operation: ``add``, ``sub``, ``mul``, ``div``, ``neg``, and functions by name.
+        Numbers by operation: ``add``, ``sub``, ``mul``, ``div``, ``neg``, and names of functions.
     kernel, prepare : int
-        Operations of the kernel alone, and of what it uses of ``prepare``.
+        Numbers of operations of the kernel alone, and of those in ``prepare`` that it needs.
     """
 
     by_kind: Mapping[str, int]
@@ -35,21 +35,22 @@ class OperationCount:
 
     @property
     def total(self) -> int:
-        """All operations, with those of ``prepare`` that the kernel uses."""
+        """Number of all operations, including those in ``prepare`` that the kernel needs."""
         return self.kernel + self.prepare
 
     def with_prepared(self, share: OperationCount) -> OperationCount:
-        """Add the operations of ``prepare`` that a kernel uses."""
+        """Add the operations in ``prepare`` that the kernel needs."""
         return OperationCount(
             dict(Counter(self.by_kind) + Counter(share.by_kind)), self.kernel, share.kernel
         )
 
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:
-    """Count the operations among some nodes; reading a result of several counts zero.
+    """Count the operations of the given nodes; ``result`` nodes count zero.
 
     A linear system of n unknowns solved at run time counts (2/3) n^3 for each matrix and 2 n^2 for
-    each right-hand side. A map counts in each of its columns, zero values excepted.
+    each right-hand side. The operations of a map count once for each column in which they are
+    nonzero.
     """
     kinds: Counter[str] = Counter()
     factorised = set()
@@ -57,7 +58,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
         if node.op == "solve":
             n = node.data.size
             matrix = node.args[: n * n]
-            # Nodes are interned, so solutions with the same matrix have the same tuple of entries.
+            # Nodes are interned, so equal matrices have equal tuples of entries.
             kinds["solve"] += 2 * n * n + (0 if matrix in factorised else (2 * n**3) // 3)
             factorised.add(matrix)
         elif node.op == "sines":
@@ -71,7 +72,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
     return OperationCount(dict(sorted(kinds.items())), kinds.total())
 
 
-#: Cycles until the next operation of the kind can start, and until its result is available.
+#: Cycles until the next operation can start, and until the result of an operation is available.
 _COSTS = {
     "add": (0.5, 4.0),
     "sub": (0.5, 4.0),
@@ -83,23 +84,23 @@ _COSTS = {
     "sin": (8.0, 50.0),
     "cos": (8.0, 50.0),
 }
-_UNFILLED = 0.3  # share of the shorter time that is not hidden
+_UNFILLED = 0.3  # fraction of the shorter time that is not hidden behind the longer one
 _FUNCTION = (25.0, 50.0)  # cost of a C library function
 
 
 def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
-    """Estimate the cycles of values in order of evaluation; ``known`` ones take none."""
+    """Estimate the cycles of nodes in order of evaluation; ``known`` nodes take none."""
     started, longest = bounds(nodes, known)
     return max(started, longest) + _UNFILLED * min(started, longest)
 
 
 def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, float]:
-    """Return the cycles to issue all operations, and those of the longest path."""
+    """Return the cycles to start all operations, and the cycles of the longest path."""
     started = 0.0
     path: dict[Node, float] = {}
     for node in nodes:
         if node in known or not node.args:
-            # Given values, constants and arguments of the kernel are available from the start.
+            # Known values, constants and kernel arguments are available from the start.
             continue
         start, wait = _cost(node)
         started += start
@@ -113,13 +114,12 @@ def waits(node: Node) -> float:
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the longest path from each value to a result, in cycles, its own included.
+    """Return the length of the longest path from each value to a result, including it, in cycles.
 
-    Values are in order of evaluation; ``known`` ones take no cycles.
+    Values are in order of evaluation; ``known`` values take no cycles.
     """
     need = dict.fromkeys(order, 0.0)
-    # In reverse order of evaluation, the needs of all users of a value are known before the value
-    # is treated.
+    # In reverse order of evaluation, all users of a value precede it.
     for node in reversed(order):
         if node not in known:
             need[node] += waits(node)
@@ -129,13 +129,13 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
 
 
 def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
-    """Order values by the longest path from each to a result.
+    """Sort values by the length of the longest path from each to a result.
 
-    A processor looks a few hundred operations ahead. In this order those include the next ones of
-    the longest path, with independent operations between them.
+    A processor looks a few hundred operations ahead. In this order, these include the next
+    operations of the longest path and independent ones between them.
     """
     need = needs(order, known)
-    # Reading one of several results takes no time: it is ordered directly after the node.
+    # Reading one of several results takes no time, so ``result`` nodes directly follow their node.
     return sorted(order, key=lambda node: (-need[node], node.index))
 
 
@@ -144,7 +144,7 @@ def _cost(node: Node) -> tuple[float, float]:
         return 0.0, 0.0
     if node.op == "sines":
         return 9.0 * node.data, 50.0
-    # The factors take (2/3) n^3 operations, two per cycle; the rest is pivots and substitutions.
+    # The factors take (2/3) n^3 operations, two per cycle; pivoting and substitutions are added.
     if node.op == "solve":
         n = node.data.size
         return n**3 / 3.0 + 2.0 * n * n, 20.0 * n

@@ -1,15 +1,17 @@
-"""Kernels of events: their functions, the values that they set, and the derivatives of both.
+"""Kernels of events: event functions, the values that events set, and the derivatives of both.
 
-Values that are linear in states, inputs and time change direction within a step no more often than
-these, which the error test resolves. Others may cross zero and return, as the sine of a large angle
-does, however small the error is. For each such value the kernel ``event_ranges`` computes a range
-of it and of its rate, from ranges of the quantities of which it consists: the largest linear parts,
-and values without known ranges. The engine divides a step until each range, or that of each rate,
-excludes zero (``templates/runtime/events/cotree_scan.c``).
+Event functions that are linear in states, inputs and time change direction within a step no more
+often than these, which the error test resolves. Others may cross zero and return within a step of
+any accuracy, as the sine of a large angle does. For each of these, the kernel ``event_ranges``
+computes the ranges of its value and of its rate from the ranges of quantities. Quantities are its
+largest linear parts, and values whose ranges cannot be computed. The engine divides a step until
+the range of each value, or that of its rate, excludes zero
+(``templates/runtime/events/cotree_scan.c``).
 
-The impulse L acts along D, the derivatives of the expression's rate by the speeds, and constraints
-transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]`` gives the change a of the speeds per
-unit impulse. ``L = -(1 + e) g' / (D a)`` changes the rate g' of the expression to -e g'.
+The impulse L of an impact acts along D, the derivatives of the expression's rate by the speeds, and
+constraints transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]`` determines the change a
+of the speeds per unit impulse. ``L = -(1 + e) g' / (D a)`` changes the rate g' of the expression to
+-e g'.
 """
 
 from __future__ import annotations
@@ -42,14 +44,14 @@ if TYPE_CHECKING:
     from cotree.program.solved import Along, SolvedSystem
 
 
-#: Monotonic functions: they are zero where their argument has a certain value.
+#: Monotonic functions, which have a given value at no more than one argument.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
-#: Values with more nodes than this are quantities themselves, since computing their ranges would
-#: take longer than steps.
+#: Number of nodes above which a value is itself a quantity, since computing its range would take
+#: longer than steps.
 _MOST_NODES = 1000
 
-#: How a value depends on variables that change during a step: not, linearly, or nonlinearly.
+#: Kinds of dependence on variables that change during a step: none, linear, nonlinear.
 _CONSTANT, _LINEAR, _CURVED = range(3)
 
 
@@ -57,7 +59,7 @@ _CONSTANT, _LINEAR, _CURVED = range(3)
 class EventRanges:
     """Ranges of event functions and switching functions."""
 
-    #: Index of the range of each event function, then of each kink; -1: the function is linear.
+    #: Index of the range of each event function, then of each kink; -1 if the function is linear.
     places: tuple[int, ...]
     quantities: tuple[Node, ...]  # quantities on which the functions depend
     #: For each nonlinear function, four values: bounds of its value, then of its rate.
@@ -67,9 +69,9 @@ class EventRanges:
 def find_ranges(
     equations: Equations, values: Sequence[Node], smooth: Collection[Node] = ()
 ) -> EventRanges:
-    """Form the ranges of the values, without unknowns, of each event and then of each kink.
+    """Form the ranges of values, first those of events, then those of kinks.
 
-    Values that are ``smooth`` count as states.
+    ``values`` do not contain unknowns. Nodes in ``smooth`` count as linear, like states.
     """
     dag = equations.dag
     kinds = _kinds(equations, values, smooth)
@@ -82,7 +84,7 @@ def find_ranges(
     n = len(quantities)
     symbols = [dag.symbol(RANGE, i) for i in range(4 * n)]
     known = {q: (symbols[i], symbols[n + i]) for i, q in enumerate(quantities)}
-    # A rate has its own symbol, which is replaced by its range.
+    # The rate of a quantity is a symbol, whose range is known, too.
     speeds = [dag.symbol(RANGE, 4 * n + i) for i in range(n)]
     known |= {v: (symbols[2 * n + i], symbols[3 * n + i]) for i, v in enumerate(speeds)}
     rates = tangents(curved, dict(zip(quantities, speeds, strict=True)))
@@ -112,8 +114,8 @@ def _kinds(
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # A selection by a frozen sign is constant; the result of other operations depends on
-            # their arguments.
+            # A selection by a frozen sign is constant; ends and numbers of frozen intervals count
+            # as linear.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]
@@ -125,7 +127,7 @@ def _kinds(
             node.op in ("add", "sub", "neg")
             or (node.op == "mul" and _CONSTANT in given)
             or (node.op == "div" and given[1] == _CONSTANT)
-            # A frozen interval of a table is linear.
+            # A table is linear in a frozen interval.
             or isinstance(node.data, HeldTable)
             or (node.op == "result" and isinstance(node.args[0].data, HeldTable))
         )
@@ -134,7 +136,7 @@ def _kinds(
 
 
 def _is_held(node: Node) -> bool:
-    """Return whether a value is a frozen sign, or an end or the number of a frozen interval."""
+    """Return whether a value is a frozen sign, or the end or number of a frozen interval."""
     if node.op == "select":
         return {symbol.data[0] for symbol in symbols_in(node.args[:1])} == {PIECE}
     data = node.args[0].data if node.op == "result" else None
@@ -156,12 +158,12 @@ def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a changing value is itself a quantity."""
+    """Return whether a value that changes during a step is a quantity."""
     return kinds[node] == _LINEAR or not is_ranged(node)
 
 
 def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
-    """List the values between a value and its quantities."""
+    """Return the values from the quantities of a value to the value itself."""
     leaves = {
         node for node in reachable([value]) if kinds[node] != _CONSTANT and _is_leaf(node, kinds)
     }
@@ -169,7 +171,7 @@ def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
 
 
 def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
-    """List the quantities of some values, in order of evaluation."""
+    """Return the quantities of the given values in order of evaluation."""
     found = {
         node
         for value in values
@@ -181,30 +183,29 @@ def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
 
 @dataclass(frozen=True)
 class Impact:
-    """One impact, in terms of the values before it."""
+    """One impact, as a function of the state before it."""
 
-    gradient: tuple[Node, ...]  # gradient of the gap's rate, one entry for each speed
-    response: tuple[Node, ...]  # changes of the speeds per unit impulse, then of the multipliers
-    rate: Node  # rate g' of the gap
+    gradient: tuple[Node, ...]  # derivatives D of the gap rate by the speeds
+    response: tuple[Node, ...]  # changes of speeds and multipliers per unit impulse
+    rate: Node  # gap rate g'
     restitution: Node  # coefficient of restitution e
     speeds: tuple[Node, ...]  # speeds after the impact
 
     def tangent(
         self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node
     ) -> list[Node]:
-        """Differentiate the speeds after it along a direction.
+        """Differentiate the speeds after the impact along a direction.
 
-        ``restitution`` is the derivative of e. The matrix of the equations is also that of the
-        impulse.
+        ``restitution`` is the derivative of e.
         """
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
-        # [M, -G^T; -G, 0] [a; *] = [D; 0] is differentiated with the same matrix; the zeros belong
-        # to the multipliers.
+        # The derivative of [M, -G^T; -G, 0] [a; *] = [D; 0] has the same matrix; the zeros on the
+        # right-hand side belong to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # Chain rule: the values from which the speeds were formed are seeded, so that these values
-        # are not differentiated again.
+        # Chain rule: the derivatives of the values from which the speeds were formed are given, so
+        # these values are not differentiated again.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -214,9 +215,9 @@ class Impact:
 def form_impact(
     equations: Equations, solved: SolvedSystem, event: EventRow, values: Sequence[Node]
 ) -> Impact:
-    """Form the impact of an event from the output values, unknowns eliminated.
+    """Form the impact of an event from the output values, which do not contain unknowns.
 
-    Raises SceneError if the expression is not one of positions, or does not depend on any speed.
+    Raises SceneError if the expression depends on more than positions, or its rate on no speed.
     """
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
@@ -224,7 +225,7 @@ def form_impact(
     _check_positions(equations, place, name)
     rates = equations.rates[:first]
     gradient = []
-    # D_k = sum over the coordinates of dg/dq_i dq_i'/dv_k, from g' = sum of dg/dq_i q_i'.
+    # D_k = sum of (dg/dq_i)(dq_i'/dv_k) over the coordinates q_i, since g' = sum of (dg/dq_i) q_i'.
     for state in equations.states[first : first + n]:
         moved = tangents(rates, {state.symbol: dag.one})
         total = dag.zero
@@ -237,8 +238,8 @@ def form_impact(
             "system, on which its impact acts: set states instead"
         )
     assert equations.motion is not None  # models with events have a motion
-    # The derivative along the motion contains rates as symbols. Only those of coordinates occur,
-    # since the event function of an impact depends on positions.
+    # The derivative along the motion contains rates as symbols. Only coordinate rates occur, since
+    # the event function of an impact depends on positions.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
@@ -255,8 +256,10 @@ def form_impact(
 
 
 def _check_positions(equations: Equations, place: int, name: str) -> None:
-    """Raise for expressions of speeds, accelerations, inputs or states of networks."""
-    # Positions are coordinates, and modes, which are constant between events.
+    """Raise SceneError if an expression depends on more than positions.
+
+    Coordinates are allowed, and modes, which are constant between events.
+    """
     first, n = equations.n_coordinates, equations.n_coordinates + equations.n_speeds
     allowed = {*range(first), *range(n, n + equations.n_modes)}
     for symbol in symbols_in([equations.output_values[place]]):
@@ -281,34 +284,34 @@ def event_kernels(
     along: Sequence[Along],
     motion: Along,
 ) -> tuple[dict[str, list[Node]], EventRanges]:
-    """Form the results of the kernels of events, and their ranges; empty for none.
+    """Form the results of the event kernels, and their ranges; all are empty without events.
 
-    ``values`` are outputs, then the expressions of events, unknowns eliminated, ``along`` their
-    derivatives along each parameter and ``motion`` those along the motion.
+    ``values`` are outputs, then the expressions of events, without unknowns; ``along`` has their
+    derivatives along each parameter, and ``motion`` those along the motion.
     """
     if not (equations.events or equations.corners):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events
-    # Events without restitution set states, and have no impulse.
+    # Events without restitution only set states.
     impacts = [
         None if row.restitution is None else form_impact(equations, solved, row, values)
         for row in rows
     ]
-    # For each event the new values come first, then the speeds after its impact.
+    # The results of each event are the new values, then the speeds after its impact.
     jumps: list[Node] = []
     for row, impact in zip(rows, impacts, strict=True):
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.substitute([row.value for row in equations.corners])
-    # No state jumps at a kink. If the slope is infinite there, the value at rest depends on no
-    # parameter.
+    # No state jumps at a kink. If the slope is infinite there, the value at rest does not depend on
+    # parameters.
     looked_at = [
         value if row.is_steep else dag.zero
         for row, value in zip(equations.corners, corners, strict=True)
     ]
-    # The value that decides whether an impact ends at rest is evaluated only in impacts.
+    # The function that decides whether an impact ends at rest is evaluated only in impacts.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
-    # Bounds of values that contain multipliers would be far too wide.
+    # Ranges of values that contain multipliers would be far too wide.
     first = equations.n_speeds + len(equations.constraints.rows)
     multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
     found_ranges = find_ranges(equations, [*crossed, *corners], multipliers)
@@ -317,7 +320,7 @@ def event_kernels(
     def derivatives(
         changes: Mapping[int, Node], seed: Mapping[Node, Node], of_corners: Sequence[Node]
     ) -> list[Node]:
-        # All event functions first, then the targets event by event, as in the kernels of values.
+        # As in the kernels of values, all event functions precede the targets of each event.
         found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_corners]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
@@ -328,7 +331,7 @@ def event_kernels(
     directions = zip(along, equations.sensitivities, strict=True)
     # Algebraic unknowns are the last states.
     n_rated = len(equations.states) - equations.n_algebraic
-    # The rates of algebraic unknowns are their residuals, which follow all others.
+    # The rates of algebraic unknowns are residuals, which follow all other rates.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     kernels = {
         "events": [
@@ -353,7 +356,7 @@ def event_kernels(
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
-    """Return the tangents along the motion: symbols of states, the scene's own for inputs."""
+    """Return the tangents along the motion: symbols for states, the scene's rates for inputs."""
     if equations.motion is not None:
         return equations.motion.seed
     dag = equations.dag

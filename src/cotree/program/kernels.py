@@ -1,4 +1,4 @@
-"""Registry of kernels: one row each, with its arguments and its meaning."""
+"""Registry of kernels, with the arguments and results of each."""
 
 from __future__ import annotations
 
@@ -18,39 +18,37 @@ ARGUMENTS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class KernelSpec:
-    """A kind of kernel."""
+    """Description of a kernel."""
 
     name: str  # name; in C it follows the model's name
-    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order, followed by the result
-    result: str  # name in C of the array of results
+    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS` in order; the results follow in C
+    result: str  # C name of the result array
     doc: str  # description of the results
-    #: Kernel whose last results equal those of this one, or empty. C calls that kernel and copies
-    #: these results, since computing them separately would save little.
+    #: Name of a kernel whose last results are those of this one, or empty. C then calls that kernel
+    #: and copies these results, since computing them separately would save little.
     tail_of: str = ""
-    #: Whether every model has the kernel. Others are omitted in C if they have no results.
+    #: Whether every model has the kernel. Other kernels are omitted in C if they have no results.
     is_required: bool = False
-    #: Whether its argument ``s``, and the sensitivities among its results, omit sensitivities that
-    #: always vanish.
+    #: Whether the argument ``s`` and the results omit sensitivities that always vanish.
     is_packed: bool = False
-    #: Suffix of the kernel's name in the model structure, if a number or array there has the same
-    #: name.
+    #: Suffix of the kernel's field in the model structure, if another field has its name.
     of: str = ""
 
     @property
     def field(self) -> str:
-        """Its name in the structure of a model."""
+        """Name of the kernel's field in the model structure."""
         return self.name + self.of
 
     @property
     def type(self) -> str:
-        """The C type of a pointer to it, which follows from its arguments."""
+        """C type of a pointer to the kernel, which follows from its arguments."""
         return f"cotree_{_TYPES[self.arguments]}_kernel"
 
 
 _STATE = ("t", "x", "u", "p", "k")
 _SENSITIVITY = ("t", "x", "s", "u", "p", "k")
 
-#: Names of the function types of ``cotree_abi.h``.
+#: Names of the function types in ``cotree_abi.h`` by arguments.
 _TYPES = {
     ("p",): "prepare",
     ("p", "k"): "parameter",
@@ -90,7 +88,7 @@ _ROWS = (
         _SENSITIVITY,
         "ds",
         "rates of the nonvanishing sensitivities, the only ones in s",
-        # The called kernel comes before this one, on which codegen relies.
+        # The called kernel must precede this one in the C text.
         tail_of="augmented_rhs",
         is_packed=True,
     ),

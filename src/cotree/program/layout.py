@@ -1,4 +1,4 @@
-"""Layout of a program: names, units and patterns of the arguments and results of its kernels."""
+"""Layout of a program: names, units and sparsity patterns of kernel arguments and results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Layout:
-    """Names, units and patterns of a program's arguments and results."""
+    """Names, units and sparsity patterns of a program's arguments and results."""
 
     name: str  # name of the scene
     #: Quantities in the order of the arrays.
@@ -31,70 +31,69 @@ class Layout:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]  # parameters and states by which sensitivities are taken
+    sensitivities: tuple[str, ...]  # parameters and initial states of the sensitivities
     parameter_values: tuple[float, ...]  # parameter values stated in the scene
-    #: The Jacobian's pattern, compressed by columns.
+    #: Sparsity pattern of the Jacobian in CSC form.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
     #: For each input, the members of ``sensitivities`` on which its function in the scene depends.
     input_sensitivities: tuple[tuple[str, ...], ...]
-    uncertain: tuple[str, ...]  # coordinates whose pivot must be checked at run time
-    #: Residuals of the constraints, in the order of the kernel ``constraints``.
+    uncertain: tuple[str, ...]  # coordinates whose pivots must be checked at run time
+    #: Constraint residuals in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
-    constraint_edges: tuple[str, ...]  # edge of each row that has a multiplier
+    constraint_edges: tuple[str, ...]  # edge of each constraint that has a multiplier
     n_coordinates: int  # number of coordinates, which are the first states
     n_speeds: int  # number of speeds, which are the states after the coordinates
     #: Whether each state is an algebraic unknown; these are last, and their rates are residuals.
     algebraic: tuple[bool, ...]
-    quaternions: tuple[int, ...]  # first state of each quaternion
+    quaternions: tuple[int, ...]  # index of the first state of each quaternion
     given: tuple[bool, ...]  # whether the scene prescribes the initial value of each state
-    #: Further conditions at the start: initial values of variables that are not states.
+    #: Variables that are not states but have initial values, which are conditions on the start.
     start_rows: tuple[str, ...]
     start_units: tuple[str, ...]  # units of these variables
-    start_is_rate: tuple[bool, ...]  # whether each condition is a rate
-    #: Whether each output depends on multipliers, that is, on reactions.
+    start_is_rate: tuple[bool, ...]  # whether each of these variables is a rate
+    #: Whether each output depends on multipliers, which are reactions.
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
-    event_inputs: tuple[str, ...] = ()  # inputs that the kernels of events read
-    #: Initial values that must agree with those that states determine. The last results of the
-    #: kernel ``start`` are the values determined by states, then the given values.
+    event_inputs: tuple[str, ...] = ()  # inputs that the event kernels read
+    #: Variables whose initial values must agree with the values that follow from the states. The
+    #: kernel ``start`` ends with the values from the states, then the given values.
     redundant: tuple[RedundantRow, ...] = ()
-    #: States that are the total content of several storages, each with the algebraic unknown that
-    #: it determines. If a start prescribes no content, it uses the value of that unknown.
+    #: Indices of states that are storage contents, each with that of the algebraic unknown that it
+    #: determines. If the initial content is not given, it follows from that of the unknown.
     followers: tuple[tuple[int, int], ...] = ()
-    #: The states that depend on each parameter, concatenated: the pattern of the sensitivities in
-    #: compressed columns. Other sensitivities always vanish.
+    #: Pattern of the sensitivities in CSC form: the states that depend on each parameter. Other
+    #: sensitivities always vanish.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
-    #: Parameters that are derived from others, and are not arguments.
+    #: Parameters that are derived from others and are not kernel arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: The next results of that kernel: for each kink the index of the branch that ends there, the
-    #: direction, and whether the kink is steep, as in :class:`cotree.equations.CornerRow`.
+    #: For each kink, which follow the events in the kernel ``events``: index of the branch that
+    #: ends there, direction, and whether it is steep; see :class:`cotree.equations.CornerRow`.
     corners: tuple[tuple[int, int, bool], ...] = ()
-    #: Number of branches that are frozen during steps: the last prepared values, zero unless
-    #: frozen.
+    #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: For each event, then each kink: its index in the kernel ``event_ranges``, or -1 if it is
-    #: linear.
+    #: Index in the kernel ``event_ranges`` of each event, then of each kink, or -1 if the function
+    #: is linear.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities on which the ranges depend: the last results of the kernel ``events``.
+    #: Number of quantities on which the ranges depend, the last results of the kernel ``events``.
     n_quantities: int = 0
-    #: Initial values of coordinates and rates that the scene prescribes, in its order.
+    #: Names of coordinates and rates whose initial values the scene gives, in the scene's order.
     given_names: tuple[str, ...] = ()
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:
-        """Places of the nonzero sensitivities among all sensitivities, parameter by parameter."""
+        """Indices of the nonvanishing sensitivities among all, parameter by parameter."""
         n, starts = len(self.states), self.sensitivity_starts
         counts = [end - start for start, end in pairwise(starts)]
-        # Sensitivity j has n places, of which its pattern names a few.
+        # The sensitivities to parameter j begin at index j n.
         firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
         return tuple(first + i for first, i in zip(firsts, self.sensitivity_rows, strict=True))
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each state, position, output, input and parameter; the last of equal names."""
+        """Unit of each state, position, output, input and parameter by name."""
         rows: tuple[Quantity | PositionRow, ...] = (
             *self.states,
             *self.positions,
@@ -107,17 +106,17 @@ class Layout:
 
     @property
     def has_events(self) -> bool:
-        """Return whether there are events, or kinks of rates whose times depend on states."""
+        """Whether there are events, or kinks of rates whose times depend on states."""
         return bool(self.events or self.corners)
 
     @property
     def has_conditions(self) -> bool:
-        """Return whether initial values have conditions besides those of algebraic unknowns."""
+        """Whether initial values must satisfy more than the algebraic equations."""
         return bool(self.constraints or self.start_rows)
 
     @cached_property
     def has_start_equations(self) -> bool:
-        """Return whether any value follows from initial values, or has to agree with them."""
+        """Whether initial values determine other values or must agree with them."""
         is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
         return bool(is_found) or any(row.is_jump for row in self.events)
 
@@ -126,8 +125,8 @@ class Layout:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]
         n_rows = len(self.constraint_edges)
-        # The kernel computes the coordinate constraints, then the rates of all rows, then the norms
-        # of quaternions. A row of speeds only is in the second group only.
+        # The kernel returns the coordinate constraints, the rates of all constraints, and the
+        # quaternion norms. Constraints on speeds alone are only in the second group.
         n_values = len(names) - n_rows - len(self.quaternions)
         values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
         return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
@@ -138,7 +137,7 @@ class Layout:
         return sum(self.algebraic)
 
     def report(self, kind: str, more: Iterable[tuple[str, str]]) -> Report:
-        """Build a report of names, further facts and, in notebooks, parameters."""
+        """Build a report of names, the facts ``more`` and, in notebooks, parameters."""
         groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         values = zip(self.parameters, self.parameter_values, strict=True)
         facts = [

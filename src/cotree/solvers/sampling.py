@@ -1,4 +1,4 @@
-"""Inputs of a run that functions of Python sample from its states, at fixed intervals."""
+"""Sampled inputs: Python functions that are called with the states at fixed intervals."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 
 class Measured(Mapping[str, float]):
-    """States and outputs by name, the argument of a sampled function."""
+    """Mapping from names to states and outputs, which a sampled function receives."""
 
     def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
         self._y, self._model, self._outputs = y, model, outputs
 
     def __getitem__(self, name: str) -> float:
-        """Return a state or an output."""
+        """Return the value of a state or an output."""
         if name in self._model.states:
             return float(self._y[self._model.states.index(name)])
         if name in self._model.outputs:
@@ -50,8 +50,8 @@ class Measured(Mapping[str, float]):
 class Samples:
     """The samples of one input during a run.
 
-    Each sample is computed once, so that repeated steps, also of other methods, use the same value.
-    ``held``, shape (1,), is the value that C reads; ``before`` is the value before the first
+    Each sample is computed once, so that repeated steps and other methods use the same value. C
+    reads the current value from ``held``, shape (1,); ``before`` is the value before the first
     sample.
     """
 
@@ -73,12 +73,12 @@ class Samples:
         self._values: list[float] = []
 
     def __call__(self, t: float) -> float:
-        """Return the value up to a time; at the time of a sample it is the one before."""
+        """Return the value just before time t."""
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 
     def reach(self, t: float, measured: Measured) -> None:
-        """Take the sample that is due, and set the value from a time on."""
+        """Take the sample that is due at time t, if any, and update ``held``."""
         rounding = SAME * abs(t)
         if len(self._values) < len(self.times) and self.times[len(self._values)] <= t + rounding:
             value = self._sampled.at(self.times[len(self._values)], measured)
@@ -93,7 +93,7 @@ def reaching(
     samples: Sequence[Samples],
     u: Inputs,
 ) -> Callable[[float, FloatArray], None]:
-    """Return the function that takes the samples due at a time from the states."""
+    """Return a function of time and states that takes the samples due at this time."""
     n = len(model.states)
 
     def reach(t: float, z: FloatArray) -> None:
@@ -108,7 +108,7 @@ def reaching(
 def with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
 ) -> tuple[ReplacedInputs, list[Samples]]:
-    """Replace sampled functions by constants that change at their times."""
+    """Replace sampled inputs by constants that change at the sample times."""
     before, samples = model.input_values(span[0], p), {}
     for place, row in signals.sampled.items():
         name = model.inputs[place]
@@ -119,7 +119,7 @@ def with_samples(
             )
         samples[place] = Samples(row, name, span, float(before[place]))
     times = [t for item in samples.values() for t in item.times]
-    # A table with one point is constant; its value is the last sample.
+    # A table with one point is a constant, here the last sample.
     held = {place: (np.zeros(1), item.held) for place, item in samples.items()}
     return replace(
         signals,

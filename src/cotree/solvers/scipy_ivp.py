@@ -1,11 +1,11 @@
 """SciPy's methods: ``scipy.integrate.solve_ivp`` with the compiled rates and Jacobian.
 
-LSODA fails if all rates are zero at the start and grow soon after, as in a stiff circuit with a
-sine source: its first step is far too long, and it may shorten a step only a few times.
+LSODA would fail if all rates are zero at the start and grow soon after, as in a stiff circuit with
+a sine source: its own first step is far too long, and it shortens a step only a few times.
 
-In: a ``Problem`` without events, constraints and algebraic unknowns, and a method's name. Out: a
-``Trajectory``. ``solve_ivp`` runs from one breakpoint to the next; its event function, which it
-calls once a step, counts steps and ends runs whose budget is spent.
+In: a ``Problem`` without events, constraints and algebraic unknowns, and the name of a method. Out:
+a ``Trajectory``. ``solve_ivp`` runs from one breakpoint to the next. Its event function, which is
+called once in each step, counts steps and ends the run at a limit.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ def first_step(
     longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
-    """Return a first step, [s], estimated from the rates and their change over a small step.
+    """Return a first step size, [s], estimated from the rates and their change in a small step.
 
-    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second edition,
-    section II.4, for a method that begins with order 1.
+    The estimate is that of E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
+    Equations I, second edition, section II.4, for a method that begins with order 1.
     """
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
     rates = rates_at(t, z)
-    # d0, d1 and h0 of the reference: norms of values and rates in tolerances, and a step that
-    # changes the values by one percent.
+    # d0, d1 and h0 of the reference: norms of values and rates relative to tolerances, and a step
+    # that changes the values by one percent.
     size, slope = _norm(z * weights), _norm(rates * weights)
-    # A shorter step is below the rounding error of t.
+    # Shorter steps would be rounding errors of t.
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
     direction = 1.0 if t_end > t else -1.0
-    # An explicit Euler step of h0 gives the norm d2 of the second derivative.
+    # The norm d2 of the second derivative follows from an explicit Euler step of h0.
     ahead = rates_at(t + direction * trial, z + direction * trial * rates)
     bend = _norm((ahead - rates) * weights) / trial
     steepest = max(slope, bend) if np.isfinite(bend) else slope
@@ -79,23 +79,22 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# Methods shorten their step if rates are nan; after this number of such evaluations a method is
-# stopped.
+# Number of evaluations with nan rates, after which methods shorten their step, that ends a run.
 _MOST_IGNORED = 1000
 
-# A step is stored only if its time is known to this fraction of the distance from the last stored
-# one.
+# A step is stored only if the rounding error of its time is below this fraction of the distance
+# from the last stored one.
 _FINE = 1e-2
 
-#: Message if Radau damps a growing mode, which its error estimate cannot detect.
+#: Message if a method such as Radau damps a growing mode, which its error estimate cannot detect.
 _DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'rodas5'"
 
 
 def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
     """Integrate with "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
 
-    A trajectory with status other than 0 ends at the last good point. Raises SolveError if the
-    problem cannot be accepted, or has what only methods in C take.
+    A trajectory with status other than 0 ends at the last valid point. Raises SolveError if the
+    problem cannot be accepted, or only C methods support it.
     """
     check_problem(problem)
     what = beyond_scipy(problem)
@@ -104,17 +103,17 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
             f"The method '{method}' cannot take {what}: use '{METHODS[method].instead}', which "
             "runs in C."
         )
-    # Values that are not finite are reported here, so SciPy's warnings are not needed.
+    # SciPy's warnings are not needed, since this module reports values that are not finite.
     with _serialized(method), np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
         return _Run(problem, method).trajectory()
 
 
 @contextlib.contextmanager
 def _serialized(method: str) -> Iterator[None]:
-    """Lock out other threads if the state of a method is global to the process."""
+    """Lock out other threads if a method has global state."""
     from scipy.integrate import _ode
 
-    # LSODA is Fortran with common blocks in older versions of SciPy.
+    # In older versions of SciPy, LSODA is Fortran code with common blocks.
     if method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle"):
         with _one_at_a_time:
             yield
@@ -123,7 +122,7 @@ def _serialized(method: str) -> Iterator[None]:
 
 
 class _Run:
-    """The mutable state of one integration."""
+    """One integration with its counts and stored points."""
 
     def __init__(self, problem: Problem, method: str) -> None:
         self.problem, self.method = problem, method
@@ -137,7 +136,7 @@ class _Run:
         self.stop: IntegrationStopError | None = None
 
     def trajectory(self) -> Trajectory:
-        """Integrate from breakpoint to breakpoint, and return the stored points."""
+        """Integrate from one breakpoint to the next, and return the stored points."""
         begin, problem = time.perf_counter(), self.problem
         if problem.settings.t_eval is None:
             self._store_step()
@@ -149,7 +148,7 @@ class _Run:
                     self.stop = stop
                 if self.stop is not None:
                     break
-        # A step that was not stored may be the last one.
+        # If stored steps are thinned out, the last one may be missing.
         is_cut = self.stop is not None or self.thinning.stride > 1
         if is_cut and self.times[-1:] != [self.t]:
             self._store(self.t, self.z)
@@ -182,14 +181,14 @@ class _Run:
             self.problem.reach(start, self.z)
         self.evaluator.open_segment(start, end)
         limit = self._spent()
-        # SciPy's computation of the first step does not terminate if rates are not finite.
+        # SciPy's computation of the first step would not end if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
             limit = IntegrationStopError(FAILED, "it cannot start")
         if limit is not None:
             raise limit
         segment = _Segment(self, start, end)
         wanted = self._wanted(start, end)
-        # SciPy requires distinct times in order. Without output times, this class stores the steps.
+        # SciPy requires distinct ascending times. Without requested times, this class stores steps.
         way = self.problem.direction
         times, places = np.unique(way * (wanted - start), return_inverse=True)
         try:
@@ -203,7 +202,7 @@ class _Run:
                 **segment.options(),
             )
         except (RuntimeError, ValueError) as error:
-            # SuperLU and the checks before LAPACK raise these; other errors are the user's.
+            # SuperLU and SciPy's checks raise these errors; others come from functions of the user.
             if not str(error).endswith(("exactly singular", "infs or NaNs")):
                 raise
             reason = "the iteration matrix is singular or not finite"
@@ -218,7 +217,7 @@ class _Run:
             self.stop = IntegrationStopError(FAILED, reason)
 
     def step_done(self, t: float, z: FloatArray, rounding: float) -> None:
-        """Count a step, and store its end if all steps are stored and its time is resolved."""
+        """Count a step; store its end point if all steps are stored and ``rounding`` is small."""
         self.n_steps += 1
         self.t, self.z = t, z
         self.evaluator.step_done()
@@ -227,19 +226,19 @@ class _Run:
             self._store_step()
 
     def _spent(self) -> IntegrationStopError | None:
-        """Return the exception of a run that has reached its limit of steps, else None."""
+        """Return an exception if the run has reached its limit of steps, else None."""
         limit = self.problem.settings.max_steps
         if limit is None or self.problem.steps_taken + self.n_steps < limit:
             return None
         return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
 
     def step_allowed(self) -> bool:
-        """Return whether another step is allowed; if not, end the run."""
+        """Return whether another step is allowed, and end the run if it is not."""
         self.stop = self.stop or self._spent()
         return self.stop is None
 
     def _wanted(self, start: float, end: float) -> FloatArray:
-        """Return the requested times after a start, up to an end; the first start is included."""
+        """Return the requested times in (start, end], or in [start, end] at the start of a run."""
         if self.problem.settings.t_eval is None:
             return np.zeros(0)
         times, way = np.asarray(self.problem.settings.t_eval, dtype=float), self.problem.direction
@@ -252,7 +251,7 @@ class _Run:
         self.columns.append(z)
 
     def _store_step(self) -> None:
-        """Store the last point; if there is no memory, drop every second stored one."""
+        """Store the last point; if the memory is full, first drop every second stored point."""
         if len(self.times) >= self.problem.most_rows:
             kept = self.thinning.thin()
             self.times, self.columns = self.times[kept], self.columns[kept]
@@ -261,10 +260,10 @@ class _Run:
 
 
 class _Segment:
-    """Functions of ``solve_ivp`` between two breakpoints; the object is also its event function.
+    """Functions for ``solve_ivp`` between two breakpoints; the object is also its event function.
 
-    Time begins at zero, since the spacing of a late t would disturb each step. Entries of z that
-    vanish at all times are left out.
+    Time begins at zero, since the spacing of floating-point numbers near a large t would disturb
+    each step. Entries of z that always vanish are omitted.
     """
 
     terminal = True
@@ -277,7 +276,7 @@ class _Segment:
         self._w: FloatArray = np.zeros(0)  # end of the previous step
 
     def __call__(self, s: float, w: FloatArray) -> float:
-        """Record a step; return a value that changes sign at the end of the run."""
+        """Record a step; return a value that changes its sign if the run has to stop."""
         run = self._run
         if run.stop is not None:  # SciPy locates the zero of this function
             return self._last - s
@@ -286,11 +285,11 @@ class _Segment:
             return 1.0
         if not np.isfinite(w).all():
             run.stop = IntegrationStopError(FAILED, "the solution is no longer finite")
-            return -1.0  # a zero at the previous step, the last valid one
+            return -1.0  # SciPy then ends at the previous step, the last valid one
         before, self._last = self._last, s
         is_end = s == self._end - self._start
         t, z = self._end if is_end else self._start + s, self.whole(w)
-        # Output times are rounded: extrapolate the value with the rates.
+        # The absolute time is rounded, so the values are extrapolated to it with the rates.
         rounding = 0.0 if is_end else (t - self._start) - s
         if rounding and run.problem.settings.t_eval is None:
             z += rounding * self.whole(self.rates(s, w))
@@ -305,26 +304,26 @@ class _Segment:
         self._n_short = self._n_short + 1 if is_short else 0
         if not is_short:
             run.evaluator.progressed()
-        # LSODA would continue with steps of a few units in the last place.
+        # LSODA would continue even with steps of a few units in the last place.
         if self._n_short >= LIMITS.stall_steps:
             run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
             return 0.0
         return 1.0 if run.step_allowed() else 0.0
 
     def _is_turned(self, before: float, w: FloatArray) -> bool:
-        """Return whether a step ignores a fast growing mode.
+        """Return whether a step damps a fast growing mode.
 
-        Newton's correction is the solution with a matrix such as I - h J / 2 and the residual. For
-        decaying modes it has the sign of the error; for a growing mode it has the opposite sign and
-        the same size, so that the residual seems to vanish.
+        The test solves (I - h J / 2) x = r with the residual r of the trapezoidal rule. For
+        decaying modes x has the sign of r; for a fast growing mode it has the opposite sign and
+        about the same size.
         """
         step = self._last - before
-        # The step of the trapezoidal rule minus the actual step.
+        # The residual is the step of the trapezoidal rule minus the actual step.
         rates = self.rates(before, self._w) + self.rates(self._last, w)
         left = 0.5 * step * rates - (w - self._w)
         rtol, atol = augmented_tolerances(self._run.problem)
         weights = 1.0 / (atol + rtol * np.maximum(np.abs(w), np.abs(self._w)))
-        # If residuals are below the tolerance, their directions are arbitrary.
+        # The signs of residuals below the tolerance are arbitrary.
         seen = np.abs(left * weights) > 1.0
         if not np.any(seen) or self._matrix is None:
             return False
@@ -334,13 +333,13 @@ class _Segment:
         return bool(np.vdot(one, other) < -LIMITS.opposed_cosine * sizes)
 
     def whole(self, w: FloatArray) -> FloatArray:
-        """Return z with zeros for entries that vanish, a new array."""
+        """Return z as a new array, with zeros for the entries that always vanish."""
         z = np.zeros(self._run.problem.size)
         z[self._run.problem.integrated] = w
         return z
 
     def rates(self, s: float, w: FloatArray) -> FloatArray:
-        """Return the rates of the integrated entries; nan, which ends the method, after a stop."""
+        """Return the rates of the integrated entries; after a stop, nan, which ends the method."""
         run = self._run
         if run.stop is None:
             try:
@@ -362,14 +361,14 @@ class _Segment:
         found: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
         if METHODS[run.method].implicit:
             found["jac"] = self._jacobian
-        # The default first step, a fraction of the span, fails if all rates are zero.
+        # The default first step is a fraction of the span if all rates are zero, and then fails.
         if run.method == "LSODA":
             begin = 0.0, run.z[run.problem.integrated], self._end - self._start
             found["first_step"] = first_step(self.rates, *begin, longest, (rtol, atol))
         return found
 
     def _jacobian(self, s: float, w: FloatArray) -> Any:
-        """Return the derivatives of the rates, sparse if cheaper and the method takes that."""
+        """Return the Jacobian, as a sparse matrix if that is cheaper and the method accepts it."""
         run, z = self._run, self.whole(w)
         evaluator, places = run.evaluator, run.problem.integrated
         if run.stop is not None and self._matrix is not None:
@@ -392,7 +391,7 @@ class _Segment:
 
 
 def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
-    """Solve with I - share J; return zeros if it is singular."""
+    """Solve (I - share * J) x = left for x; return zeros if the matrix is singular."""
     from scipy.sparse import identity
 
     n = len(left)

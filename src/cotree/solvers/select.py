@@ -1,7 +1,7 @@
-"""Choose a method for a problem, and integrate.
+"""Choice of a method for a problem, and its integration.
 
-In: a ``Problem`` and a method's name or "auto". Out: the method with its reason, or the
-``Trajectory``.
+In: a ``Problem``, and the name of a method or "auto". Out: a method with the reason for its choice,
+or a ``Trajectory``.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray, Trajectory
 
-# DOP853 is stable up to about |lambda| h = 6 with 12 evaluations a step. At this number of time
-# constants in the span its evaluations, 4000, equal those of an implicit method at usual
-# tolerances.
+# Number of time constants in the span above which a problem counts as stiff. DOP853 is stable up to
+# about |lambda| h = 6 with 12 evaluations a step. It then needs 4000 evaluations, as many as an
+# implicit method at usual tolerances.
 _STIFF_TIME_CONSTANTS = 2000.0
 
-# An explicit method is tried if modes decay at most this many times as fast as the fastest mode
-# grows: steps that resolve the growth are then hardly longer than stability permits.
+# An explicit method is used if the fastest decay is at most this multiple of the fastest growth:
+# steps that resolve the growth are then hardly longer than stability permits.
 _MILD = 10.0
 
-# The method in C for problems without states.
+# The C method for problems without states.
 _STATIC = "dop853"
 
 _PROBE_STEPS = 20
@@ -55,8 +55,8 @@ _PROBE_RTOL = 1e-3
 def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     """Integrate a problem with a method of ``METHODS``, or with "auto".
 
-    A failed integration is a value with status other than 0. The message of a chosen method ends
-    with the reason of the choice. Raises SolveError if the method is unknown or not installed, or
+    The trajectory of a failed integration has a status other than 0. With "auto", the message ends
+    with the reason for the choice. Raises SolveError if the method is unknown or not installed, or
     the problem cannot be accepted.
     """
     check_problem(problem)
@@ -64,11 +64,11 @@ def integrate(problem: Problem, method: str = "auto") -> Trajectory:
 
 
 def run(problem: Problem, method: str) -> Trajectory:
-    """Integrate a problem that was checked; see :func:`integrate`."""
+    """Integrate a checked problem; see :func:`integrate`."""
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
-    # The choice takes steps with this engine; its compilation time is reported separately.
+    # The choice of a method takes steps with this engine, whose compilation is timed separately.
     if not refusal("dop853", problem):
         engine_of("dop853", problem)
     compiling = time.perf_counter() - before
@@ -81,22 +81,22 @@ def run(problem: Problem, method: str) -> Trajectory:
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
-    "ida" solves for states and unknowns together, from predicted values at each step; other methods
-    solve for the unknowns at given states.
+    In each step, "ida" solves for states and unknowns together, from predicted values; other
+    methods solve for the unknowns at given states.
     """
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
         return first
     from cotree.solvers.messages import fold
 
-    if fold(problem, first):  # no method passes it
+    if fold(problem, first):  # no method can pass a fold
         return first
     limit, taken = problem.settings.time_limit, problem.steps_taken + first.statistics.n_steps
     limit = None if limit is None else limit - first.statistics.seconds
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
-    # Samples of a function belong to one integration.
+    # Samples of a sampled input belong to a single integration.
     if refusal("ida", problem) or problem.reach is not None:
         return first
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
@@ -117,21 +117,21 @@ class MethodSwitch:
 
     #: Function ``solve(problem, method)`` that integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]
-    #: Index of the first step tested for stiffness; earlier steps decided the choice of the method.
+    #: Index of the first step tested for stiffness; the choice of the method covers earlier steps.
     first_step: int = 0
-    note: str = ""  # the outcome as a sentence; empty if no other method was tried
+    note: str = ""  # sentence on the outcome; empty if no switch was attempted
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Continue a stiff problem from the last point of its job to the end of the span.
+        """Continue a stiff problem from the last point of a job to the end of the span.
 
-        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job
-        continues.
+        ``first`` contains the points stored so far. Returns the whole trajectory, or None if the
+        job has to continue.
         """
         from cotree.solvers import stiffness
 
         c, method = job.job, first.statistics.method
-        # A copy, since the job may continue from this point.
+        # Copied, since the job may continue from this point.
         t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
         if self._has_failed or not stiffness.is_confirmed(
             problem, t, z, float(c.last_step), method
@@ -146,7 +146,7 @@ class MethodSwitch:
         other = stiffness.stiff_method(problem)
         second = self.solve(rest, other)
         became = f"from t = {since:.6g} on its steps were as short as stability requires"
-        # Another attempt would fail at the same point.
+        # A further attempt would fail at the same point.
         if second.status == FAILED:
             self._has_failed = True
             self.note = f"{method} continued, although {became}: {second.message}"
@@ -156,9 +156,9 @@ class MethodSwitch:
 
 
 def _solve_watched(problem: Problem, method: str, begun: Attempt | None) -> Trajectory:
-    """Integrate; a method for stiff problems takes over if the problem becomes stiff."""
+    """Integrate, and switch to a method for stiff problems if the problem becomes stiff."""
     row = method_row(method)
-    # Only the explicit steppers of the engine detect stiffness.
+    # Only the explicit C steppers detect stiffness.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, method)
     successor = MethodSwitch(_solve, probe_steps(problem.settings.rtol))
@@ -171,13 +171,13 @@ def _solve(
     successor: MethodSwitch | None = None,
     begun: Attempt | None = None,
 ) -> Trajectory:
-    """Integrate a checked problem with a named method, or with its substitute.
+    """Integrate a checked problem with a named method or its substitute.
 
-    ``begun`` is the integration if it has begun already.
+    ``begun`` is the integration if it has already begun.
     """
     row = method_row(method)
     if problem.n_states == problem.n_algebraic and row.family != "cotree":
-        # Every method in C solves for the unknowns at each output time.
+        # Without states, all C methods only solve for the unknowns at each output time.
         attempt = begun or begin_in_c(problem, _STATIC)
         if not isinstance(attempt, str):
             return attempt.finish()
@@ -194,14 +194,14 @@ def _solve(
 
 
 def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
-    """Integrate with the substitute of a method that C cannot run, and report it."""
+    """Integrate with the substitute of a method that C cannot run; the message says why."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
         raise SolveError(
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
-    # Stages of Rosenbrock methods violate dependent constraints; other methods in C satisfy them.
+    # Stages of Rosenbrock methods violate dependent constraints; other C methods satisfy them.
     if what and problem.native is not None and other == "Radau":
         other = "cvode" if has_sundials() else "dopri5"
     elif what:
@@ -215,21 +215,21 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:
-    """Return a method, chosen by the fastest decay at the start and after a few steps, and why.
+    """Return a method and the reason for it, based on the fastest decay early in the run.
 
-    Strongly damped modes whose time constant is a small part of the span restrict explicit methods
-    to steps that are shorter than accuracy requires. Modes that oscillate faster than they decay do
-    not count: accuracy needs short steps for them with any method. "dop853" itself detects
-    stiffness that appears after the probed steps; see :mod:`cotree.solvers.stiffness`.
+    Strongly damped modes with time constants far below the span restrict explicit methods to
+    steps that are shorter than accuracy requires. Modes that oscillate faster than they decay do
+    not count, since accuracy requires short steps for them with any method. "dop853" itself detects
+    stiffness that appears after the first steps; see :mod:`cotree.solvers.stiffness`.
 
     Methods for stiff problems damp modes that grow from below the tolerance, which their error
-    estimates cannot detect. If there are such modes at the start, an explicit method begins if it
-    can; otherwise the reason mentions them.
+    estimates cannot detect. If there are such modes at the start, the choice is an explicit method
+    if possible; otherwise the reason mentions them.
 
-    The choice is "dop853" or, if the problem is stiff, "rodas5", or "cvode" where that takes less
-    time by the counts of its steps; with functions of Python "DOP853" or "BDF". "cvode" also takes
-    stiff problems of many states, and of loops, which "rodas5" does not bring through singular
-    configurations; without scikit-sundae "BDF" replaces it if it can.
+    The choice is "dop853" or, if the problem is stiff, "rodas5", or "cvode" if its estimated time
+    is less; with Python functions, it is "DOP853" or "BDF". "cvode" is also chosen for stiff
+    problems with many states, and with loops, which "rodas5" cannot carry through singular
+    configurations. Without scikit-sundae, "BDF" replaces it if possible.
     """
     check_problem(problem)
     method, reason, begun = _choose(problem)
@@ -239,7 +239,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
 
 
 def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
-    """Return a method, the reason for it, and its integration if that has begun."""
+    """Return a method, the reason for it, and the integration if that has begun."""
     if problem.n_states == problem.n_algebraic:
         method = "DOP853" if refusal(_STATIC, problem) else _STATIC
         return method, "There are no states to integrate.", None
@@ -253,9 +253,9 @@ def _choose(problem: Problem) -> tuple[str, str, Attempt | None]:
 
 
 def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
-    """Choose the explicit method, or one for stiff problems, by the rates of modes."""
+    """Choose the explicit method or one for stiff problems, and return it with the reason."""
     span = abs(problem.settings.t_span[1] - problem.settings.t_span[0])
-    # The number of time constants of the fastest damped mode in the span.
+    # The span in time constants of the fastest damped mode.
     count = span * rates.decay
     most = "at most " if rates.is_bound else ""
     length = f"the span is {most}{float(f'{count:.2g}'):.6g} times the shortest decay"
@@ -266,8 +266,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
     method = stiff_method(problem)
     growth = rates.growth
-    # If a mode that starts at the tolerance and grows e-fold this often stays below one, an
-    # implicit method may damp it within the tolerance.
+    # If a mode that grows from the tolerance remains below one in the whole span, an implicit
+    # method may damp it within the tolerance.
     smallest = min(problem.settings.rtol, problem.settings.atol)
     if span * growth <= -math.log(max(smallest, float(np.finfo(np.float64).eps))):
         return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."
@@ -284,7 +284,7 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
 
 def _saving(problem: Problem, method: str) -> str:
-    """Return a remark that rodas5 would take longer, if that decided the choice."""
+    """Return a remark that rodas5 would take longer if this is why cvode was chosen, else empty."""
     from cotree.solvers.stiffness import cost_of_rodas5
 
     cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
@@ -292,11 +292,11 @@ def _saving(problem: Problem, method: str) -> str:
 
 
 class Rates(NamedTuple):
-    """Rates of the modes that decide the choice of a method, [1/s].
+    """Rates of the modes on which the choice of a method depends, [1/s].
 
     They are the fastest decay at the start and after a few steps, the fastest decay at the start,
     and the fastest growth at the start. The last two are computed only if the first one indicates
-    stiffness. A bound replaces the first one if it excludes stiffness.
+    stiffness. An upper bound of the first one is used instead if it excludes stiffness.
     """
 
     decay: float
@@ -306,7 +306,7 @@ class Rates(NamedTuple):
 
 
 def _rates(problem: Problem, probe: Probe) -> Rates:
-    """Return the rates, computed once for runs with bitwise equal parameters and starts."""
+    """Return the rates of the modes, cached for runs with equal parameters and starts."""
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
         return probe.rates()
@@ -314,9 +314,9 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 
 
 class Probe:
-    """Evaluation of the start of a problem and of a point a few steps later.
+    """Computation of mode rates at the start of a problem and at a point a few steps later.
 
-    If possible the steps are the first ones of the run itself (``begun``).
+    If possible, these steps are the first ones of the run itself (``begun``).
     """
 
     def __init__(self, problem: Problem, explicit: str) -> None:
@@ -324,9 +324,9 @@ class Probe:
         self.begun: Attempt | None = None
 
     def rates(self) -> Rates:
-        """Compute the rates of modes."""
+        """Compute the rates of the modes."""
         problem, explicit = self._problem, self._explicit
-        # Algebraic unknowns, and samples of a function, belong to one integration.
+        # With algebraic unknowns or sampled inputs, the steps cannot be those of the run.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
         start, first = (float(problem.settings.t_span[0]), problem.z0), None
@@ -344,14 +344,14 @@ class Probe:
         return self._by_eigenvalues([start, *later], first)
 
     def _is_mild(self, decay: float) -> bool:
-        """Return whether an explicit method may follow modes that decay at a rate."""
+        """Return whether an explicit method may be used for modes with the given decay rate."""
         start, end = self._problem.settings.t_span
         return abs(end - start) * decay <= _STIFF_TIME_CONSTANTS
 
     def _by_eigenvalues(
         self, points: Sequence[tuple[float, FloatArray]], first: float | None = None
     ) -> Rates:
-        """Compute the rates at some points; the decay at the first one may be known."""
+        """Compute the rates at the given points; ``first`` is the decay at the first, if known."""
         from cotree.solvers.stiffness import fastest_decay, fastest_growth
 
         problem = self._problem
@@ -363,7 +363,7 @@ class Probe:
         return Rates(decay, first, fastest_growth(problem, *points[0]))
 
     def _begin(self) -> list[tuple[float, FloatArray]]:
-        """Take the first steps of the run, and return their end point."""
+        """Take the first steps of the run, and return their end point, if any."""
         attempt = begin_in_c(self._problem, self._explicit)
         if isinstance(attempt, str):  # there is no compiler for the method's engine
             return []
@@ -373,13 +373,14 @@ class Probe:
 
 
 def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return an upper bound of the rates at which modes decay at a point, [1/s].
+    """Return an upper bound of the decay rates of modes at a point, [1/s].
 
-    It is the Frobenius norm of the Jacobian, which bounds the magnitude of all eigenvalues and
-    takes a fraction of their time. It is infinity if the Jacobian is unknown or algebraic unknowns
-    would have to be eliminated first.
+    It is the Frobenius norm of the Jacobian, which bounds the magnitudes of all eigenvalues and is
+    computed in a fraction of their time. It is infinite if the Jacobian is unknown, or there are
+    algebraic unknowns or constraints.
     """
-    # Unknowns would have to be eliminated, and with dependent constraints the projection is large.
+    # Algebraic unknowns would have to be eliminated, and the Jacobian is large near dependent
+    # constraints.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
         return math.inf
     y = z[: problem.n_states]
@@ -396,17 +397,17 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
 
 def probe_steps(rtol: float) -> int:
-    """Return the number of steps of "dop853" that cover a few steps at a loose tolerance."""
-    # Steps of a method of order 8 are proportional to the eighth root of the tolerance.
+    """Return the number of "dop853" steps that cover a few steps at a loose tolerance."""
+    # Step sizes of a method of order 8 are proportional to the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
 
 
 def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
-    """Return the start and a point a few loose steps later."""
+    """Return the start, and the end point of a few steps at a loose tolerance."""
     span = problem.settings.t_span
     if problem.reach is not None:
-        # Samples are taken only in the run itself.
+        # These steps end at the first breakpoint, since only the run itself takes samples.
         start, end = restart_times(problem)[:2].tolist()
         span = start, end
     rtol = max(problem.settings.rtol, _PROBE_RTOL)

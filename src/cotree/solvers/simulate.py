@@ -1,4 +1,4 @@
-"""Simulation of a compiled model with the settings of a run."""
+"""Simulation of a compiled model with given settings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")
 
-# Trajectories with more bytes than this are evaluated at once, others on first use.
+# Size of trajectories, [byte], above which outputs are evaluated at once; otherwise on first use.
 _MOST_COPIED = 2**18
 
 
@@ -45,8 +45,8 @@ def observed(
 ) -> dict[str, Any]:
     """Return the outputs, inputs and events of a record; see :func:`deferred`.
 
-    ``left_out`` are outputs whose sensitivities are not unique, and therefore nan.
-    SingularSystemError is raised, at first use, if an output is not determined somewhere.
+    The sensitivities of outputs in ``left_out`` are set to nan, since they are not unique. At first
+    use, SingularSystemError is raised if an output is undetermined at a stored time.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native, u = problem.native, problem.u
@@ -61,7 +61,7 @@ def observed(
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
-    # Python functions may have an internal state, so they are called in the order of the run.
+    # Python functions may have internal state, so they are called now, in the order of the runs.
     if preparation.asks_python or z.nbytes > _MOST_COPIED:
         return {**swept(), **deferred(**later)}
     t, z = t.copy(), z.copy()
@@ -69,17 +69,17 @@ def observed(
 
 
 def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:
-    """Return the tunable parameters, and those that follow from them, by name."""
+    """Return the values of the tunable and derived parameters by name."""
     named = dict(zip(model.parameters, p.tolist(), strict=True))
     return named | derived_values(model.layout.derived, p)
 
 
 def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTimes]:
-    """Group the records of events by name."""
+    """Group event records by the name of the event."""
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
         own = records[records[:, 1] == i]
-        # The shape is explicit, since arrays of methods without events have no columns for them.
+        # The shape is explicit, since empty arrays may lack these columns.
         parts = own[:, 2:].reshape(len(own), m + 2 * n)
         slopes, before, after = np.split(parts, [m, m + n], axis=1)
         found[row.name] = EventTimes(own[:, 0].copy(), before.T, after.T, slopes.T)
@@ -87,14 +87,14 @@ def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTi
 
 
 def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
-    """Integrate a model.
+    """Simulate a model.
 
     Raises
     ------
     ModelError
         If a parameter, initial value or input is not accepted.
     SolveError
-        If the method is unknown or cannot take what it is given, or, with ``throw``, if the
+        If the method is unknown or does not support the problem; with ``throw``, also if the
         integration fails.
     """
     return filled(
@@ -105,18 +105,18 @@ def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
 def run_values(
     preparation: Preparation, parameters: Any, initial: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Integrate a model with prepared settings; return the values of a ``RunRecord`` by field.
+    """Simulate a model with prepared settings, and return the fields of a ``RunRecord`` by name.
 
-    Outputs, inputs, events and values of parameters are made on first use.
+    Outputs, inputs, events and parameter values are evaluated on first use.
     """
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
     problem = preparation.run(parameters, initial)
     check_values(problem)
     warn_of_tolerances(problem)
-    # A run may still fail because of the rounding of t or drift of the constraints.
+    # A complete run also counts as failed if t is too coarse or the constraints drift.
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
-    # The rank of constraints may change along a motion, so a few points are examined.
+    # The rank of the constraints may change along a motion, so a few points are examined.
     redundant = redundancy(model, problem.held, trajectory)
     if trajectory.drift is not None:
         trajectory = check_constraint_drift(problem, trajectory, redundant)
@@ -138,7 +138,8 @@ def run_values(
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
-        # z is ordered by parameter; s has the axes state, parameter and time.
+        # In z, the sensitivities to each parameter are consecutive; s has the axes state,
+        # parameter, time.
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
         "positions": model.layout.positions,
@@ -159,7 +160,7 @@ def run_values(
 def redundancy(
     model: CompiledModel, constraints: HeldConstraints | None, trajectory: Trajectory
 ) -> int:
-    """Return the largest number of redundant constraints at a few points of the trajectory."""
+    """Return the largest number of redundant constraints at a few points of a trajectory."""
     n = len(trajectory.t)
     if constraints is None or not model.layout.constraint_edges or n == 0:
         return 0
@@ -168,8 +169,8 @@ def redundancy(
 
 
 def _left_out(model: CompiledModel) -> list[int]:
-    """List the outputs whose sensitivities are not unique with redundant constraints, and warn."""
-    # Multipliers of minimum norm are chosen, and this choice is not differentiated.
+    """Return the outputs without unique sensitivities if constraints are redundant, and warn."""
+    # Redundant constraints have multipliers of minimum norm, a choice that is not differentiated.
     found = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
     if found:
         names = ", ".join(f"'{model.outputs[i]}'" for i in found[:6])

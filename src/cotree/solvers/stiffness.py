@@ -1,8 +1,8 @@
-"""Stiffness: rates of the modes of a problem, and the switch to a method for stiff problems.
+"""Stiffness: mode rates of a problem, and the switch to a method for stiff problems.
 
-The coefficients were fitted by least squares to the times of a step on 20 networks of 6 to 200
-species with up to 20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks); estimates
-are 0.6 to 1.3 times the measured times. Only their ratios matter.
+The coefficients of estimated step times were fitted by least squares on 20 networks of 6 to 200
+species with up to 20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks). Estimates
+are 0.6 to 1.3 times the measured times; only their ratios matter.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# Number of eigenvalues computed of a sparse Jacobian, and their tolerance: only the magnitude
-# matters.
+# Number of computed eigenvalues of a sparse Jacobian, and their relative tolerance, which is loose
+# since only their magnitudes matter.
 _FEW = 6
 _ROUGH = 1e-2
 
-# Maximum number of restarts of the iteration. Well separated eigenvalues need a few; the clustered
-# slow modes of a long ladder network would need ten thousand.
+# Maximum number of restarts of the eigenvalue iteration. Well separated eigenvalues need a few; the
+# clustered slow modes of a long ladder network would need ten thousand.
 _MOST_RESTARTS = 200
 
 
 def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
-    """Return the largest decay rate among modes that decay faster than they oscillate, [1/s].
+    """Return the largest decay rate of modes that decay faster than they oscillate, [1/s].
 
-    ``points`` are times, [s], and states with sensitivities there.
+    ``points`` are pairs of a time, [s], and a vector z.
     """
     modes = _modes(problem, points, problem.direction)
     # If |Im| > -Re, a mode oscillates faster than it decays.
@@ -48,7 +48,7 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
 
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return the largest rate at which a mode grows at a point, [1/s]; 0 if none does."""
+    """Return the largest growth rate of a mode at a point, [1/s], or zero if no mode grows."""
     # In an integration backwards in time, growing modes decay.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
@@ -57,7 +57,7 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
 def _modes(
     problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues, at all points, of modes that decay in a direction of time."""
+    """Return the eigenvalues of modes at all points that decay in direction ``way`` of time."""
     evaluator = Evaluator(problem)
     return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 
@@ -75,13 +75,13 @@ def _modes_at(
             matrix = evaluator.state_jacobian(t, z)
     except (IntegrationStopError, UnsolvedError, SingularSystemError):
         return np.zeros(0, dtype=np.complex128)
-    # Modes that grow forwards in time decay if integrated backwards.
+    # Modes that grow forwards in time decay backwards in time.
     eigenvalues = way * _eigenvalues(matrix, way, way == problem.direction)
     return eigenvalues[eigenvalues.real < 0.0]
 
 
 def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
-    """Return the Jacobian of the states whose algebraic unknowns are eliminated."""
+    """Return the state Jacobian after elimination of the algebraic unknowns."""
     from cotree.model.algebraic import Algebraic
 
     problem = evaluator.problem
@@ -89,24 +89,24 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
     assert problem.jacobian is not None
     unknowns = Algebraic(problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic)
     y, inside = np.array(z[: problem.n_states]), evaluator.inside(t)
-    # By the implicit function theorem, which applies only at solutions.
+    # The elimination is valid only at solutions of the algebraic equations.
     unknowns.follow(inside, y)
     return unknowns.reduced(inside, y)
 
 
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
-    """Return the eigenvalues; for a sparse matrix, some of those that decay fastest.
+    """Return the eigenvalues; for a sparse matrix, only a few with the fastest decay.
 
-    If the iteration does not converge, the result is the smaller of the 1-norm and the infinity
-    norm of the matrix, if a bound is wanted, and otherwise empty.
+    If the iteration does not converge, the result is a bound, the smaller of the 1-norm and the
+    infinity norm of the matrix, if ``is_bounded``; otherwise it is empty.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
     import scipy.sparse.linalg
 
     start = np.random.default_rng(0).normal(size=matrix.shape[0])  # the same vector in every run
-    # SR and LR select the smallest and the largest real parts in ARPACK: forwards in time the modes
-    # with the smallest ones decay fastest, backwards those with the largest.
+    # SR and LR select the smallest and largest real parts in ARPACK, which decay fastest forwards
+    # and backwards in time, respectively.
     which = "SR" if direction > 0 else "LR"
     try:
         found = scipy.sparse.linalg.eigs(
@@ -121,22 +121,22 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     except scipy.sparse.linalg.ArpackNoConvergence:
         if not is_bounded:
             return np.zeros(0, dtype=np.complex128)
-        # Each of these norms is an upper bound of every eigenvalue's modulus.
+        # Both norms are upper bounds of the magnitudes of all eigenvalues.
         rows = abs(matrix).sum(axis=1).max()
         columns = abs(matrix).sum(axis=0).max()
         found = np.array([-direction * min(rows, columns)])
     return np.asarray(found, dtype=np.complex128)
 
 
-# Number of cvode steps per rodas5 step at equal error. Medians over these networks, at errors from
-# 1e-3 to 1e-9, are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
+# Number of cvode steps per rodas5 step at equal error. Medians for the networks above, at errors
+# from 1e-3 to 1e-9, are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Number of stages of rodas5, and number of sensitivities that it solves for at a time if
-# elimination is expensive.
+# Number of stages of rodas5, and number of sensitivities for which it solves together if the
+# elimination is not unrolled.
 _STAGES, _AT_A_TIME = 8, 8
 
-# Per cvode step: evaluations of the rates, evaluations of all rates including sensitivities, and
+# Numbers per cvode step: evaluations of the rates, evaluations of the rates with sensitivities, and
 # linear solutions for each block.
 _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 
@@ -146,9 +146,9 @@ _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
 def share_of_rodas5(problem: Problem) -> float | None:
-    """Estimate the time of rodas5 divided by that of cvode; None if costs are unknown.
+    """Estimate the time of rodas5 divided by that of cvode; return None if costs are unknown.
 
-    The problem has no algebraic unknowns, constraints and events.
+    The problem must not have algebraic unknowns, constraints or events.
     """
     work = None if problem.native is None else problem.native.work()
     if work is None:
@@ -158,13 +158,13 @@ def share_of_rodas5(problem: Problem) -> float | None:
 
 
 def _of_rodas5(work: StepWork, m: int) -> float:
-    """Estimate the time of a step, [ns]."""
+    """Estimate the time of a rodas5 step with m sensitivities, [ns]."""
     evaluation = 0.43 * (work.augmented if m else work.rates)
     if work.is_unrolled:
         solution = 1.1 * work.n_factors * (1 + m)
         factorisation = 0.5 * work.n_products
     else:
-        # One solve for the states, then one for each group of sensitivities.
+        # There is one solution for the states, then one for each group of sensitivities.
         solution = 2.2 * work.n_factors * (1 - (-m // _AT_A_TIME))
         factorisation = 0.19 * work.n_products
     own = 300.0 + factorisation + 0.5 * work.jacobian
@@ -172,37 +172,39 @@ def _of_rodas5(work: StepWork, m: int) -> float:
 
 
 def _of_cvode(work: StepWork, n: int, m: int) -> float:
-    """Estimate the time of a step, [ns]."""
+    """Estimate the time of a cvode step with n states and m sensitivities, [ns]."""
     evaluation = 0.25 * (_RATES * work.rates + (_ALL * work.augmented if m else 0.0))
     solution = 0.34 * _SOLUTIONS * work.n_banded * (1 + m)
     is_fresh = m > 0 and work.n_banded_products <= _FEW_MULTIPLICATIONS
     factorisation = 0.32 * work.n_banded_products * (1.0 if is_fresh else _SELDOM)
-    # Vector operations of SUNDIALS: prediction, error test and history.
+    # Vector operations of SUNDIALS are prediction, error test and history.
     vectors = 27.0 * n * (1 + m)
     return 600.0 + evaluation + solution + factorisation + vectors
 
 
-# With more states, factors that are kept for many steps are cheaper than eight inexpensive stages.
+# Number of states above which factors that cvode keeps for many steps are cheaper than the eight
+# stages of rodas5.
 _MOST_STATES = 150
 
-# Each kink costs a multistep method some thirty short steps, of hundreds in a run.
+# Maximum number of breakpoints with cvode: after each, a multistep method takes about thirty short
+# steps, compared with hundreds in a run.
 _MOST_CORNERS = 3
 
-# The integrator detects stiffness by differences, which rounding may disturb. It is confirmed if
-# the Jacobian has a mode of at least this fraction of the stability limit.
+# The integrator detects stiffness by differences, which rounding may disturb. It is confirmed if a
+# mode of the Jacobian reaches at least this fraction of the stability limit.
 _CONFIRMED = 0.5
 
-# If an event function is within this many absolute tolerances of zero, a method that starts there
-# may locate the event a second time, or an event of a value that rests at zero.
+# Number of absolute tolerances within which an event function is near zero. A method that starts
+# there may locate the same event again, or an event of a value that remains zero.
 _AT_ZERO = 10.0
 
 
 def stiff_method(problem: Problem) -> str:
     """Return the name of the method for a stiff problem.
 
-    That is "rodas5"; "cvode" if a run costs less, for many states, and for loops, since "rodas5"
-    does not pass singular configurations. Without scikit-sundae it is "BDF", or a method in C if
-    SciPy's methods do not apply.
+    It is "rodas5" by default. It is "cvode" if a run then costs less, if there are many states, or
+    if there are loops, whose singular configurations "rodas5" cannot pass; without scikit-sundae it
+    is then "BDF", or a C method if SciPy's methods do not support the problem.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
@@ -215,10 +217,10 @@ def stiff_method(problem: Problem) -> str:
 
 
 def cost_of_rodas5(problem: Problem) -> float:
-    """Return the estimated time of "rodas5" divided by that of "cvode"; zero without "cvode".
+    """Return the estimated time of "rodas5" divided by that of "cvode", or zero without "cvode".
 
     "cvode" is not considered for problems with events, many breakpoints, constraints or algebraic
-    unknowns: a multistep method restarts at order one after each event, breakpoint or projection,
+    unknowns: a multistep method restarts with order one after each event, breakpoint or projection,
     and solves for algebraic unknowns at each evaluation.
     """
     # Runs that locate events or kinks may restart often.
@@ -233,17 +235,17 @@ def cost_of_rodas5(problem: Problem) -> float:
 
 
 def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
-    """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
+    """Return whether stability limits the step size of an explicit method at (t, z), [s]."""
     from cotree.codegen.tableaus import TABLEAUS
 
-    # For decaying modes, the method is stable up to |lambda| h = bound.
+    # The method is stable for decaying modes up to |lambda| h = bound.
     bound = float(TABLEAUS[method].stable)
     sizes = np.abs(_modes(problem, [(t, z)], problem.direction))
     return step * float(np.max(sizes, initial=0.0)) >= _CONFIRMED * bound
 
 
 def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
-    """Return why no other method can start at a point; empty if one can."""
+    """Return the reason why no other method can start at a point, or an empty string."""
     if problem.events is None:
         return ""
     values = np.abs(problem.events.values(t, z))
@@ -258,16 +260,16 @@ def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
 
 
 def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
-    """Return the problem of the rest of the run; None if a budget is spent."""
+    """Return the problem for the rest of a run, or None if a limit is reached."""
     own = problem.settings
     wanted = own.t_eval
     if wanted is not None:
         wanted = wanted[len(first.t) :]
-        # If no output time is left, request the end of the span.
+        # If no requested time remains, the end of the span is requested.
         wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
-    # Only checked here: `steps_taken` subtracts these steps from the remaining budget.
+    # The limit is only checked here, since `steps_taken` already includes these steps.
     if own.max_steps is not None:
         steps = own.max_steps - taken
     if own.max_events is not None:
@@ -283,13 +285,13 @@ def rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Proble
 
 
 def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
-    """Join two trajectories; the second begins at the end of the first."""
+    """Join two trajectories, the second of which begins at the end of the first."""
     skipped = 0
     if problem.settings.t_eval is None:
         # If all steps are stored, the second run repeats the last point of the first.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
-        skipped = len(second.t)  # the end of the run, which is no output time
+        skipped = len(second.t)  # the end of the span, which was not requested
     t, z = second.t[skipped:], second.z[:, skipped:]
     return replace(
         second,
@@ -303,7 +305,7 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
 
 
 def summed(first: Statistics, second: Statistics) -> Statistics:
-    """Add up the work of two integrations of one run."""
+    """Return the total work of two integrations of one run."""
     return replace(
         second,
         began_with=first.method,

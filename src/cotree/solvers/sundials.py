@@ -1,18 +1,18 @@
-"""Libraries of SUNDIALS, and what its steppers need of a problem.
+"""SUNDIALS libraries, and the data that their steppers need for a problem.
 
 CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
 environment variable COTREE_SUNDIALS names a library that replaces both.
 
-The Newton matrix of SUNDIALS' methods is factorised by cotree's own C, once for the states and all
+cotree's own C code factorises the Newton matrix of the SUNDIALS methods once for the states and all
 their sensitivities.
 
-CVODE and IDA integrate states and sensitivities as one vector. In CVODES and IDAS each parameter
-has a vector, so that the error test and the iteration use the largest norm, not the mean. Two
-correctors (W. F. Feehery, J. E. Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997,
-for the first; T. Maly and L. R. Petzold, ibid. 20, 1996, for the second):
+CVODE and IDA integrate states and sensitivities as one vector. CVODES and IDAS have a vector for
+each parameter, so that the error test and the iteration use the largest norm, not the mean. They
+have two correctors:
 
-- staggered: the states are solved for and tested, then their sensitivities;
-- simultaneous: one iteration solves for all.
+- staggered: solves for the states and tests them, then the sensitivities (W. F. Feehery, J. E.
+  Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997);
+- simultaneous: one iteration solves for all (T. Maly and L. R. Petzold, ibid. 20, 1996).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-#: Environment variable that contains the path of a SUNDIALS library.
+#: Name of the environment variable with the path of a SUNDIALS library.
 VARIABLE = "COTREE_SUNDIALS"
 
 # Oldest version of Python that sundials4py supports.
@@ -44,7 +44,7 @@ _LEAST_PYTHON = (3, 12)
 def check_installed(method: str) -> None:
     """Raise SolveError if the package with "cvode" or "ida" is not installed."""
     try:
-        # Imported, not only searched for, since a part of the package may be missing.
+        # The module is imported, since a part of the package may be missing.
         importlib.import_module(f"sksundae.{method}")
     except ImportError as error:
         raise SolveError(
@@ -54,16 +54,16 @@ def check_installed(method: str) -> None:
 
 
 class LibraryPath(NamedTuple):
-    """The file of a library, or why it is missing, without a capital and a full stop."""
+    """Path of a library, or the reason why it is missing, without a capital and full stop."""
 
     path: str
     why_not: str = ""
 
 
 def library_path(library: str) -> LibraryPath:
-    """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
+    """Return the path of a SUNDIALS library: "cvode", "ida", "cvodes" or "idas"."""
     named = os.environ.get(VARIABLE, "")
-    # A library named by the user is never replaced by another one.
+    # A library that the user has named is never replaced by another one.
     if named:
         if os.path.isfile(named):
             return LibraryPath(os.path.abspath(named))
@@ -79,18 +79,18 @@ def library_path(library: str) -> LibraryPath:
 
 
 def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
-    """Open a library of SUNDIALS and find the functions that an engine calls.
+    """Open a SUNDIALS library and find the functions that an engine calls.
 
-    Returns a ``cotree_sundials`` and the opened library; or the reason of a failure, without a
-    capital and a full stop. ``ffi`` is the engine's and declares these functions.
+    Returns a ``cotree_sundials`` and the opened library, or the reason of a failure, without a
+    capital and full stop. The engine's ``ffi`` declares these functions.
     """
-    # cotree's own methods do not need the modules that print C.
+    # Imported here, since cotree's own methods do not need the modules that generate C.
     from cotree.codegen.c_files import sundials_functions
 
     try:
-        # Lazy binding, since the module's Python functions are not needed.
+        # The Python functions that a module refers to are not needed, hence lazy binding.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
-        # Functions of another version may have other arguments.
+        # In other versions, functions may have other arguments.
         version = version_of(ffi, opened, path)
         if version != SUNDIALS_VERSION:
             here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
@@ -104,10 +104,10 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
 
 
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
-    """Return the major and minor version of an opened library; empty if unknown.
+    """Return the major and minor version of an opened library, or an empty tuple if unknown.
 
-    sundials4py lacks the function that returns it; the package has the version of SUNDIALS, which
-    the name of its metadata contains.
+    sundials4py lacks the function that returns the version. The package has the same version as
+    SUNDIALS, which the name of its metadata folder contains.
     """
     try:
         get_version = library.SUNDIALSGetVersionNumber
@@ -123,7 +123,7 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
 
 
 def _in_sundials4py(library: str) -> LibraryPath:
-    """Find the module, which is a library itself; it need not be imported."""
+    """Return the path of the package's module, which is itself a library, without importing it."""
     try:
         spec = importlib.util.find_spec("sundials4py")
     except (ImportError, ValueError):
@@ -142,22 +142,22 @@ def _in_sundials4py(library: str) -> LibraryPath:
     return LibraryPath("", why)
 
 
-# Number of multiplications of a banded factorisation above which a sparse one is better.
+# Number of multiplications in a banded factorisation above which a sparse one is faster.
 _MOST_MULTIPLICATIONS = 3e7
 
 
 class SundialsAid:
     """The ``cotree_sundials_aid`` of a job, with the arrays that it points to.
 
-    ``is_wide``: a sparse factorisation would be much cheaper than the banded one.
+    ``is_wide`` is true if a sparse factorisation would be much cheaper than the banded one.
     """
 
     def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:
         ffi, n = engine.library.ffi, problem.n_states
         c = self.address = ffi.new("cotree_sundials_aid *")
         c.sundials, c.corrector = engine.functions, row.corrector
-        # Residuals of sensitivities change with the states. Without an error test of sensitivities,
-        # the iteration makes at least a given number of corrections.
+        # Residuals of sensitivities change with the states. If sensitivities are not in the error
+        # test, the iteration therefore takes a minimum number of corrections.
         c.are_followed = (
             problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
         )
@@ -165,7 +165,7 @@ class SundialsAid:
             # The reduced Jacobian is dense.
             c.lower = c.upper = n - problem.n_algebraic - 1
         else:
-            # If no rate depends on a state, there are no arrays.
+            # The arrays do not exist if no rate depends on a state.
             n_nonzeros = model.n_nonzeros
             starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
             rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []

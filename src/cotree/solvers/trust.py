@@ -1,4 +1,4 @@
-"""Warnings and failures of runs with too loose tolerances or too large corrections."""
+"""Warnings and failures for runs with too loose tolerances or too large corrections."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray, Trajectory
 
 
-# Corrections are compared with the tolerance of the run, but at least with this one.
+# Corrections are compared with rtol or, if it is smaller, with this relative tolerance.
 _CORRECTED_RTOL = 1e-3
 
-# The projection onto redundant constraints is not unique. At tolerances above the first number, the
-# error of Bricard's mechanism is 10 to 300 tolerances; above the second, it is as large as the
-# solution. With multistep methods, whose history is not projected, this is so above the first.
+# Relative tolerances with redundant constraints, the projection onto which is not unique. Above the
+# first, the error of Bricard's mechanism is 10 to 300 tolerances; above the second, it is as large
+# as the solution. With multistep methods, whose history is not projected, it is that large above
+# the first.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# The error test covers the contents of storages, not the variables that they determine. Largest
-# error of such a variable, in tolerances of the variable, without a warning; number of points
-# examined.
+# The error test covers storage contents, not the variables that follow from them. The numbers are
+# the largest error of such a variable without a warning, in tolerances of the variable; and the
+# number of points examined.
 _LEFT_FREE, _N_EXAMINED = 10.0, 50
 
-# At rest, where forces balance, states are within this many roundings of one.
+# Largest states at rest, where forces balance, in machine precisions.
 _ROUNDINGS = 16.0
 
 
@@ -56,9 +57,9 @@ def warn_of_result(
     followers: Sequence[tuple[int, int]] = (),
     is_balanced: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Warn if tolerances tested nothing.
+    """Warn if the tolerances were too loose to control the states of a run.
 
-    ``followers`` are pairs of the content of storages and of a variable that follows from it;
+    ``followers`` are pairs of indices: a storage content, and the variable that follows from it.
     ``is_balanced`` returns whether the rates at the start are rounding errors of a balance.
     """
     if trajectory.status == 0:
@@ -72,8 +73,8 @@ def warn_of_result(
 def is_balanced(model: CompiledModel, problem: Problem) -> bool:
     """Return whether the first rates are rounding errors of large terms, as in a robot at rest.
 
-    Changes of parameters and inputs in their tenth digit then change these rates completely; rates
-    of small motions change in their tenth digit.
+    Such rates change completely if parameters and inputs change in their tenth digit; rates of
+    small motions then also change only in their tenth digit.
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
     assert native is not None  # the settings require a C compiler
@@ -87,7 +88,7 @@ def is_balanced(model: CompiledModel, problem: Problem) -> bool:
 
 
 def _other(values: FloatArray) -> FloatArray:
-    """Change numbers in their tenth digit, by different shares."""
+    """Return numbers that differ in the tenth digit, each by another relative change."""
     return values * (1.0 + 1e-10 * (1.0 + np.arange(len(values)) % 7))
 
 
@@ -101,10 +102,10 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
 
 
 def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
-    """Mark a run as failed if it may have left its branch of the constraints.
+    """Mark a run as failed if it may have jumped to another branch of the constraints.
 
-    Either the projection moved the states by far more than the tolerance, or constraints are
-    redundant (``redundant`` follow from the others) and the tolerance is too loose for that.
+    This is the case if a projection changed the states by far more than the tolerance, or if there
+    are ``redundant`` constraints and the tolerance is too loose for these.
     """
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
@@ -131,19 +132,20 @@ def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: 
 def _left_free(
     problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
 ) -> str:
-    """Return a warning of a variable that the tolerance of its content bounds too loosely."""
+    """Return a warning if the tolerance of a storage content is too loose for its variable."""
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
-    # Use the largest magnitude in the whole run: near zero, relative accuracy is irrelevant.
+    # The largest magnitude of the whole run counts, since relative accuracy near zero is
+    # irrelevant.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_EXAMINED)).astype(int)).tolist():
         t = float(trajectory.t[k])
-        # The algebraic equation of a variable contains its content, so that this derivative is the
-        # change of the content per unit of the variable: a capacitance.
+        # The algebraic equation of a variable contains the storage content, so this derivative is
+        # the change of the content per unit of the variable, such as a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
         allowed = atol[totals] + problem.settings.rtol * np.abs(y[totals, k])
         left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)
@@ -159,10 +161,10 @@ def _left_free(
 
 
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a warning of an absolute tolerance that is large compared with all states."""
+    """Return a warning if the absolute tolerance is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
-    # The states at the start are checked first, since they often suffice.
+    # The initial states are checked first, since they often suffice.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
         return ""
@@ -170,7 +172,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
         y = y / problem.sizes[:n, None]
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
-    # States at rest consist of rounding errors, which tolerances need not control.
+    # States at rest are rounding errors, which tolerances need not control.
     if largest <= _ROUNDINGS * sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (
@@ -180,8 +182,8 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def _is_seen(largest: float, atol: float) -> bool:
-    """Return whether a tolerance tests states that are as large as this."""
-    return not largest < atol / LOOSE_RTOL  # nan counts as visible
+    """Return whether an absolute tolerance is small enough for states of the given magnitude."""
+    return not largest < atol / LOOSE_RTOL  # true for nan
 
 
 def _warn(message: str) -> None:
@@ -189,19 +191,19 @@ def _warn(message: str) -> None:
         warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
 
 
-# A spacing of t below this fraction of rtol times a step has no effect.
+# Fraction of (rtol * step size) below which the spacing of t has no effect.
 _FINE = 0.1
 
-# Rounding errors of successive steps are independent, so that their sum is proportional to the
-# square root of the number of steps, up to this number.
+# Number of steps whose rounding errors add up. They are independent, so the sum is proportional to
+# the square root of the number of steps.
 _REMEMBERED = 100
 
-# Number of points examined, and distance of finite differences as a fraction of a step.
+# Number of points examined, and increment of finite differences as a fraction of a step.
 _POINTS, _REACH = 5, 1.0 / 16.0
 
 
 def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Mark a run as failed if the rounding of t exceeds its tolerance."""
+    """Mark a run as failed if errors due to the rounding of t exceed the tolerance."""
     n_steps = trajectory.statistics.n_steps
     if trajectory.status != 0 or not n_steps or not trajectory.t.size:
         return trajectory
@@ -209,7 +211,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
         return trajectory
     step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
-    # The tolerance of a value that passes through zero is that of its largest magnitude.
+    # Tolerances refer to the largest magnitudes, since values may pass through zero.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
     allowed = problem.state_atol + problem.settings.rtol * largest
     with np.errstate(all="ignore"):
@@ -234,19 +236,19 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     """Return whether the rounding of times has no effect.
 
-    ``n_steps`` is the number of steps of one run or of several.
+    ``n_steps`` is the number of steps of one run, or an array for several runs.
     """
     start, end = problem.settings.t_span
-    # Only runs with steps are considered.
+    # Runs without steps count as having one.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
     return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
 
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
-    """Return the change by half a spacing of t over a step, as a fraction of the tolerance.
+    """Return the error of a step due to the rounding of t, as a fraction of the tolerance.
 
-    The smaller of the changes forwards and backwards counts, since a jump of the rates affects only
-    one of them.
+    The smaller one of the changes forwards and backwards in time is used, since a jump of the rates
+    affects only one of them.
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)
@@ -260,19 +262,19 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     n = problem.n_states - problem.n_algebraic
     sizes = [float(np.sqrt(np.mean(np.square(c[:n] / allowed[:n])))) for c in changes]
     least = min((size for size in sizes if np.isfinite(size)), default=0.0)
-    # The change over the distance `ahead`, scaled to the rounding error of t: half a spacing.
+    # The change over the time `ahead` is scaled to the rounding error of t, half a spacing.
     return 0.5 * least * math.ulp(t) / ahead
 
 
 def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
-    assert problem.state_rhs is not None  # the problem is that of a model
+    assert problem.state_rhs is not None  # the problem has a model
     return np.array(problem.state_rhs(t, y), dtype=np.float64)
 
 
 def _over_step(
     problem: Problem, t: float, y: FloatArray, step: float, change: FloatArray
 ) -> FloatArray:
-    """Return the effect of a change of the rates on an implicit step."""
+    """Return the change of the states in an implicit step due to a change of the rates."""
     if not np.any(change):
         return change
     from cotree.model.linear import solve_with
@@ -291,5 +293,5 @@ def _over_step(
     try:
         return solve_with(matrix, change)
     except np.linalg.LinAlgError:
-        # Step without damping.
+        # The effect without damping.
         return step * change
