@@ -6,10 +6,10 @@ plan if only the pattern is known. All sparse eliminations of this package use t
 differ in the choice of pivots and the use of symmetry. None depends on values, which are known only
 at run time.
 
-The plan of a Jacobian J, whose last unknowns are algebraic, lists the steps that factorise ``shift
-M - J`` and solve with the factors; M is diagonal with ones, but zeros for algebraic unknowns. The
-code that executes the steps checks their results. For banded factors, the plan contains the
-bandwidths of the pattern, which is compressed by columns, and the new order of the unknowns.
+The plan of a Jacobian J, whose last unknowns are algebraic, lists the steps that factorise
+``shift M - J`` and solve with the factors; M is diagonal with ones, but zeros for algebraic
+unknowns. The code that executes the steps checks their results. For banded factors, the plan has
+the bandwidths of the pattern, which is compressed by columns, and the new order of the unknowns.
 """
 
 from __future__ import annotations

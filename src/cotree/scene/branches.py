@@ -95,8 +95,8 @@ def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) ->
     """Return a branch in which roots that end at its boundary are defined beyond it.
 
     A step stays on the branch on which it begins, and so evaluates it slightly beyond the boundary,
-    where the argument of the root would be negative: ``sqrt(x - b)`` becomes ``sqrt(max(x - b,
-    0))``.
+    where the argument of the root would be negative: ``sqrt(x - b)`` becomes
+    ``sqrt(max(x - b, 0))``.
     """
     ends = _vanishing(boundary, parameters)
 

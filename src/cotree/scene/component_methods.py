@@ -35,9 +35,9 @@ class ComponentMethods:
     """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
 
     Each calls :meth:`cotree.Scene.edge` with the component's name. Fields accept numbers in SI,
-    names of parameters, expressions in quotes, and values with a unit, as in ``{"value": 35,
-    "unit": "mm"}``. :func:`cotree.register_component` adds the methods of the types that it
-    registers.
+    names of parameters, expressions in quotes, and values with a unit, as in
+    ``{"value": 35, "unit": "mm"}``. :func:`cotree.register_component` adds the methods of the types
+    that it registers.
     """
 
 

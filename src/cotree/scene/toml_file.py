@@ -121,7 +121,7 @@ _SECTIONS = (
 def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
-    """Fill a scene from the tables of its file; ``stem`` is the default name.
+    """Create a scene from the tables of its file; ``stem`` is the default name.
 
     ``parts`` returns the scene that a part names and the scene's source, ``points`` the text of a
     table's data file.

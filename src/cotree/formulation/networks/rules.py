@@ -219,8 +219,8 @@ def _or_zero(law: Law | None) -> Any:
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     """Return a storage's terminal equation, solved for the rate of its state.
 
-    For a capacity, ``rate = (through - leak) / capacity``; for an inertance, ``rate = (across -
-    drop) / inertance``.
+    For a capacity, ``rate = (through - leak) / capacity``; for an inertance,
+    ``rate = (across - drop) / inertance``.
     """
     assert terminal.storage is not None
     # Both cases have the same form: through minus loss over capacity, or across minus loss over
