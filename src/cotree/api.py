@@ -132,13 +132,13 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         """
         begun = time.perf_counter()
         names = check_names(sensitivities, "sensitivities")
-        # Parameters that no run may change become numbers, which fold into the code.
+        # Parameters that no run may change become constants of the code.
         described = self
         if tunable is not None:
             from cotree.scene.variants import keep_tunable
 
             described = keep_tunable(self, tunable, names)
-        # At a negative rate violations of the constraints would grow.
+        # Constraint violations would grow at a negative rate.
         rate = check_number(baumgarte, "baumgarte")
         if rate < 0.0:
             raise ParameterError(f"baumgarte is {rate}: it must not be negative")
@@ -151,11 +151,12 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             with _locating_errors(self):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
-                # Errors that depend on numbers, such as a motion without inertia, are raised here.
+                # This raises errors that depend on numerical values, such as a motion without
+                # inertia.
                 if model.kernels.backend != "none":
                     check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:
-            # A misspelt node leaves another one without the elements that were meant for it.
+            # If a node is misspelt, another node lacks the elements that were meant for it.
             from cotree.lint import dangling_hint
 
             raise type(error)(f"{error}{dangling_hint(self)}") from None
@@ -165,7 +166,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
                 RuntimeWarning,
                 stacklevel=2,
             )
-        # Time of the call that is not part of any stage.
+        # Duration of the call without that of the stages.
         model.times["start"] = time.perf_counter() - begun - sum(model.times.values())
         return model
 
@@ -303,7 +304,7 @@ def _locating_errors(scene: SceneDescription) -> Iterator[None]:
 
 
 def load(source: str | Path) -> Scene:
-    """Read a scene.
+    """Read a scene by its name or from a file.
 
     Parameters
     ----------

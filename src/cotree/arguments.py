@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 
-# Not all larger integers have an exact double.
+# Larger integers may have no exact double.
 _LARGEST_INTEGER = 2**53
 _UNREAL = {"c", "m", "M"}  # NumPy kinds of complex numbers, durations, dates
 _DEEPEST = 4  # maximum nesting depth, since a list may contain itself

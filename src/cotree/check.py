@@ -363,7 +363,7 @@ def check_sensitivities(
     A parameter passes if this holds for every state and output.
     """
     names = _checked_names(model, sensitivities)
-    # A short run determines the method "auto" and the end of the scene's runs.
+    # A short run determines the method that "auto" selects and the scene's end time.
     rtol, given = settings.pop("rtol", None) or _RTOL, settings
     common: dict[str, Any] = {"parameters": dict(parameters or {}), **given}
     span = None if t_end is None else (0.0, t_end)
@@ -457,8 +457,8 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
-    # The quantity with the largest ratio of deviation to tolerance. One without any difference
-    # ranks highest.
+    # The quantity with the largest ratio of deviation to tolerance. A quantity without any
+    # difference ranks highest.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""
@@ -496,7 +496,7 @@ def _differences(
         try:
             found[k] = experiment.central_difference(name, step)
         except Error as error:
-            # For example a negative mass, or a singular configuration.
+            # The model may reject a value, such as a negative mass, or be singular.
             refusal = str(error)
     return found, refusal
 

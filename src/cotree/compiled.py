@@ -625,7 +625,7 @@ class Model(Reported):
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # C projects do not search for operating points.
         start = self.start() if self.kernels.begins_at_rest else None
-        # Kernels of the project become new nodes of the program's arena, which threads share.
+        # Forming the project's kernels adds nodes to the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(
@@ -687,7 +687,7 @@ class Model(Reported):
         d = self._defaults
         rest = self.start() if self.kernels.begins_at_rest else None
         to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
-        # Further kernels become new nodes of the program's arena, which threads share.
+        # Forming further kernels adds nodes to the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program, self.kernels)
             numbers = d.t_end, d.rtol, d.atol

@@ -102,7 +102,7 @@ _MOST_SHOWN = 5
 
 @dataclass(frozen=True)
 class State:
-    """A state."""
+    """A state of the equations, with its unit and initial value."""
 
     #: ``edge.coordinate`` or ``edge.coordinate_dot``, and its SI unit.
     name: str

@@ -452,8 +452,8 @@ def _inertias(scene: SceneDescription, known: dict[str, float]) -> Iterator[Find
     try:
         for name, message in (*inertia_faults(scene), *tiny_masses(scene)):
             yield Finding("inertia", "edge", name, message)
-    except (Error, KeyError):  # also an unknown name
-        return  # another rule reports it
+    except (Error, KeyError):  # KeyError: an unknown name
+        return  # another rule reports the error
     for edge in scene.edges.values():
         if edge.component.role is not Role.BODY:
             continue

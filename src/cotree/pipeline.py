@@ -228,7 +228,7 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     # The steady state does not depend on initial values, so these sensitivities are left out.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]
-    for total, _ in layout.followers:  # the start uses the variable that the total determines
+    for total, _ in layout.followers:  # not the totals but the variables that follow from them
         wanted[total] = "0"
     try:
         at_rest = scene_at_rest(scene, wanted, jump_values(scene))

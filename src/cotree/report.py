@@ -195,7 +195,7 @@ class Report:
 
     def html(self) -> str:
         """Return the report as HTML."""
-        # Dollar signs are escaped, since MathJax would format the text between two of them.
+        # With these classes MathJax does not format text between dollar signs.
         head = '<div class="tex2jax_ignore mathjax_ignore">'
         title = f"<p><b>{escaped(self.title, 1000)}</b></p>" if self.title else ""
         parts = [

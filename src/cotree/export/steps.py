@@ -236,7 +236,7 @@ def _of_networks(
 
 
 def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
-    """Return letter and owner of a variable: ``v`` and ``^R1``, or ``v`` and ``(out)``."""
+    """Return a variable's letter and owner: ``v``, ``^R1`` (edge) or ``v``, ``(out)`` (node)."""
     quantity, name = variable
     base, _, rate = quantity.partition("_")
     if base == "residual":
@@ -399,7 +399,7 @@ class _Graph:
 
 @dataclass(frozen=True)
 class _Speller:
-    """A writer of nodes as text; it writes a node with a name by its name."""
+    """A writer of expression nodes as text, which replaces nodes that have a name by it."""
 
     dag: Dag  # arena that holds the nodes
     graphs: tuple[_Graph, ...]  # G1 and the sensitivity graphs
@@ -462,7 +462,7 @@ class _Speller:
         for term in terms:
             own = [next(values) for _ in term.nodes]
             spelt = to_sympy(own, self.known)
-            # SymPy may simplify to zero.
+            # SymPy may simplify the values to zero.
             if not any(spelt):
                 continue
             name = f"{term.letter}{graph.subscript if term.letter else ''}{term.place}"
@@ -494,6 +494,6 @@ class _Speller:
             # The name belongs to the positive value, which more terms contain.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
-            # Only operations on operations need a name; others are as short as a name.
+            # Only operations on operations get a name, since others are as short as a name.
             if any(arg.args for arg in node.args):
                 self.known.setdefault(node, symbol)

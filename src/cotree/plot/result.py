@@ -64,7 +64,7 @@ def choose_curves(
         names = [name for name in states if not name.endswith("_dot")] or known
         if not names:
             raise SceneError("the result has neither states nor outputs to plot")
-    # Dicts are ordered sets.
+    # Dicts serve as ordered sets.
     values: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     for name in [names] if isinstance(names, str) else names:

@@ -36,7 +36,7 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 class MeshError(Exception):
-    """A mesh cannot be read; the message is the reason."""
+    """An error that a mesh cannot be read, with the reason as its message."""
 
 
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:

@@ -71,13 +71,13 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
     arms = _arms(first, places)
     size = _size(poses, places)
-    # Arms without length are rotations, which the median of the lengths excludes.
+    # Arms without length are rotations and do not count in the median length.
     lengths = [length for length in arms.values() if length > 1e-9 * size]
     thickness = _OF_SIZE * size
     if lengths:
         thickness = max(min(thickness, _OF_ARM * float(np.median(lengths))), _LEAST * size)
     edges = system.edges
-    # The cluster of the second node of each edge.
+    # Cluster of each edge's second node.
     held = {edge.name: places[edge.second].cluster for edge in edges.values()}
     reach: dict[int, float] = {}
     for name, length in arms.items():
@@ -253,7 +253,7 @@ class MotionValues:
                 nodes += [entry for row in matrix or () for entry in row]
         with np.errstate(all="ignore"):  # values may be infinite or nan
             values = evaluate(nodes, self._moving, "array")
-        # In the order of the list above.
+        # Values are in the order of `nodes`.
         rows = iter(values)
 
         def next_values(k: int) -> Array:

@@ -276,7 +276,7 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
         if (n_fired > 0) {
             status = cotree_compute_rates(e, t, w);
             if (!(e->jumps.rates[i] * e->crossing_sign[i] > COTREE_F(0.0)))
-                continue; /* an earlier event reversed it */
+                continue; /* an earlier event reversed the crossing */
 #if COTREE_HAS_MODES
             if (cotree_was_selected(e, i)) continue;
 #endif

@@ -60,8 +60,8 @@ typedef enum cotree_events_status {
 /* Largest number of records written in one call. */
 #define COTREE_EVENTS_AT_ONCE(n_events) ((n_events) + COTREE_EVENT_ROUNDS)
 
-/* Numbers in a record: the time, the event, the derivatives of the time by the parameters, and the
- * states before and after the event. */
+/* Number of values in a record: time, event index, derivatives of the time by the parameters,
+ * and states before and after the event. */
 #define COTREE_EVENTS_RECORD(n_states, n_sensitivities) (2 + (n_sensitivities) + 2 * (n_states))
 
 /* Largest number of pivots in the mode selection for n_edges unilateral constraints. */
@@ -153,7 +153,7 @@ typedef struct cotree_events {
     int *is_stepped_over; /* for each event function: 1 if crossed by an external integrator */
     cotree_real *modes;   /* modes in the current trial */
     cotree_real *acceleration_scale;
-    cotree_real *slack;       /* distances of each force to its two limits */
+    cotree_real *slack;       /* distances of each force from both of its limits */
     cotree_real *trial;       /* entries w of the current trial, with its modes */
     cotree_real *tried_codes; /* ring buffer: codes of the mode sets tried in this selection */
     cotree_real *saved_before;

@@ -91,7 +91,7 @@ struct fmu {
     /* Saved states that are not yet freed. */
     struct fmu_state **kept;
     size_t n_kept, n_places;
-    /* The state: numbers, then arrays, contiguous in memory. */
+    /* The saved state: numbers, then arrays, contiguous in memory. */
     size_t n_saved;
     double *saved;
     double *numbers;

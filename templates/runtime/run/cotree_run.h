@@ -85,8 +85,8 @@ typedef struct cotree_run {
 #endif
     cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: up to rounding */
     cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
-    cotree_real low, high; /* rates are evaluated at times from low to high only: the jumps at the
-                              ends of the segment lie outside */
+    cotree_real low, high; /* rates are only evaluated at times from low to high, which excludes
+                            * the jumps at the ends of the segment */
     cotree_real *full;     /* all states and sensitivities at the last completed point */
     int n;                 /* number of entries of w */
     int n_full;            /* number of entries of z, all states and sensitivities */

@@ -179,7 +179,7 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
         a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
                        cotree_assembly_unit_of_row(a, row);
         if (!(COTREE_FABS(a->values[r]) <= *size))
-            *size = COTREE_FABS(a->values[r]); /* true for nan, too */
+            *size = COTREE_FABS(a->values[r]); /* also true for nan */
     }
     return status;
 }
@@ -223,7 +223,7 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
             if (!(COTREE_FABS(row[i]) <= *largest))
-                *largest = COTREE_FABS(row[i]); /* true for nan, too */
+                *largest = COTREE_FABS(row[i]); /* also true for nan */
         }
         a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
     }
@@ -290,7 +290,7 @@ cotree_real cotree_assembly_largest_of(const cotree_real *x, int n)
     cotree_real largest = COTREE_F(0.0);
     int i;
     for (i = 0; i < n; ++i) {
-        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* true for nan, too */
+        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* also true for nan */
     }
     return largest;
 }

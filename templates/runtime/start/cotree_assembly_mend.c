@@ -221,7 +221,7 @@ void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
         for (r = 0; r < a->n_own; ++r) {
             column[r * N_SPEEDS] = a->is_giving[i] ? entry_of(a, a->places[r], i) : COTREE_F(0.0);
             if (!(COTREE_FABS(column[r * N_SPEEDS]) <= *largest))
-                *largest = COTREE_FABS(column[r * N_SPEEDS]); /* true for nan, too */
+                *largest = COTREE_FABS(column[r * N_SPEEDS]); /* also true for nan */
         }
         if (a->is_giving[i]) cotree_least_reject(&a->least, column, N_SPEEDS);
     }

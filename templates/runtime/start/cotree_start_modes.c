@@ -146,7 +146,7 @@ static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *
 }
 
 /* Return COTREE_START_ON_JUMP if the rates jump at z and the position of the jump depends on a
- * parameter: then no sensitivities exist. */
+ * parameter, so that no sensitivities exist. */
 int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;

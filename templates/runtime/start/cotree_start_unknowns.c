@@ -30,7 +30,7 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
         if (cotree_run_find_states(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
         for (i = N_RATES; i < N_STATES; ++i) {
             const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
-            change += COTREE_FABS(run->full[i] - z[i]) / size; /* true for nan, too */
+            change += COTREE_FABS(run->full[i] - z[i]) / size; /* also true for nan */
             z[i] = run->full[i];
         }
         is_changed = !(change <= SETTLED || (change < STALLED && change > COTREE_F(0.5) * before));
