@@ -1,4 +1,4 @@
-"""Readers of files of other tools, and loading of scenes by name: shipped, TOML, or by suffix."""
+"""Reading of other tools' files, and loading of scenes by name or path."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _COMMENT, _OUTERMOST = re.compile(rb"(?s)<!--.*?-->"), re.compile(rb"<([A-Za-z_]
 
 
 def is_urdf(source: str | Path) -> bool:
-    """Return whether a file is a robot description, by its ending or its outermost element."""
+    """Return whether a file is a robot description, by its suffix or its outermost element."""
     return _has_ending(source, ".urdf") or _begins_with(source, "robot")
 
 
 def is_sbml(source: str | Path) -> bool:
-    """Return whether a file is an SBML model, by its ending or its outermost element."""
-    # The reader rejects other XML files.
+    """Return whether a file is an SBML model, by its suffix or its outermost element."""
+    # The SBML reader rejects other XML files later.
     return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
 
 
 def is_spice(source: str | Path) -> bool:
-    """Return whether a file is a netlist, by its ending."""
+    """Return whether a file is a netlist, by its suffix."""
     return _has_ending(source, ".cir", ".sp", ".net")
 
 
@@ -38,14 +38,14 @@ def _has_ending(source: str | Path, *endings: str) -> bool:
 
 
 def _begins_with(source: str | Path, tag: str) -> bool:
-    """Return whether the outermost element of an XML file has a tag; False if it is unreadable."""
+    """Return whether an XML file's outermost element has a tag; False if the file is unreadable."""
     if not _has_ending(source, ".xml"):
         return False
     try:
         with open(source, "rb") as file:
             start = file.read(_START)
     except (OSError, ValueError):
-        return False  # the reader will report the error
+        return False  # the reader will raise the error
     # Comments, declarations and processing instructions may precede the element.
     found = _OUTERMOST.search(_COMMENT.sub(b"", start))
     return found is not None and found[1] == tag.encode()
@@ -54,8 +54,9 @@ def _begins_with(source: str | Path, tag: str) -> bool:
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a shipped scene by its name, a TOML file, or a file of another tool.
 
-    ``.urdf`` is a robot description, ``.cir``, ``.sp`` and ``.net`` are netlists, ``.sbml`` is an
-    SBML model, ``.xml`` a model or a robot. Raises ModelError if the scene is unknown or invalid.
+    Suffixes are ``.urdf`` for a robot description, ``.cir``, ``.sp`` and ``.net`` for netlists,
+    ``.sbml`` for an SBML model, and ``.xml`` for either a model or a robot. Raises ModelError if
+    the scene is unknown or invalid.
     """
     if is_urdf(source):
         from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene

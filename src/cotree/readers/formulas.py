@@ -1,8 +1,8 @@
-"""Conversion of formulas of other tools to the grammar of expressions.
+"""Conversion of other tools' formulas to expressions of scenes.
 
-A reader converts the tokens of its grammar to Python's. Python parses that text, which is never
-evaluated, and the tree is rewritten: names, conditions, powers and functions. The result is checked
-like every expression of a scene.
+A reader converts the tokens of its grammar to those of Python. Python parses the text, which is
+never evaluated, and names, conditions, powers and functions in the syntax tree are replaced. The
+result is checked like every expression of a scene.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-#: Prefix of parentheses that only group; no function of any tool has this name.
+#: Function name before parentheses that only group operands; no tool has such a function.
 GROUP = "ö"
 
 _LONGEST = 6000  # maximum number of characters of a formula with its functions expanded
 
-#: Functions of other tools, expressed by functions of scenes.
+#: Functions of other tools as expressions with functions of scenes.
 FORMS = {
     "ln": "log(a)",
     "log10": "log(a)/2.302585092994046",
@@ -50,7 +50,7 @@ FORMS |= {f"a{name}": FORMS[f"arc{name}"] for name in ("sinh", "cosh", "tanh")}
 def python_text(
     text: str, token: re.Pattern[str], spell: Callable[[re.Match[str]], str], longest: int
 ) -> str:
-    """Convert a formula to Python's syntax, token by token."""
+    """Convert a formula to Python syntax, token by token."""
     text, parts, at = text.strip(), [], 0
     if len(text) > longest:
         raise ExpressionError(f"is longer than {longest} characters")
@@ -64,20 +64,20 @@ def python_text(
 
 
 def compared(a: ast.expr, operator: type[ast.cmpop], b: ast.expr) -> ast.expr:
-    """Return the comparison of two trees; equality becomes two inequalities."""
+    """Return the tree that compares two trees; equality becomes two inequalities."""
     if operator in (ast.Eq, ast.NotEq):
         return fill("a <= b and a >= b" if operator is ast.Eq else "a < b or a > b", a, b)
     return ast.Compare(a, [operator()], [b])
 
 
 def is_condition(tree: ast.expr) -> bool:
-    """Return whether a tree is a condition."""
+    """Return whether a syntax tree is a condition."""
     is_not = isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)
     return is_not or isinstance(tree, (ast.Compare, ast.BoolOp))
 
 
 def as_condition(tree: ast.expr) -> ast.expr:
-    """Return a condition; raise an error for a value."""
+    """Return a syntax tree that is a condition; raise an error if it is a value."""
     if not is_condition(tree):
         raise ExpressionError(
             f"uses '{brief(ast.unparse(tree))}' as a condition, which is not a comparison: write "
@@ -87,27 +87,27 @@ def as_condition(tree: ast.expr) -> ast.expr:
 
 
 class Rewriter(ast.NodeTransformer):
-    """Rewriting of the tree of a formula.
+    """Rewrites the syntax tree of a formula for scenes.
 
-    ``name`` returns the tree that replaces a name; ``functions`` are those of the tool, which are
-    functions of scenes or keys of :data:`FORMS`.
+    ``name`` returns the tree that replaces a name. ``functions`` are the names of the tool's
+    functions, which are functions of scenes or keys of :data:`FORMS`.
     """
 
-    #: Functions that :meth:`own_call` rewrites, with their number of arguments.
+    #: Functions that :meth:`own_call` rewrites, with their numbers of arguments.
     own: ClassVar[Mapping[str, int]] = {}
 
     def __init__(self, name: Callable[[str], ast.expr], functions: Iterable[str]) -> None:
         self._name, self._functions = name, (*functions, *self.own)
 
     def text(self, formula: str) -> str:
-        """Rewrite a formula in Python's syntax."""
+        """Rewrite a formula that is in Python syntax."""
         try:
             return ast.unparse(self.value(read_tree(formula)))
         except RecursionError:
             raise ExpressionError("is nested deeper than expressions may be: split it") from None
 
     def value(self, tree: ast.expr) -> ast.expr:
-        """Rewrite a value; a condition becomes one if it is true, else zero."""
+        """Rewrite a value; a condition becomes 1 if it is true, else 0."""
         found: ast.expr = self.visit(tree)
         if not is_condition(found):
             return found
@@ -122,26 +122,26 @@ class Rewriter(ast.NodeTransformer):
         return self._name(node.id)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Rewrite the operands."""
+        """Rewrite the operands of an operation."""
         return ast.BinOp(self.value(node.left), node.op, self.value(node.right))
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """Rewrite a sign, or a negation, for which readers write ``~``."""
+        """Rewrite a sign or a negation, which readers write as ``~``."""
         if isinstance(node.op, ast.Invert):
             return ast.UnaryOp(ast.Not(), self.condition(node.operand))
         return ast.UnaryOp(node.op, self.value(node.operand))
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
-        """Rewrite joined conditions."""
+        """Rewrite conditions that are joined by ``and`` or ``or``."""
         return ast.BoolOp(node.op, [self.condition(part) for part in node.values])
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
-        """Rewrite ``a ? b : c``, for which readers write ``a if (b) else c``."""
+        """Rewrite ``a ? b : c``, which readers write as ``a if (b) else c``."""
         condition, value = self.condition(node.body), self.value(node.test)
         return fill("where(a, b, c)", condition, value, self.value(node.orelse))
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
-        """Rewrite a comparison, or a chain of them."""
+        """Rewrite a comparison or a chain of comparisons."""
         sides = [self.value(side) for side in (node.left, *node.comparators)]
         parts = [
             compared(a, type(op), b)
@@ -150,7 +150,7 @@ class Rewriter(ast.NodeTransformer):
         return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Rewrite a call of a function, or an expression in parentheses."""
+        """Rewrite a function call, or an expression in parentheses."""
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name == GROUP and len(node.args) == 1:
             inner: ast.expr = self.visit(node.args[0])
@@ -159,7 +159,7 @@ class Rewriter(ast.NodeTransformer):
         return found or self._call(name, [self.value(arg) for arg in node.args])
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
-        """Rewrite a call of a function that only this tool has; None for other functions."""
+        """Rewrite a call of a function that only this tool has; return None for other functions."""
         return None
 
     def _call(self, name: str, args: list[ast.expr]) -> ast.expr:
@@ -176,7 +176,7 @@ class Rewriter(ast.NodeTransformer):
         if form is None:
             return ast.Call(ast.Name(name), args, [])
         tree = fill(form, *args)
-        # Nested calls that repeat their arguments grow exponentially.
+        # Calls that repeat their arguments grow exponentially if nested.
         if len(uses) > count and len(ast.unparse(tree)) > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")
         return tree

@@ -1,4 +1,4 @@
-"""Names and lines in files of other tools."""
+"""Names and line numbers in files of other tools."""
 
 from __future__ import annotations
 
@@ -16,36 +16,37 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_]")
-_LONGEST = 48  # leaves space for suffixes such as _damping within the limit of 64 characters
+_LONGEST = 48  # maximum length of a name, which leaves space for suffixes within 64 characters
 
 
 @dataclass
 class Namer:
-    """Assignment of unique names to the elements of a file."""
+    """Assigns unique names in the scene to elements of a file."""
 
-    #: Names in the scene that differ from those in the file, by kind and by the name in the file.
+    #: Names in the scene that differ from those in the file, by kind and original name.
     changed: dict[tuple[str, str], str] = field(default_factory=dict)
     _taken: set[str] = field(default_factory=lambda: {"ground", *RESERVED, *FUNCTIONS})
     _alike: dict[str, int] = field(default_factory=dict)
 
     def give(self, kind: str, name: str) -> str:
-        """Return the name in the scene of a name in the file."""
+        """Return an unused name in the scene for a name in the file, and record a change."""
         given = self.own(name)
         if given != name:
             self.changed[kind, name] = given
         return given
 
     def own(self, name: str) -> str:
-        """Return an unused name, as close to the wish as possible."""
+        """Return an unused name in the scene that is equal or similar to ``name``."""
         safe = _STRANGE.sub("_", name)[:_LONGEST] or "unnamed"
-        # Names in expressions are Python identifiers.
+        # Names in expressions must be Python identifiers.
         if safe[0].isdigit():
             safe = f"_{safe}"
         if keyword.iskeyword(safe):
             safe = f"{safe}_"
         found = safe
         while found in self._taken:
-            # The count is stored, since a file may contain a hundred thousand equal names.
+            # The count is stored for speed, since a file may contain a hundred thousand equal
+            # names.
             self._alike[safe] = self._alike.get(safe, 1) + 1
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)
@@ -53,39 +54,39 @@ class Namer:
 
 
 def scene_name(wish: str, kind: str) -> str:
-    """Return the name of a scene, as close to the wish as possible, beginning with a letter."""
+    """Return a scene name that is equal or similar to ``wish`` and begins with a letter."""
     stem = Namer().own(wish).lstrip("_") or kind
     return stem if stem[0].isalpha() else f"{kind}_{stem}"
 
 
 def renaming_notes(changed: Mapping[tuple[str, str], str]) -> list[str]:
-    """Return a note on changed names; see :attr:`Namer.changed`."""
+    """Return a note on changed names, if any; see :attr:`Namer.changed`."""
     pairs = [f"{kind} '{brief(old)}' is '{new}'" for (kind, old), new in changed.items()]
     return [f"renamed: {listed(pairs)}"] if pairs else []
 
 
-#: Largest size of an untrusted file, [byte].
+#: Maximum size of an untrusted file, [byte].
 LARGEST_FILE = 20_000_000
 
 
 @dataclass(frozen=True)
 class SourceLine:
-    """A line of a file; as text ``file:line``."""
+    """A line of a file, which is printed as ``file:line``."""
 
     file: str  # name of the file
-    line: int  # line number, from 1
+    line: int  # line number, counted from 1
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"
 
     def error(self, message: str) -> SceneError:
-        """Return an error with file and line."""
+        """Return an error whose message begins with file and line."""
         return SceneError(f"{self}: {message}")
 
 
 @contextmanager
 def located(at: SourceLine) -> Iterator[None]:
-    """Prepend file and line to error messages of the scene, unless they begin with the file."""
+    """Prepend file and line to messages of scene errors, unless they already do."""
     try:
         yield
     except ModelError as error:

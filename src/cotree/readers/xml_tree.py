@@ -1,6 +1,6 @@
-"""XML as a tree with line numbers, without external entities.
+"""Parsing of XML to a tree with line numbers, without external entities.
 
-Expat parses the text. Document type declarations, which define entities, are refused. Numbers of
+Expat parses the text. Document type declarations, which define entities, are rejected. Number of
 elements, depth and lengths of attributes are limited.
 """
 
@@ -20,14 +20,14 @@ _LONGEST_VALUE = 10_000  # maximum number of characters of an attribute
 class Element:
     """An element of an XML file."""
 
-    tag: str  # name with its prefix, as written
+    tag: str  # name as written, with its prefix
     attributes: dict[str, str]
-    at: SourceLine  # place in the file: first line of the element
-    #: Its child elements; text between them is not kept.
+    at: SourceLine  # file and first line of the element
+    #: Child elements, without the text between them.
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Element]:
-        """Return the children with a tag."""
+        """Return all children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, tag: str) -> Element | None:
@@ -37,11 +37,11 @@ class Element:
 
 class _Builder:
     def __init__(self, where: str, deepest: int, most: int) -> None:
-        # The text is already decoded; the encoding declared in its first line is ignored.
+        # The text is already decoded, so that the encoding in its first line is ignored.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
-        # Without document types there are no entities, which could access other files.
+        # Without document types there are no entities, which might access other files.
         self.parser.StartDoctypeDeclHandler = self.refuse_doctype
         self.file = where
         self.root: Element | None = None
@@ -80,12 +80,12 @@ class _Builder:
 def parse_xml(
     text: str, where: str, *, deepest: int = _DEEPEST, most: int = _MOST_ELEMENTS
 ) -> Element:
-    """Parse an XML text without document type declarations, bounded in depth and in elements."""
+    """Parse an XML text of limited depth and size, without document type declarations."""
     builder = _Builder(where, deepest, most)
     try:
         builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise SourceLine(where, error.lineno).error(f"not valid XML: {reason}") from None
-    assert builder.root is not None  # expat rejects a text without an element
+    assert builder.root is not None  # expat rejects texts without an element
     return builder.root

@@ -1,1 +1,1 @@
-"""SBML models as scenes."""
+"""Conversion of SBML models to scenes."""

@@ -1,6 +1,6 @@
-"""Reading of SBML files: libsbml parses them, and their content is checked and kept as plain data.
+"""Reading of SBML files, which libsbml parses, to checked plain data.
 
-Formulas remain libsbml's trees. docs/sbml.md lists what is supported.
+Formulas remain syntax trees of libsbml. docs/sbml.md lists what is supported.
 """
 
 from __future__ import annotations
@@ -21,36 +21,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula of a model."""
+    """A formula of a model, with its place in the file."""
 
-    node: Any = field(repr=False)  # tree of the formula
+    node: Any = field(repr=False)  # syntax tree of the formula
     at: SourceLine  # file and line of the formula
-    what: str  # description of the formula in messages: ``kinetic law of reaction 'R1'``
+    what: str  # description in messages, such as ``kinetic law of reaction 'R1'``
 
 
 @dataclass(frozen=True)
 class Quantity:
     """A compartment, a species, a parameter or a stoichiometry."""
 
-    #: Kind, identifier and descriptive name of the quantity.
+    #: Kind, identifier and title of the quantity.
     kind: str
     id: str
     title: str
-    at: SourceLine  # file and line of the symbol
+    at: SourceLine  # file and line of the quantity
     value: float | None = None  # initial value, if the file gives a number
-    is_constant: bool = False  # whether the symbol is declared constant
+    is_constant: bool = False  # whether the quantity is declared constant
     compartment: str = ""  # for a species: identifier of its compartment
-    #: Whether the identifier of a species denotes an amount, not a concentration.
+    #: For a species: whether its identifier denotes an amount instead of a concentration.
     is_amount: bool = False
     gives_amount: bool = False  # for a species: whether ``value`` is an amount
     is_boundary: bool = False  # for a species: whether reactions leave it unchanged
-    #: Conversion factor of a species: the parameter that converts extents of reactions into
-    #: amounts.
+    #: For a species: parameter that converts extents of reactions to amounts; else empty.
     conversion: str = ""
 
     @property
     def whose(self) -> str:
-        """Its kind and identifier, for messages."""
+        """Kind and identifier of the quantity, for messages."""
         return f"{self.kind} '{brief(self.id)}'"
 
 
@@ -59,7 +58,7 @@ class Part:
     """A reactant or product of a reaction."""
 
     species: str  # identifier of the species
-    sign: int  # sign in the stoichiometry: -1 for a reactant, 1 for a product
+    sign: int  # sign of the stoichiometry: -1 for a reactant, 1 for a product
     #: Stoichiometry: a number, the identifier of a quantity, or a formula.
     stoichiometry: float | str | Formula
     at: SourceLine  # file and line of the reference
@@ -67,7 +66,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Reaction:
-    """A reaction: its rate, local parameters, and parts."""
+    """A reaction, with its rate, local parameters, reactants and products."""
 
     id: str
     law: Formula
@@ -77,27 +76,27 @@ class Reaction:
 
 @dataclass(frozen=True)
 class SbmlEvent:
-    """An event: its trigger and its assignments."""
+    """An event, with its trigger and its assignments."""
 
-    id: str  # identifier, or a name made from the event's number
+    id: str  # identifier, or a name with the event's number
     trigger: Formula  # condition; the event occurs when it becomes true
-    sets: dict[str, Formula]  # assigned formulas by identifier
-    is_initially_true: bool  # whether the trigger is regarded as true before the start
+    sets: dict[str, Formula]  # assigned formulas, by identifier of the target
+    is_initially_true: bool  # whether the trigger counts as true before the start
     priority: float = 0.0  # simultaneous events occur in order of decreasing priority
-    #: Whether the event occurs even if a simultaneous event makes its trigger false again.
+    #: Whether the event still occurs if a simultaneous event makes its trigger false.
     is_persistent: bool = True
-    #: Whether assigned values are evaluated before simultaneous events, not after them.
+    #: Whether assigned values are evaluated before simultaneous events instead of after them.
     uses_trigger_values: bool = True
 
 
 @dataclass
 class SbmlContent:
-    """The content of a model, by identifier."""
+    """The content of an SBML model, by identifier."""
 
     id: str  # identifier of the model
-    #: Compartments, species, parameters, and stoichiometries with an identifier.
+    #: Compartments, species, parameters, and stoichiometries that have an identifier.
     quantities: dict[str, Quantity] = field(default_factory=dict)
-    functions: dict[str, Any] = field(default_factory=dict)  # syntax trees by name
+    functions: dict[str, Any] = field(default_factory=dict)  # syntax trees by identifier
     #: Initial assignments, assignment rules and rate rules, by identifier of their target.
     initials: dict[str, Formula] = field(default_factory=dict)
     assignments: dict[str, Formula] = field(default_factory=dict)
@@ -106,7 +105,7 @@ class SbmlContent:
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # notes on ignored elements
-    _document: Any = None  # keeps libsbml's trees alive
+    _document: Any = None  # reference that keeps libsbml's syntax trees alive
 
 
 _DEEPEST, _MOST_ELEMENTS = 1000, 3_000_000
@@ -115,12 +114,13 @@ _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" 
 
 
 def read_document(text: str, where: str) -> SbmlContent:
-    """Read the model of an SBML text."""
-    # This check comes first: it rejects document types, whose entities libsbml would resolve.
+    """Read the model in the text of an SBML file."""
+    # This check must come first, since it rejects document types, whose entities libsbml would
+    # resolve.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":
         raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")
-    # Packages of Level 3 that change the meaning of a model are declared as required.
+    # Level 3 packages that change the meaning of a model are declared as required.
     for attribute, value in root.attributes.items():
         package, _, word = attribute.rpartition(":")
         if package and word == "required" and value in ("true", "1"):
@@ -132,7 +132,7 @@ def read_document(text: str, where: str) -> SbmlContent:
         import libsbml
     except ImportError:
         raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
-    # The text is already decoded; the encoding declared in its first line is ignored.
+    # The text is already decoded, so that the encoding in its first line is ignored.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
 
@@ -184,7 +184,7 @@ class _Reader:
         for c in model.getListOfCompartments():
             value = c.getSize() if c.isSetSize() else None
             if value is None and c.isSetVolume():
-                value = c.getVolume()  # the default volume of Level 2 is one
+                value = c.getVolume()  # Level 2 has the default volume 1
             add(Quantity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
         for s in model.getListOfSpecies():
             add(self._species(s))
@@ -203,7 +203,7 @@ class _Reader:
                 f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is not "
                 "a compartment"
             )
-        # A compartment without dimensions has no concentrations.
+        # In a compartment without dimensions there are no concentrations.
         is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
         is_amount = s.getHasOnlySubstanceUnits() or is_point
         conversion = s.getConversionFactor() or self.model.getConversionFactor()
@@ -280,7 +280,7 @@ class _Reader:
                         f"{whose} names '{brief(species)}', which is not a species"
                     )
                 number = s.getStoichiometry() if s.isSetStoichiometry() else None
-                # In Level 2 the default is one, and a formula may be given instead.
+                # In Level 2 the default is 1, and a formula may replace the number.
                 if number is None and self.document.getLevel() < 3:
                     number = 1.0
                 made: float | str | Formula
@@ -347,7 +347,7 @@ class _Reader:
 
 
 def _number_of(element: Any) -> float | None:
-    """Return the number that an element's formula consists of, perhaps with a sign, or None."""
+    """Return the number if a formula is only a number with an optional sign, else None."""
     node, sign = element.getMath(), 1.0
     if node.isUMinus():
         node, sign = node.getChild(0), -1.0
@@ -363,7 +363,7 @@ def _define(table: dict[str, Formula], symbol: str, formula: Formula) -> None:
 
 @contextmanager
 def explained(formula: Formula) -> Iterator[None]:
-    """Begin error messages about a formula with its description."""
+    """Prepend the description of a formula to messages of its errors."""
     try:
         yield
     except ExpressionError as error:

@@ -1,8 +1,9 @@
-"""Events of an SBML model: triggers, assignments, and those that are simultaneous.
+"""Events of an SBML model: triggers, assignments and simultaneous events.
 
-SBML evaluates the assigned values when the trigger of an event becomes true, before any other event
-acts (Level 3, section 4.11). Events of a scene act one after the other, each on the values that the
-previous one leaves. Events with the same trigger therefore become one event of the scene.
+In SBML, assigned values are evaluated when the trigger of an event becomes true, before any other
+event acts (Level 3, section 4.11). In a scene, events act one after another, each on the values
+that the previous event has set. Events with the same trigger therefore become one event of the
+scene.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Triggered:
-    """An event, and the expressions that cross zero when it occurs: in a run and at its start."""
+    """An event, with the expressions that cross zero when it occurs, in a run and at its start."""
 
     event: SbmlEvent
     crossing: Crossing
@@ -34,7 +35,7 @@ class Triggered:
 
 
 class Dependencies:
-    """Dependencies of the formulas of a model, through rules, reaction rates and compartments."""
+    """Determines what formulas depend on, also through rules, reaction rates and compartments."""
 
     def __init__(self, content: SbmlContent) -> None:
         self._content = content
@@ -42,7 +43,7 @@ class Dependencies:
         self._rates = rate_dependencies(content)
 
     def of(self, node: object) -> frozenset[str]:
-        """List the identifiers that the value of a formula depends on."""
+        """Return the identifiers on which the value of a formula depends."""
         functions, quantities = self._content.functions, self._content.quantities
         found: set[str] = set()
         waiting = [*names_of(node, functions)]
@@ -55,22 +56,21 @@ class Dependencies:
             formula = self._content.assignments.get(id) or self._laws.get(id)
             if formula is not None:
                 waiting += names_of(formula.node, functions)
-            # The concentration of a species changes with the size of its compartment.
+            # Concentrations depend on the size of the compartment.
             elif id in quantities and quantities[id].compartment:
                 waiting.append(quantities[id].compartment)
         return frozenset(found)
 
     def read_by(self, event: SbmlEvent) -> frozenset[str]:
-        """List the identifiers that the values assigned by an event depend on."""
+        """Return the identifiers on which the values that an event assigns depend."""
         return frozenset().union(*(self.of(formula.node) for formula in event.sets.values()))
 
 
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
-    """Sort events by priority, and group those that become one event of the scene.
+    """Sort events by priority, and group those that become a single event of the scene.
 
-    Events of equal priority remain in the order of the file, since SBML leaves it undefined. Events
-    with the same trigger are refused if they affect each other in a way that scenes cannot
-    represent.
+    Events of equal priority keep the order of the file, since SBML does not define one. Events with
+    the same trigger are rejected if they affect each other in a way that scenes cannot represent.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
@@ -83,7 +83,7 @@ def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[lis
 
 
 def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
-    """Group events of one trigger, or separate them if they depend on each other's values."""
+    """Return events of one trigger as one group, or separately if later ones use changed values."""
     _check_order(group)
     changed: set[str] = set()
     is_in_turn = False
@@ -104,7 +104,7 @@ def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Trig
 
 
 def _check_order(group: Sequence[Triggered]) -> None:
-    """Refuse events of one trigger that set the same quantity in an undefined order."""
+    """Raise an error if events of one trigger set the same quantity in an undefined order."""
     for first, second in combinations((row.event for row in group), 2):
         both = sorted(first.sets.keys() & second.sets.keys())
         if both and first.priority == second.priority:
@@ -115,7 +115,7 @@ def _check_order(group: Sequence[Triggered]) -> None:
 
 
 def _check_in_turn(group: list[Triggered], dependencies: Dependencies) -> None:
-    """Refuse events of one trigger for which the order of events in a scene would be wrong."""
+    """Raise an error if events of one trigger would act incorrectly one after another."""
     changed: set[str] = set()
     for row in group:
         event = row.event
@@ -137,9 +137,9 @@ def check_coincidences(
     is_fixed: Callable[[str], bool],
     start_value: Callable[[Triggered], float],
 ) -> None:
-    """Refuse events with different triggers at the same fixed time that affect each other.
+    """Raise an error for events with different triggers at the same fixed time that interact.
 
-    The second would use the values after the first.
+    The second event would use the values after the first one.
     """
     timed = [
         (row, start_value(row))
@@ -164,21 +164,21 @@ def check_coincidences(
 
 @dataclass(frozen=True)
 class Crossing:
-    """An expression that crosses zero where a condition becomes true."""
+    """An expression that crosses zero when a condition becomes true."""
 
-    text: str  # expression whose zero is the event
-    direction: int  # crossing direction: 1 for rising, 0 for both
+    text: str  # expression whose zero crossing is the event
+    direction: int  # direction of the crossing: 1 if rising, 0 for both
     holds_at_zero: bool  # whether the condition is true where the expression is zero
 
 
 def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
-    """Convert a condition to an expression that crosses zero where it becomes true."""
+    """Convert a condition to an expression that crosses zero when it becomes true."""
     relation = kind_of(node).removeprefix("RELATIONAL_")
     if relation in (*RELATIONS, "EQ") and node.getNumChildren() == 2:
         a, b = (reader.read(part) for part in children(node))
         if relation in ("LT", "LEQ"):
             a, b = b, a
-        # Two values that change continuously become equal where their difference crosses zero.
+        # Two continuous values become equal when their difference crosses zero.
         is_either = relation == "EQ"
         text = reader.make.form("a - b", a, b).text
         return Crossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
@@ -187,15 +187,15 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
 
 
 def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> float:
-    """Evaluate the expression of a trigger at the start."""
+    """Return the value of a trigger's expression at the start."""
     return _at_start(scene, event, begin)[0]
 
 
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
-    """Refuse an event whose occurrence at the start would be wrong in a run."""
+    """Raise an error for an event that a run would handle incorrectly at the start."""
     value, is_known = _at_start(scene, event, begin)
-    # At the start of a run, an event occurs if its value is zero and about to rise. Comparisons
-    # with the time rise; for other values this is not known here.
+    # At the start of a run, an event occurs if its value is zero and rising. Comparisons with the
+    # time rise; for others this is not known here.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:
@@ -207,10 +207,10 @@ def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> N
 
 
 def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tuple[float, bool]:
-    """Evaluate a trigger's expression at the start; also return whether it has no parameters."""
+    """Return a trigger's value at the start, and whether it contains no parameters."""
     rows = dict(scene.parameters)
     with located(event.trigger.at):
-        # The description contains spaces, so it differs from all names in the scene.
+        # The description contains spaces, so that it differs from all names in the scene.
         row = make_parameter(event.trigger.what, begin.text, "", "", True)
         rows[row.name] = row
         value = parameter_values(rows)[row.name]
@@ -223,14 +223,14 @@ def assigned_values(
     roles: Roles,
     names: Mapping[str, str],
 ) -> dict[str, str]:
-    """Return the states and modes that events with one trigger set, with their expressions.
+    """Return the expressions that events with one trigger assign to states and modes, by name.
 
-    A concentration is set through the amount to which it corresponds at the compartment's size
-    before the event, and a change of size conserves amounts (SBML test suite, case 01779). The
-    events act in their order; their assignments are expressions of the values before all of them.
+    To set a concentration, the corresponding amount for the compartment size before the event is
+    set, and a change of size conserves amounts (SBML test suite, case 01779). Events act in their
+    order, and their expressions use the values before all of them.
     """
     found: dict[str, str] = {}
-    sizes: dict[str, str] = {}  # values, including compartment sizes, that previous events have set
+    sizes: dict[str, str] = {}  # values that previous events have set, including compartment sizes
     for texts in events:
         for id, text in texts.items():
             state = names[id] if roles.of[id] is Role.MODE else f"{names[id]}.c"
@@ -239,7 +239,7 @@ def assigned_values(
                 text = f"({text})*({sizes.get(place, names[place])})"
             found[state] = text
         for id, quantity in content.quantities.items():
-            # The state of a rate rule is the concentration.
+            # For a rate rule the state is the concentration.
             is_kept = roles.of[id] is Role.RATE and not quantity.is_amount
             if is_kept and (place := quantity.compartment) in texts:
                 state, old = f"{names[id]}.c", sizes.get(place, names[place])
@@ -249,9 +249,9 @@ def assigned_values(
 
 
 def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
-    """Refuse concentrations with rate rules in compartments whose size events change indirectly.
+    """Raise an error for concentrations with rate rules if events change their volume indirectly.
 
-    An event would dilute them without setting their compartment.
+    Such an event would dilute them without setting the size of their compartment.
     """
     set_by_events = {id for event in content.events for id in event.sets}
     for id, formula in content.rates.items():

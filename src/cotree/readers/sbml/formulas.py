@@ -1,7 +1,7 @@
-"""Translation of SBML's MathML, given as libsbml's syntax trees, to expressions of scenes.
+"""Translation of MathML in SBML, given as libsbml's syntax trees, to expressions of scenes.
 
-A part that becomes too long for one expression is cut off: it becomes a separate quantity of the
-scene, and the rest contains its name.
+A part of a formula that is too long for one expression becomes a separate quantity of the scene,
+whose name replaces the part.
 
 Nothing is evaluated. Functions of the model are expanded at each call; a piecewise function becomes
 ``where``. docs/sbml.md says which operations are supported.
@@ -24,51 +24,51 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-#: Limits of nodes and levels above which a part of a tree becomes a separate expression. An
-#: expression of a scene has at most 4000 characters and 100 levels; a node is a name of up to 60
+#: Largest number of nodes and of levels of a subtree that does not become a separate expression. An
+#: expression of a scene has at most 4000 characters and 100 levels, and a node may be a name of 60
 #: letters.
 _LARGEST, _HIGHEST = 50, 30
 
 
 @dataclass(frozen=True)
 class Term:
-    """A partly built expression."""
+    """A part of an expression, with its size."""
 
     tree: ast.expr  # syntax tree of the expression
-    #: Number of nodes, and depth, of the tree.
+    #: Number of nodes and of levels of the tree.
     size: int = 1
     height: int = 1
 
     @property
     def text(self) -> str:
-        """The expression in the syntax of scenes."""
+        """The text of the expression in the syntax of scenes."""
         return ast.unparse(self.tree)
 
 
 def number(value: float) -> Term:
-    """Make a number."""
+    """Return the term of a number."""
     if not math.isfinite(value):
         raise ExpressionError(f"contains {value}, which is not finite")
-    # Integers are written without a decimal point.
+    # Integers have no decimal point.
     is_whole = value == int(value) and abs(value) < 1e15
     return Term(number_tree(int(value) if is_whole else value))
 
 
 def name(identifier: str) -> Term:
-    """Make a name, which may contain a dot."""
+    """Return the term of a name, which may contain a dot."""
     return Term(name_tree(identifier))
 
 
 @dataclass
 class TermMaker:
-    """Combines terms, and cuts off parts that have become too large."""
+    """Combines terms, and makes parts that are too large separate quantities."""
 
-    #: Function that declares a quantity, given an expression and the start of a name; returns the
-    #: name.
+    #: Function that takes an expression and the beginning of a name, declares a quantity with this
+    #: expression and returns its name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
-        """Put terms in the place of a, b and c in an expression, or in a condition."""
+        """Return the expression or condition ``form``, in which terms replace a, b and c."""
         return self._filled(shared_tree(form), dict(zip("abc", terms, strict=False)))
 
     def _filled(self, tree: ast.expr, given: Mapping[str, Term]) -> Term:
@@ -84,13 +84,13 @@ class TermMaker:
 
         made = map_tree(tree, filled)
         size, height = 1 + sum(p.size for p in parts), 1 + max(p.height for p in parts)
-        # Only values become separate expressions: a condition cannot be one.
+        # Only values can become separate quantities, not conditions.
         is_large = not is_condition(made) and (size > _LARGEST or height > _HIGHEST)
         return name(self.cut(ast.unparse(made), "part")) if is_large else Term(made, size, height)
 
     def balanced(self, form: str, terms: Sequence[Term]) -> Term:
-        """Join many terms by a form of two, in a tree of the least height."""
-        # A sum of a thousand terms, nested to the left, would have a thousand levels.
+        """Combine many terms by a form with two operands, with as few levels as possible."""
+        # A sum of a thousand terms would otherwise have a thousand levels.
         if len(terms) == 1:
             return terms[0]
         half = (len(terms) + 1) // 2
@@ -99,41 +99,41 @@ class TermMaker:
 
 @cache
 def _kinds() -> dict[int, str]:
-    """Name the types of libsbml's nodes, without the prefix."""
+    """Return the names of libsbml's node types without prefix, by value."""
     import libsbml
 
     names = (n for n in dir(libsbml) if n.startswith("AST_"))
-    # If a type has two names, the alphabetically first one is assigned last and remains.
+    # If a type has two names, the alphabetically first one is assigned last and kept.
     return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
 
 
 def kind_of(node: Any) -> str:
-    """Return the type of a node of libsbml: ``PLUS``, ``FUNCTION_SIN``."""
+    """Return the type of a libsbml node, such as ``PLUS`` or ``FUNCTION_SIN``."""
     return _kinds().get(node.getType(), "UNKNOWN")
 
 
 def children(node: Any) -> list[Any]:
-    """List the children of a node."""
+    """Return the children of a node."""
     return [node.getChild(i) for i in range(node.getNumChildren())]
 
 
-_DEEPEST = 200  # maximum depth of a formula, with the functions of the model expanded
-# Limits of the nodes of one formula, and of all formulas: nested calls can grow exponentially when
-# expanded.
+_DEEPEST = 200  # maximum depth of a formula after expansion of the model's functions
+# Maximum numbers of nodes of one formula and of all formulas, since expansion of nested calls may
+# grow exponentially.
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # Avogadro constant of SBML Level 3, [1/mol]
 
-#: Comparisons, by the name of the node in libsbml.
+#: Comparisons, by libsbml's name of the node.
 RELATIONS = {"LT": "a < b", "LEQ": "a <= b", "GT": "a > b", "GEQ": "a >= b"}
 _RELATIONS = RELATIONS | {"EQ": "a <= b and a >= b", "NEQ": "a < b or a > b"}
-#: Logical operations, by name and number of conditions.
+#: Logical operations, by name and number of operands.
 _LOGICAL = {
     ("NOT", 1): "not a",
     ("IMPLIES", 2): "not a or b",
     ("XOR", 2): "a and not b or not a and b",
 }
 
-#: Other operations, by the name of the node in libsbml and the number of arguments.
+#: Other operations, by libsbml's name of the node and number of arguments.
 _SAME = ("ABS", "COS", "COSH", "EXP", "FLOOR", "SIN", "SINH", "TAN", "TANH")
 _FORMS = {
     **{(name, 1): f"{name.lower()}(a)" for name in _SAME},
@@ -144,13 +144,13 @@ _FORMS = {
     **{("MINUS", 2): "a - b", ("DIVIDE", 2): "a/b", ("POWER", 2): "a**b"},
     **{("ROOT", 1): "sqrt(a)", ("ROOT", 2): "b**(1/a)"},
     **{("LOG", 1): "log(a)/log(10)", ("LOG", 2): "log(b)/log(a)"},
-    # Rounded towards zero, so that the remainder has the sign of the dividend.
+    # The quotient is rounded towards zero, so that the remainder has the sign of the dividend.
     ("QUOTIENT", 2): "where(a/b < 0, -floor(-(a/b)), floor(a/b))",
     ("REM", 2): "a - b*where(a/b < 0, -floor(-(a/b)), floor(a/b))",
 }
 _JOINED = {"PLUS": "a + b", "TIMES": "a*b", "MAX": "max(a, b)", "MIN": "min(a, b)"}
 
-#: Operations that are not supported, with the text of the message.
+#: Unsupported operations, with the text for the error message.
 _BOOLEAN = ("CONSTANT_TRUE", "CONSTANT_FALSE")
 _REFUSED = {
     "FUNCTION_DELAY": (
@@ -162,29 +162,29 @@ _REFUSED = {
 
 @dataclass
 class FormulaReader:
-    """Reads formulas of a model."""
+    """Translates formulas of a model to terms."""
 
     functions: Mapping[str, Any]  # syntax trees of the model's functions, by identifier
     symbol: Callable[[str], Term]  # returns the term for an identifier
-    time: Term  # time: ``t``, or zero at the start
-    make: TermMaker  # creates terms
-    #: Function that returns the term of a quantity's rate of change, given a reader.
+    time: Term  # term for the time: ``t``, or zero at the start
+    make: TermMaker  # builds terms
+    #: Function that returns the term for the rate of change of a quantity, given a reader.
     rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)
     _depth: int = 0
     _calls: tuple[str, ...] = ()
-    _count: list[int] = field(default_factory=lambda: [0])  # nodes of the formula; copies share it
+    _count: list[int] = field(default_factory=lambda: [0])  # number of nodes, which copies share
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
-        """Read a formula whose value is a number; ``bound`` has the local parameters in it.
+        """Translate a formula whose value is a number; ``bound`` are the terms of local parameters.
 
-        The message of an ExpressionError continues the description of the formula.
+        Messages of an ExpressionError continue the description of the formula.
         """
         return self._inner(bound or {})._value(node)
 
     def condition(self, node: Any) -> Term:
-        """Read a formula whose value is Boolean."""
+        """Translate a formula whose value is Boolean."""
         return self._inner({})._condition(node)
 
     def _inner(self, bound: Mapping[str, Term], *calls: str) -> FormulaReader:
@@ -242,7 +242,7 @@ class FormulaReader:
             reader, body = self._called(node, parts)
             return reader._value(body)
         if kind.startswith(("RELATIONAL_", "LOGICAL_")) or kind in _BOOLEAN:
-            # A Boolean counts as one or zero if a number is expected.
+            # A Boolean counts as 1 or 0 if a number is expected.
             return self.make.form("where(a, 1, 0)", self._condition_of(kind, node))
         if kind in ("PLUS", "TIMES"):
             parts = _chain(node, kind)
@@ -273,7 +273,7 @@ class FormulaReader:
         return number(0.0)  # the name is a local parameter of the reaction
 
     def _piecewise(self, parts: list[Any]) -> Term:
-        # Values and conditions alternate; the value of otherwise comes last.
+        # Values and conditions alternate, and the value of ``otherwise`` is the last part.
         if len(parts) % 2 == 0:
             raise ExpressionError(
                 "contains piecewise without otherwise, which has no value if no condition is true: "
@@ -286,7 +286,7 @@ class FormulaReader:
         return found
 
     def _called(self, node: Any, given: list[Any]) -> tuple[FormulaReader, Any]:
-        """Return the reader of the body of a function that is called, and the body."""
+        """Return a reader with the arguments of a call bound, and the function's body."""
         function = node.getName()
         if function not in self.functions:
             hint = nearest(function, self.functions)
@@ -340,8 +340,8 @@ def _combined(operator: type[ast.boolop], conditions: Sequence[Term]) -> Term:
 
 
 def _chain(node: Any, kind: str) -> list[Any]:
-    """List the operands of a sum or product, with nested ones of the same kind flattened."""
-    # Some tools write a sum of hundreds of terms as nested sums of two.
+    """Return the operands of a sum or product, including those of nested sums or products."""
+    # Some tools write a sum of hundreds of terms as nested sums of two terms.
     found, waiting = [], [node]
     while waiting:
         own = waiting.pop()

@@ -1,4 +1,4 @@
-"""Roles of an SBML model's quantities, their names in formulas, and their rates."""
+"""Roles of the quantities of an SBML model in the scene, and their rates of change."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 
-#: Symbol for the time in lists of names.
+#: Entry for the time in sets of names, which differs from all identifiers.
 TIME = "time of the run"
 
 
 def rate_name(identifier: str) -> str:
-    """Return the entry for the rate of a quantity in lists of names; no identifier equals it."""
+    """Return the entry for a quantity's rate in sets of names, which is no valid identifier."""
     return f"rateOf({identifier})"
 
 
 def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
-    """List the identifiers of a formula, the rates that it names, and :data:`TIME`."""
+    """Return the identifiers in a formula, entries for rates, and :data:`TIME` if used."""
     found: set[str] = set()
     waiting, seen = [node], set()
     while waiting:
@@ -41,7 +41,8 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
             found.update(rate_name(child.getName() or "") for child in children(own))
         elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
             seen.add(own.getName())
-            # A function depends only on its arguments, which the call lists, and on the time.
+            # A function depends only on its arguments, which are nodes of the call, and on the
+            # time.
             body = children(functions[own.getName()])[-1]
             found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
         waiting += children(own)
@@ -49,7 +50,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
 
 
 def rate_dependencies(content: SbmlContent) -> dict[str, frozenset[str]]:
-    """List the identifiers that the rate of each quantity depends on, by its :func:`rate_name`."""
+    """Return the names on which the rate of each quantity depends, by :func:`rate_name`."""
     found: dict[str, set[str]] = {}
     for id, quantity in content.quantities.items():
         own = found[rate_name(id)] = set()
@@ -69,7 +70,7 @@ def rate_dependencies(content: SbmlContent) -> dict[str, frozenset[str]]:
 
 
 class Role(Enum):
-    """The kind of element that represents a quantity in the scene."""
+    """Role of a quantity, which determines the element that represents it in the scene."""
 
     FIXED = "parameter"
     DILUTED = "a constant amount in a compartment that changes"
@@ -82,27 +83,27 @@ class Role(Enum):
 
     @property
     def is_state(self) -> bool:
-        """Whether the quantity is an integrated state."""
+        """Whether the quantity is a state that is integrated."""
         return self in (Role.CONCENTRATION, Role.AMOUNT, Role.RATE)
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Roles of all quantities."""
+    """Roles of all quantities of a model."""
 
     of: dict[str, Role]  # roles by identifier
-    #: Quantities of assignment rules that become outputs, in the order of their dependencies.
+    #: Quantities with assignment rules that become outputs, each after those on which it depends.
     order: tuple[str, ...]
     reactions: dict[str, Reaction]  # reactions by identifier
 
     @property
     def unnamed(self) -> frozenset[str]:
-        """Stoichiometries that no formula contains."""
+        """Stoichiometries whose identifiers occur in no formula."""
         return frozenset(id for id, role in self.of.items() if role is Role.UNNAMED)
 
 
 def roles_of(content: SbmlContent) -> Roles:
-    """Determine the role of each quantity."""
+    """Determine the role of each quantity of a model."""
     reactions = {reaction.id: reaction for reaction in content.reactions}
     _check(content)
     formulas = {id: f.node for id, f in content.assignments.items()}
@@ -125,8 +126,8 @@ def roles_of(content: SbmlContent) -> Roles:
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses | rate_dependencies(content), content)
-    # A rule that depends only on constants defines a constant; species in such a compartment need
-    # not be amounts.
+    # A rule that depends only on constants defines a constant. If it defines a compartment, states
+    # of species in it need not be amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
             found[id] = Role.FIXED
@@ -140,14 +141,14 @@ def roles_of(content: SbmlContent) -> Roles:
 
 
 def _in_changing_place(role: Role, species: Quantity) -> Role:
-    """Return the role of a species whose compartment changes its size."""
+    """Return the role of a species in a compartment of variable size."""
     if role is Role.CONCENTRATION or (role is Role.MODE and not species.is_amount):
         return Role.AMOUNT
     return Role.DILUTED if role is Role.FIXED and not species.is_amount else role
 
 
 def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[str]:
-    """List the identifiers that formulas contain or determine."""
+    """Return the identifiers that formulas contain or determine."""
     functions = content.functions
     formulas = [*content.initials.values(), *content.rates.values()]
     for event in content.events:
@@ -163,7 +164,7 @@ def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[st
 
 
 def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
-    """Sort assigned quantities and reaction rates so that each follows what it depends on."""
+    """Sort assigned quantities and reaction rates so that each follows its dependencies."""
     graph = {id: names & uses.keys() for id, names in uses.items()}
     try:
         return list(TopologicalSorter(graph).static_order())
@@ -179,7 +180,7 @@ def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
 
 
 def _check(content: SbmlContent) -> None:
-    """Refuse quantities that both rules and reactions determine, and rules for unknown ones."""
+    """Raise an error for quantities that both rules and reactions determine, or unknown ones."""
     changed = {part.species for reaction in content.reactions for part in reaction.parts}
     tables = (content.assignments, content.rates, content.initials)
     targets = [(id, formula) for table in tables for id, formula in table.items()]
@@ -209,10 +210,10 @@ def _check(content: SbmlContent) -> None:
 
 
 class Rates:
-    """Terms of the rates of change that formulas contain.
+    """Builds the terms for rates of change that formulas contain.
 
-    ``declare`` makes a quantity of the scene: it takes an expression and the beginning of a name,
-    and returns the name.
+    ``declare`` takes an expression and the beginning of a name, declares a quantity of the scene
+    and returns its name.
     """
 
     def __init__(
@@ -223,7 +224,7 @@ class Rates:
         self._open: list[str] = []
 
     def of(self, id: str, reader: FormulaReader) -> Term:
-        """Return the rate of change of a quantity, in units of its identifier per time."""
+        """Return a quantity's rate of change, per amount or concentration as its identifier."""
         if id in self._open:
             raise ExpressionError(f"depends on itself through rateOf({brief(id)})")
         if id not in self._found:
@@ -232,7 +233,8 @@ class Rates:
                 term = self._formed(id, reader)
             finally:
                 self._open.pop()
-            # A name represents the expression, which several formulas may use.
+            # Several formulas may use the rate, so that a quantity is declared for a longer
+            # expression.
             is_short = term.size == 1
             self._found[id] = term if is_short else name(self._declare(term.text, f"rate_of_{id}"))
         return self._found[id]
@@ -267,7 +269,7 @@ class Rates:
         return make.form("(a - b)/c", self._flow(id, reader), diluted, size)
 
     def _flow(self, id: str, reader: FormulaReader) -> Term:
-        """Return the sum of the molar flows of all reactions to a species."""
+        """Return the sum of the molar flows from all reactions to a species."""
         make, terms = reader.make, []
         for reaction in self._content.reactions:
             for part in reaction.parts:

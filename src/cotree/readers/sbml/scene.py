@@ -1,7 +1,7 @@
-"""Scenes from SBML models.
+"""Conversion of SBML models to scenes.
 
-A species becomes an edge with its name; a reaction becomes an output, its rate, and a molar flow
-for each species that it changes; rules become outputs and states. See docs/sbml.md.
+A species becomes an edge with its name. A reaction becomes an output for its rate, and a molar flow
+for each species that it changes. Rules become outputs and states. See docs/sbml.md.
 """
 
 from __future__ import annotations
@@ -48,38 +48,38 @@ _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 @dataclass(frozen=True)
 class SbmlSymbol:
-    """A quantity of an SBML model in a scene."""
+    """Representation of a quantity of an SBML model in a scene."""
 
-    kind: str  # kind of the quantity: ``compartment``, ``species``, ``parameter``, ...
-    #: Parameter, mode or output of the scene that represents it, in the unit that formulas of the
-    #: model use: the value of a species is an amount or a concentration.
+    kind: str  # kind of the quantity, such as ``compartment``, ``species`` or ``parameter``
+    #: Parameter, mode or output of the scene for the quantity, with the meaning that it has in the
+    #: model's formulas: the value of a species is an amount or a concentration.
     name: str
-    state: str = ""  # state ``A.c``, or mode, of the quantity; empty if it has none
-    #: Factor that converts the value to the state: an expression of outputs and parameters, empty
-    #: if one. States of species in a compartment of variable size are amounts.
+    state: str = ""  # state, such as ``A.c``, or mode of the quantity; empty if there is none
+    #: Expression of the factor from the value to the state, empty if the factor is 1. In a
+    #: compartment of variable size, states of species are amounts.
     factor: str = ""
-    #: Parameter that contains the initial value in the unit of ``name``: a number, or derived from
-    #: other parameters. For a constant it is the parameter itself. Empty for reactions and for
-    #: quantities with an assignment rule.
+    #: Parameter for the initial value in the unit of ``name``, which may be derived from other
+    #: parameters. For a constant it is the parameter itself. Empty for reactions and for quantities
+    #: with an assignment rule.
     initial: str = ""
 
 
 @dataclass(frozen=True)
 class SbmlModel(Generic[_Scene]):
-    """A scene read from an SBML model, with the quantities of the model."""
+    """A scene from an SBML model, with the representation of the model's quantities."""
 
     scene: _Scene
-    symbols: Mapping[str, SbmlSymbol]  # quantities of the model by identifier
-    #: Parameters of the scene by reaction and identifier of the local parameter.
+    symbols: Mapping[str, SbmlSymbol]  # representation of quantities by identifier
+    #: Parameters of the scene for local parameters, by reaction and identifier.
     local: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    #: Quantities without a value in the model, whose value the caller gave.
+    #: Quantities without a value in the model, for which the caller has given one.
     assumed: frozenset[str] = frozenset()
 
 
 class SceneWriter(Generic[_Scene]):
-    """Adds the elements of a model to a scene.
+    """Builds the scene of an SBML model.
 
-    ``values`` are those of quantities, by identifier, for which the file has none.
+    ``values`` are the values of quantities for which the file has none, by identifier.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
         self.namer = Namer()
         self.roles = roles_of(content)
-        # Identifiers of the model keep their names; names added by the reader must differ.
+        # Identifiers of the model keep their names. Names that the reader adds must differ.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:
@@ -113,7 +113,7 @@ class SceneWriter(Generic[_Scene]):
         return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
 
     def write(self) -> SbmlModel[_Scene]:
-        """Declare everything, and return the scene with the quantities of the model."""
+        """Declare all elements, and return the scene with its quantities."""
         for id, quantity in self.content.quantities.items():
             with located(quantity.at):
                 self._quantity(id, quantity)
@@ -124,7 +124,7 @@ class SceneWriter(Generic[_Scene]):
         for id in self.content.rates:
             self._rate(id)
         checks = self._events()
-        # Initial values are declared when they are needed, and may need others.
+        # Initial values are declared when needed, and may need further ones.
         while self.waiting:
             self._start_of(self.waiting.pop())
         for check in checks:
@@ -140,7 +140,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene.origin = Origin(self.file, notes, changed)
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
-    # Symbols of formulas.
+    # Symbols in formulas.
 
     def _known(self, id: str) -> None:
         after = ", which is not a compartment, species, parameter or reaction"
@@ -155,7 +155,7 @@ class SceneWriter(Generic[_Scene]):
         return name(self._initial_name(id))
 
     def _initial_name(self, id: str) -> str:
-        """Return the parameter with an initial value, and schedule its declaration."""
+        """Return the parameter for an initial value, and schedule its declaration."""
         if self.roles.of.get(id) is Role.FIXED:
             return self.names[id]
         if id not in self.initial:
@@ -182,14 +182,14 @@ class SceneWriter(Generic[_Scene]):
     # Quantities.
 
     def _quantity(self, id: str, quantity: Quantity) -> None:
-        """Declare a constant or a state."""
+        """Declare the element for a quantity according to its role."""
         own = self.names[id]
         match self.roles.of[id]:
             case Role.FIXED:
                 self.initial[id] = own
                 self._start_of(id)
             case Role.DILUTED:
-                # A constant amount in a compartment of variable size.
+                # The amount is constant, but the compartment has a variable size.
                 place = quantity.compartment
                 begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
                 self.scene.output(own, f"{begin}/{self.names[place]}")
@@ -203,7 +203,7 @@ class SceneWriter(Generic[_Scene]):
                 self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
 
     def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
-        """Declare a state, and the output with the value that formulas refer to."""
+        """Declare a state, and an output with the value to which formulas refer."""
         own, begin = self.names[id], self._initial_name(id)
         value = f"{own}.c"
         if not own_value:
@@ -216,7 +216,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene.output(own, value)
 
     def _start_of(self, id: str) -> None:
-        """Declare the parameter with an initial value."""
+        """Declare the parameter for the initial value of a quantity."""
         own, content = self.initial[id], self.content
         quantity = content.quantities.get(id)
         formula = content.assignments.get(id) or content.initials.get(id)
@@ -235,12 +235,12 @@ class SceneWriter(Generic[_Scene]):
             if quantity.kind == "species" and quantity.gives_amount != quantity.is_amount:
                 value = self._converted(own, quantity, value)
         with located(at):
-            # A text that consists of a number is declared as a number.
+            # A text that is only a number becomes a number.
             value = number_or_text(value)
             self.scene.parameter(own, value, doc=quantity.title[:1000])
 
     def _converted(self, own: str, quantity: Quantity, value: float) -> str:
-        """Declare an amount that is given as a concentration, or vice versa."""
+        """Return an amount that is given as a concentration, or vice versa, as an expression."""
         place = self._initial_name(quantity.compartment)
         word, sign = ("amount", "/") if quantity.gives_amount else ("concentration", "*")
         given = self.namer.own(f"{own}_{word}")
@@ -262,13 +262,13 @@ class SceneWriter(Generic[_Scene]):
         )
 
     def _output(self, own: str, formula: Formula, bound: Mapping[str, Term] | None = None) -> None:
-        """Declare the output of an assignment rule or a reaction."""
+        """Declare the output for an assignment rule or a reaction rate."""
         text = self._text(formula, self.running, bound)
         with located(formula.at):
             self.scene.output(own, text)
 
     def _rate(self, id: str) -> None:
-        """Declare the flow of a rate rule."""
+        """Declare the edge for a rate rule, whose flow is the rate."""
         formula, own = self.content.rates[id], self.names[id]
         text = self._text(formula, self.running)
         edge = self.namer.own(f"{own}_rate")
@@ -278,7 +278,7 @@ class SceneWriter(Generic[_Scene]):
     # Reactions.
 
     def _bound(self, reaction: Reaction) -> dict[str, Term]:
-        """Declare the local parameters of a reaction, and return their terms."""
+        """Declare the local parameters of a reaction, and return their terms by identifier."""
         for id, quantity in reaction.local.items():
             if (reaction.id, id) not in self.local:
                 own = self.namer.give("local parameter", f"{reaction.id}_{id}")
@@ -296,7 +296,7 @@ class SceneWriter(Generic[_Scene]):
                 continue
             count = self._stoichiometry(part.stoichiometry)
             if isinstance(count, float):
-                # The flow of a species that is both reactant and product is the difference.
+                # For a species that is both reactant and product, the flow is the difference.
                 numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
             else:
                 factor = count if count.isidentifier() else f"({count})"
@@ -336,7 +336,7 @@ class SceneWriter(Generic[_Scene]):
     # Events.
 
     def _events(self) -> list[Callable[[], None]]:
-        """Declare the events, and return checks that need all parameters to be declared."""
+        """Declare all events, and return checks to be called when all parameters are declared."""
         dependencies = Dependencies(self.content)
         check_sizes(self.content, self.roles, dependencies)
         groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
@@ -362,7 +362,7 @@ class SceneWriter(Generic[_Scene]):
             )
 
     def _event(self, group: Sequence[Triggered]) -> None:
-        """Declare events with the same trigger as one event; later assignments take precedence."""
+        """Declare a group of events as a single event; later assignments take precedence."""
         first = group[0]
         for id, formula in (pair for row in group for pair in row.event.sets.items()):
             self._check_target(id, formula)
@@ -380,7 +380,7 @@ class SceneWriter(Generic[_Scene]):
             self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
 
     def _check_target(self, id: str, formula: Formula) -> None:
-        """Refuse an event that sets a constant or a quantity with an assignment rule."""
+        """Raise an error if an event sets a constant or a quantity with an assignment rule."""
         role = self.roles.of[id]
         if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
             raise formula.at.error(
@@ -403,18 +403,18 @@ class SceneWriter(Generic[_Scene]):
         return found
 
 
-_LARGEST_FILE = 50_000_000  # maximum file size, [byte]; large published networks have 10 MB
+_LARGEST_FILE = 50_000_000  # maximum file size, [byte]; large published models have 10 MB
 
 
 def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a model from an SBML file."""
+    """Read a scene from an SBML file."""
     return read_sbml_model(source, scene_type).scene
 
 
 def read_sbml_model(
     source: str | Path, scene_type: type[_Scene], values: Mapping[str, float] | None = None
 ) -> SbmlModel[_Scene]:
-    """Read a model as a scene, with the quantities of the scene by identifiers of the model."""
+    """Read a scene from an SBML file, with its quantities by identifier of the model."""
     text = read_text(source, _LARGEST_FILE)
     return read_sbml_text(text, str(source), scene_type, values)
 
@@ -425,6 +425,6 @@ def read_sbml_text(
     scene_type: type[_Scene],
     values: Mapping[str, float] | None = None,
 ) -> SbmlModel[_Scene]:
-    """Read a model from the text of an SBML file; see :func:`read_sbml_model`."""
+    """Read a scene from the text of an SBML file; see :func:`read_sbml_model`."""
     content = read_document(text, where)
     return SceneWriter(scene_type, content, where, values or {}).write()

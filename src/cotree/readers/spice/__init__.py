@@ -1,1 +1,1 @@
-"""SPICE netlists as scenes."""
+"""Conversion of SPICE netlists to scenes."""

@@ -1,6 +1,6 @@
-"""Elements of netlists: one function for each letter adds edges from the words of a line.
+"""Elements of netlists: a function for each letter adds the edges of an element to the scene.
 
-As in ngspice, ``x^y`` is the power of the absolute value of x, and powers group from the left.
+As in ngspice, ``x^y`` is the power of the absolute value of x, and powers are left-associative.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
 
 
 def has_polynomial(line: Line) -> bool:
-    """Return whether a controlled source follows a polynomial."""
+    """Return whether the line of a controlled source contains a polynomial."""
     return len(line.words) > 3 and line.words[3].lower() == "poly"
 
 
 def add_polynomial(place: Instance, line: Line) -> None:
-    """Add a source whose voltage or current is a polynomial of voltages or currents.
+    """Add a source whose voltage or current is a polynomial in voltages or currents.
 
     The coefficients become parameters ``NAME_p0``, ``NAME_p1``, ...
     """
     letter, rest = line.key[0], line.words[4:]
-    # ``isdigit`` is true for digits of other scripts.
+    # ``isdigit`` is also true for digits of other scripts.
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
     if not 1 <= n <= _MOST_ARGUMENTS:
         raise line.at.error(
             f"POLY needs the number of its arguments in parentheses, 1 to {_MOST_ARGUMENTS}"
         )
-    # A controlling voltage is given by two nodes, a controlling current by the name of its source.
+    # Two nodes specify a controlling voltage, and the name of a source a controlling current.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
@@ -71,7 +71,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
     coefficients: list[Value] = []
     for i, word in enumerate(words):
         value = place.scope.value(word, line.at)
-        # A zero removes its term from the law, so it does not become a parameter.
+        # A zero coefficient has no term, so that it does not become a parameter.
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
             value = place.sheet.own_parameter(label, value, line.at)
@@ -82,7 +82,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
 
 
 def _law(coefficients: list[Value], arguments: list[str]) -> str:
-    """Return the text of a polynomial without its zero terms."""
+    """Return the text of a polynomial without terms that are zero."""
     terms = []
     for coefficient, factors in zip(coefficients, _monomials(arguments), strict=False):
         if not is_zero(coefficient):
@@ -91,7 +91,7 @@ def _law(coefficients: list[Value], arguments: list[str]) -> str:
 
 
 def _monomials(arguments: list[str]) -> Iterator[list[str]]:
-    """List the monomials in SPICE's order: 1, x, y, x x, x y, y y, x x x, ... for two arguments."""
+    """Yield the factors of each monomial in SPICE's order: 1, x, y, x x, x y, y y, x x x, ..."""
     for degree in count():
         for factors in combinations_with_replacement(arguments, degree):
             powers = dict.fromkeys(factors, 0)
@@ -101,7 +101,7 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
 
 
 def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> str:
-    """Return the text of the voltage between two nodes."""
+    """Return the expression for the voltage between two nodes."""
     ends = [place.node(word) for word in (plus, minus)]
     place.sheet.named += [(end, word, at) for end, word in zip(ends, (plus, minus), strict=True)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
@@ -109,7 +109,7 @@ def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> s
 
 
 def current_of(place: Instance, line: Line, name: str) -> str:
-    """Return the text of the current of a voltage source."""
+    """Return the expression for the current of a voltage source."""
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
         raise line.at.error(
@@ -119,16 +119,16 @@ def current_of(place: Instance, line: Line, name: str) -> str:
     return f"{source}.i"
 
 
-#: Name, two nodes, and a law after an equals sign, which some simulators allow to omit.
+#: Name, two nodes, kind and law of a source; the equals sign before the law is optional.
 _LAW = re.compile(
     r"\S+[\s(,]+[^\s(),=]+[\s,]+[^\s(),=]+[\s),]+([A-Za-z]+)\s*(?:=\s*|(?=[{']))(.*)\Z", re.ASCII
 )
 _SIGNALS = re.compile(r"(?<![\w.])[vi]\s*\(|(?<![\w.])time(?![\w.])", re.IGNORECASE | re.ASCII)
 
-#: Distance of a comparison's thresholds from the centre, in multiples of the hysteresis.
+#: Distance of a switch's shifted threshold from the centre, in multiples of the hysteresis.
 _BEYOND = 1.000001
 
-#: Kind of source, by letter of the element and name in front of the law.
+#: Kind of source, by element letter and by the word before the law.
 _GIVES = {
     "b": {"v": "voltage", "i": "current"},
     "e": {"value": "voltage", "vol": "voltage", "v": "voltage"},
@@ -137,18 +137,18 @@ _GIVES = {
 
 
 def has_law(line: Line) -> bool:
-    """Return whether a controlled source follows an expression."""
+    """Return whether the line of a controlled source contains an expression as its law."""
     match = _LAW.match(line.text)
     return match is not None and match[1].lower() in _GIVES[line.key[0]]
 
 
 def has_signals(word: str) -> bool:
-    """Return whether an expression names voltages, currents or time."""
+    """Return whether an expression contains voltages, currents or the time."""
     return _SIGNALS.search(word) is not None
 
 
 def law_of(place: Instance, line: Line, text: str) -> str:
-    """Convert an expression of voltages, currents, time and parameters to that of a scene."""
+    """Convert an expression with voltages, currents, time and parameters to one for scenes."""
     own = unquoted(text)
 
     def signal(letter: str, first: str, second: str | None) -> str:
@@ -173,9 +173,9 @@ def add_law(place: Instance, line: Line) -> None:
 
 
 def add_switch(place: Instance, line: Line) -> None:
-    """Add a switch: a resistance of two values, controlled by a voltage (S) or a current (W).
+    """Add a switch: a resistance with two values, controlled by a voltage (S) or a current (W).
 
-    With hysteresis it has a mode ``NAME_on``.
+    If there is hysteresis, a mode ``NAME_on`` is added.
     """
     letter = line.key[0]
     words = line.words[1:]
@@ -202,12 +202,12 @@ def add_switch(place: Instance, line: Line) -> None:
     if not is_zero(values[width]):
         scene, name = place.sheet.scene, place.sheet.names.own(place.label(f"{line.words[0]}_on"))
         scene.mode(name, 1 if is_on else 0, doc="whether the switch is on")
-        # The mode shifts the threshold beyond the levels of its events, so that the events occur
-        # first.
+        # The mode shifts the threshold slightly beyond the levels of its events, so that the events
+        # occur first.
         threshold = f"({at} + {_BEYOND!r}*{half}*(1 - 2*{name}))"
         scene.event(f"{name}_up", f"{given} - {upper}", direction=1, set={name: "1"})
         scene.event(f"{name}_down", f"{given} - {lower}", direction=-1, set={name: "0"})
-        # The initial mode is determined by the signal.
+        # The controlling signal determines the initial mode.
         first = f"where({given} > {upper}, 1, where({given} < {lower}, 0, {name}))"
         scene.event(f"{name}_begin", "t", direction=1, set={name: first})
     law = f"where({given} > {threshold}, {text_of(values['ron'])}, {text_of(values['roff'])})"
@@ -219,7 +219,7 @@ _Key = TypeVar("_Key")
 
 
 def find_couplings(place: Instance, lines: list[Line]) -> None:
-    """Find the inductors that are coupled, before elements are added."""
+    """Group the inductors that K statements couple, before elements are added."""
     inductors = {line.key: line for line in lines if line.key[0] == "l"}
     for line in lines:
         if line.key[0] == "k":
@@ -227,7 +227,7 @@ def find_couplings(place: Instance, lines: list[Line]) -> None:
 
 
 def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
-    """Couple all inductors of a K statement with each other."""
+    """Combine all inductors of a K statement to one group."""
     names = [word.lower() for word in line.words[1:-1]]
     if len(names) < 2 or "=" in line.words:
         raise line.at.error(f"{line.name} needs two inductors or more, and a number")
@@ -237,7 +237,7 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
                 f"{line.name} couples '{brief(name)}', which is not an inductor of this circuit"
                 f"{nearest(name, inductors)}"
             )
-    # Merge the groups of the inductors, since coupling is transitive.
+    # Groups to which the inductors already belong are merged, since coupling is transitive.
     whole = Coupled()
     for name in names:
         old = place.coupled.get(name, Coupled({name: inductors[name]}))
@@ -259,23 +259,24 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
-    """Return the sign of each winding relative to the first; None if no coupling is 1 or -1.
+    """Return the sign of each winding relative to the first; None if there is no complete coupling.
 
-    Refuses groups in which only some couplings are complete, and contradicting signs.
+    A complete coupling is 1 or -1. Raises an error if only some couplings are complete or signs
+    contradict each other.
     """
     values = {
         pair: (place.scope.value(line.words[-1], line.at), line)
         for pair, line in coupled.couplings.items()
     }
-    # Only couplings given as numbers can be complete: parameters may change.
+    # Only a coupling that is given as a number can be complete, since parameters may change.
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
-    # The first winding defines the direction of the flux; zero means that the coupling is
-    # incomplete.
+    # The first winding defines the direction of the flux. A sign of zero means that the coupling to
+    # it is incomplete.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
-    # For a single flux, the coupling of two windings is the product of their signs.
+    # If all windings share one flux, the coupling of two windings is the product of their signs.
     for a, b in combinations(coupled.inductors, 2):
         pair = frozenset((a, b))
         if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
@@ -291,7 +292,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
 def coupled_fields(
     place: Instance, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:
-    """Return the fields of coupled inductors from the nodes and the inductance of each, [H]."""
+    """Return the fields of coupled inductors, given the nodes and the inductance of each, [H]."""
     fields: dict[str, Any] = {}
     number = {name: i for i, name in enumerate(coupled.inductors, 1)}
     for name, (nodes, inductance) in windings.items():
@@ -299,7 +300,7 @@ def coupled_fields(
         fields[WINDINGS[i - 1]], fields[f"inductance{i}"] = nodes, inductance
     values: dict[str, Any] = {}
     for pair, line in coupled.couplings.items():
-        # All pairs of a statement share one parameter.
+        # All pairs of one statement share a parameter.
         if line.key not in values:
             values[line.key] = place.principal(line, line.words[-1], "1")
         i, j = (number[name] for name in pair)
@@ -307,15 +308,15 @@ def coupled_fields(
     return fields
 
 
-#: Geometry parameters for capacitances and leakage per area, which are not modelled.
+#: Geometry parameters for capacitance and leakage per area, which are not modelled.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
-_DEFAULT_SIZE = 1e-4  # default length and width in ngspice, [m]
+_DEFAULT_SIZE = 1e-4  # default channel length and width in ngspice, [m]
 
 
 def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Split the line of an element into words and settings.
+    """Split the line of an element into words and ``name = value`` settings.
 
-    ``known`` are the settings that it may have, ``counts`` the numbers of words after its name.
+    ``known`` are the permitted settings, ``counts`` the permitted numbers of words after the name.
     """
     words, rest = split_settings(line.words[1:])
     given = settings(_without_second(rest), line.at)
@@ -331,7 +332,8 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
 
 def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     """Remove the second of two temperature coefficients, which has no effect at 27 degrees."""
-    # TC=1m,2u is split into words: a number after the first value is the second coefficient.
+    # TC=1m,2u is split into words, so that a number after the first value is the second
+    # coefficient.
     words = [word.lower() for word in rest[:-3]]
     after = words.index("tc") + 3 if "tc" in words else 0
     if not after or read_number(rest[after]) is None:
@@ -342,7 +344,7 @@ def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
 #: Temperature coefficients, which have no effect at 27 degrees.
 _OF_TEMPERATURE = ("tc", "tc1", "tc2")
 
-#: Component, field, unit and further settings of elements that have one value.
+#: Component, field, unit and permitted settings of elements that have one value, by letter.
 _ONE_PORTS = {
     "r": ("resistor", "resistance", "ohm", {"m", *_OF_TEMPERATURE}),
     "c": ("capacitor", "capacitance", "F", {"m", "ic", *_OF_TEMPERATURE}),
@@ -353,7 +355,7 @@ _ONE_PORTS = {
 def _valued(
     place: Instance, line: Line, known: set[str]
 ) -> tuple[tuple[str, ...], dict[str, str], Value]:
-    """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
+    """Return words, settings and value (a word, or ``R=``, ``C=``, ``L=``) of an element."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
     # Exactly one of the two forms is required.
@@ -367,7 +369,7 @@ def _valued(
 
 def _one_port(place: Instance, line: Line) -> None:
     """Add a resistor, a capacitor, or an inductor without couplings."""
-    # The K statement adds coupled inductors.
+    # Coupled inductors are added by their K statement.
     if line.key in place.coupled:
         return
     key = line.key[0]
@@ -375,18 +377,18 @@ def _one_port(place: Instance, line: Line) -> None:
     words, given, value = _valued(place, line, known)
     nodes = [place.node(word) for word in words[:2]]
     if place.sheet.amount(value) == 0.0:
-        # A zero resistance or inductance is a short, and a zero capacitance is omitted.
+        # A zero resistance or inductance is a short circuit; a zero capacitance is omitted.
         if key != "c":
             place.add_short(line.words[0], nodes)
         return
     initial = _initial_value(place, line, words, given)
-    # Parallel capacitances add; parallel resistances and inductances divide.
+    # For m parallel elements, capacitance is multiplied, and resistance and inductance are divided.
     whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
     place.add(line.words[0], type, nodes, {field: whole}, initial)
 
 
 def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
-    """Read the number of parallel elements."""
+    """Return the number of parallel elements, by default 1."""
     count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
         raise line.at.error("m must be positive: it is the number of parallel elements")
@@ -396,7 +398,7 @@ def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
 def _initial_value(
     place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]
 ) -> dict[str, Any]:
-    """Return the initial ``v`` of a capacitor or ``i`` of an inductor, if there is ``uic``."""
+    """Return the initial ``v`` of a capacitor or ``i`` of an inductor if ``uic`` is set."""
     key = line.key[0]
     if not place.sheet.uses_initial or key == "r":
         return {}
@@ -410,11 +412,11 @@ def _initial_value(
 
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
-    """Return the voltage between two nodes according to .ic, whose default is zero."""
+    """Return the voltage between two nodes according to ``.ic``, by default zero."""
     ends = []
     for word in (plus, minus):
         own = place.node(word)
-        # .ic names nodes of the outermost circuit.
+        # Nodes in ``.ic`` belong to the outermost circuit.
         known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
         ends.append(known.get(own, 0.0))
     if is_zero(ends[1]):
@@ -425,9 +427,9 @@ def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
 
 
 def _coupling(place: Instance, line: Line) -> None:
-    """Add coupled inductors as one edge with the name of their first coupling."""
+    """Add coupled inductors as one edge, with the name of their first K statement."""
     coupled = place.coupled[line.words[1].lower()]
-    # The first statement of a group creates the edge.
+    # Only the first K statement of a group creates the edge.
     if line.key != coupled.first:
         return
     windings: dict[str, tuple[list[str], Value]] = {}
@@ -442,7 +444,7 @@ def _coupling(place: Instance, line: Line) -> None:
         start = _initial_value(place, inductor, words, given)
         if start:
             initial[name] = start
-    # Complete coupling would make the inductance matrix singular.
+    # With complete coupling the inductance matrix would be singular.
     signs = complete_signs(place, coupled)
     if signs is not None:
         _one_flux(place, coupled, windings, initial, signs)
@@ -460,10 +462,10 @@ def _one_flux(
     initial: Mapping[str, dict[str, Any]],
     signs: Mapping[str, float],
 ) -> None:
-    """Add windings of one flux: the first as an inductor, the others by ideal transformers.
+    """Add windings that share one flux: the first as an inductor, the others as ideal transformers.
 
-    The inductor carries the magnetising current: the sum of the currents, weighted by the square
-    roots of the inductances.
+    The inductor carries the magnetising current, which is the sum of the currents, weighted by the
+    square roots of the inductances.
     """
     (first, (nodes, own)), *others = windings.items()
     start = [text_of(initial[first]["i"])] if first in initial else []
@@ -474,14 +476,14 @@ def _one_flux(
     begin = {"i": " + ".join(start)} if start else {}
     place.add(coupled.inductors[first].words[0], "inductor", nodes, {"inductance": own}, begin)
     for name, (pair, value) in others:
-        # Turns are proportional to the square roots of inductances.
+        # Numbers of turns are proportional to the square roots of inductances.
         ratio = f"{text_of(signs[name])}*sqrt({text_of(own)}/{text_of(value)})"
         fields = {"primary": nodes, "secondary": pair, "ratio": ratio}
         place.add(coupled.inductors[name].words[0], "transformer", (), fields)
 
 
 def _independent(place: Instance, line: Line) -> None:
-    """Add a source of a voltage or a current."""
+    """Add an independent voltage or current source."""
     words = _without_signs(line)
     if len(words) < 2:
         raise line.at.error(f"{line.name} needs two nodes, a value")
@@ -489,7 +491,7 @@ def _independent(place: Instance, line: Line) -> None:
     nodes = [place.node(word) for word in words[:2]]
     source = read_source(words[2:], place.scope, place.sheet.times, line.at)
     fields = dict(source.fields)
-    # Only a constant value becomes a parameter with the name of the source.
+    # Only a constant value becomes a parameter, with the name of the source.
     if source.is_constant:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
         fields["value"] = place.sheet.own_parameter(label, fields["value"], line.at, unit)
@@ -498,7 +500,7 @@ def _independent(place: Instance, line: Line) -> None:
 
 
 def _without_signs(line: Line) -> tuple[str, ...]:
-    """Return the words after the name of a source, without = after DC and AC."""
+    """Return the words after the name of a source, without equals signs after DC and AC."""
     words = line.words[1:]
     for before, word in pairwise(words):
         if word == "=" and before.lower() not in ("dc", "ac"):
@@ -507,7 +509,7 @@ def _without_signs(line: Line) -> tuple[str, ...]:
 
 
 def _controlled(place: Instance, line: Line) -> None:
-    """Add a source that is controlled by a voltage, a current, or a polynomial of several."""
+    """Add a source that is controlled by a voltage, a current, or a polynomial in these."""
     if "table" in map(str.lower, line.words[3:4]):
         raise line.at.error(
             f"{line.name} has a TABLE, which is not read: write an expression with VALUE="
@@ -544,7 +546,7 @@ def _by_current(place: Instance, line: Line) -> None:
 
 
 def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
-    """Read the area factor of a device; ``off``, a guess for the operating point, is ignored."""
+    """Return the area factor of a device; ignore ``off``, a guess for the operating point."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
@@ -561,8 +563,8 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
-    # With a series resistance, the state is the voltage of an inner port, not the one set by
-    # ``.ic``.
+    # If there is a series resistance, the state is the voltage of an inner port instead of the one
+    # that ``.ic`` sets.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
@@ -574,7 +576,7 @@ def _diode(place: Instance, line: Line) -> None:
 
 def _bipolar(place: Instance, line: Line) -> None:
     words, given = _parts(line, {"area", "m"}, range(4, 8))
-    # The fourth word is the model, or the substrate if no model has that name.
+    # The fourth word is the model or, if no model has that name, the substrate.
     at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
     model = place.model(words[at], "q", line)
     area, gmin = _area(place, line, words[at + 1 :], given), place.sheet.gmin
@@ -582,32 +584,32 @@ def _bipolar(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:3]]
     substrate = place.node(words[3] if at == 4 else "0")
-    # Without these no current flows into the substrate.
+    # Without these fields no current flows into the substrate.
     if {"leakage", "substrate_capacitance"} & fields.keys():
         nodes.append(substrate)
     place.add(line.words[0], model.component, nodes, fields)
 
 
-#: Names of transit times, and of the junction capacitances that they require.
+#: Names of transit times, and of the junction capacitances that these require.
 _TRANSITS = {
     "transit_time": "junction_capacitance",
     "forward_transit_time": "be_capacitance",
     "reverse_transit_time": "bc_capacitance",
 }
 
-#: Default capacitance of junctions with a transit time, in farad per second of the run: a
-#: milliampere changes the voltage by a volt in a ten-millionth of the run. Without a capacitance,
+#: Default capacitance of junctions with a transit time, relative to the duration of the run, [F/s].
+#: A milliampere then changes the voltage by one volt within 5e-8 of the run. Without a capacitance,
 #: the voltage would jump when the stored charge becomes zero.
 _LEAST_CAPACITANCE = 5e-11
 
 
 def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None:
-    """Add a small capacitance to junctions with a transit time and no capacitance."""
+    """Add a small capacitance to junctions that have a transit time but no capacitance."""
     if not place.sheet.times.stop:
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop
     wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
-    # With base-width modulation, the charge also depends on the voltage of the collector junction.
+    # With base-width modulation, the base charge also depends on the collector junction's voltage.
     is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
     if is_modulated and "bc_capacitance" not in wanted:
         wanted.append("bc_capacitance")
@@ -634,7 +636,7 @@ def _field_effect(place: Instance, line: Line) -> None:
     )
     count = _count(place, line, given)
     drain, gate, source, bulk = map(place.node, words[:4])
-    # Channel, diodes and overlaps are connected to the inner nodes of drain and source.
+    # Channel, diodes and overlap capacitances are connected to the inner nodes of drain and source.
     drain = _inner(place, line, model, "rd", drain, count)
     source = _inner(place, line, model, "rs", source, count)
     fields = channel_fields(model, scaled(width, count), length)
@@ -642,7 +644,7 @@ def _field_effect(place: Instance, line: Line) -> None:
     place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
         if bulk != end:
-            # The diodes of an n-channel conduct from the bulk, those of a p-channel into it.
+            # Diodes conduct from the bulk for an n-channel, and into the bulk for a p-channel.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
             own = side_fields(model, side, place.sheet.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
@@ -656,7 +658,7 @@ def _field_effect(place: Instance, line: Line) -> None:
 
 
 def _junction_gate(place: Instance, line: Line) -> None:
-    """Add a junction field-effect transistor: a channel, two diodes and resistances."""
+    """Add a junction field-effect transistor as a channel, two diodes and resistances."""
     words, given = _parts(line, {"area", "m"}, range(4, 7))
     model = place.model(words[3], "j", line)
     area = _area(place, line, words[4:], given)
@@ -675,7 +677,7 @@ def _junction_gate(place: Instance, line: Line) -> None:
 def _inner(
     place: Instance, line: Line, model: DeviceModel, name: str, node: str, count: Value
 ) -> str:
-    """Add the resistance between a terminal and the channel; return the inner node."""
+    """Add the resistance between a terminal and the channel, if any; return the inner node."""
     if is_zero(model.values[name]):
         return node
     inner = place.sheet.names.own(place.label(f"{line.words[0]}_{name}"))
@@ -684,7 +686,7 @@ def _inner(
     return inner
 
 
-#: Functions that add elements to a scene, by letter.
+#: Functions that add elements to a scene, by first letter of the element.
 DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     **dict.fromkeys("rcl", _one_port),
     "k": _coupling,

@@ -1,4 +1,4 @@
-"""Models of devices: conversion of ``.model`` parameters to fields of components."""
+"""Device models: conversion of ``.model`` parameters to fields of components."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 #: k T / e at 27 degrees Celsius, [V], with the constants of ngspice (CODATA 2014).
 THERMAL_VOLTAGE = 1.38064852e-23 * 300.15 / 1.6021766208e-19
 
-#: Parameters of temperature dependence and of noise, which have no effect.
+#: Parameters for temperature dependence and noise, which have no effect.
 _NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf", "vtotc", "betatce"))
 
 
 @dataclass(frozen=True)
 class ModelParameter:
-    """A parameter of a model."""
+    """A parameter of a device model."""
 
     default: float
     field: str  # field of the component
-    area: str = ""  # effect of the area factor on the value: ``*``, ``/`` or none
+    area: str = ""  # how the area factor changes the value: ``*``, ``/``, or empty if it does not
     unit: str = ""
 
 
@@ -72,8 +72,7 @@ _BIPOLAR = {
     "tf": ModelParameter(0.0, "forward_transit_time", "", "s"),
     "tr": ModelParameter(0.0, "reverse_transit_time", "", "s"),
 }
-#: Field-effect transistors of level 1; functions below compute fields and elements from these
-#: values.
+#: Field-effect transistors of level 1. Functions below compute fields and elements from these.
 _FIELD_EFFECT = {
     "vto": ModelParameter(0.0, "", "", "V"),
     "kp": ModelParameter(2e-5, "", "", "A/V^2"),
@@ -94,7 +93,8 @@ _FIELD_EFFECT = {
     "ld": ModelParameter(0.0, "", "", "m"),
     "level": ModelParameter(1.0, ""),
 }
-#: Junction field-effect transistors: the same channel, and diodes from the gate to both ends.
+#: Junction field-effect transistors, with the same channel and diodes between the gate and its
+#: ends.
 _JUNCTION_GATE = {
     "vto": ModelParameter(-2.0, "", "", "V"),
     "beta": ModelParameter(1e-4, "", "", "A/V^2"),
@@ -121,7 +121,7 @@ _ALIASES = {
     "m": {"vt0": "vto"},
     "j": {"vt0": "vto", "m": "mj"},
 }
-#: Resistances of switches controlled by a voltage or by a current.
+#: Resistances and thresholds of switches that are controlled by a voltage or a current.
 _RESISTANCES = {
     "ron": ModelParameter(1.0, "", "", "ohm"),
     "roff": ModelParameter(1e12, "", "", "ohm"),
@@ -141,7 +141,7 @@ _TABLES = {
     **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
 }
 
-#: Letter of the elements, and component, by model type.
+#: Element letter and component type, by model type.
 TYPES = {
     **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
     **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
@@ -152,15 +152,15 @@ TYPES = {
 
 @dataclass(frozen=True)
 class DeviceModel:
-    """A model with its values."""
+    """A device model with its parameter values."""
 
-    letter: str  # letter of its elements
-    component: str  # type of its edges
-    values: Mapping[str, Value]  # values of the model's parameters by name
+    letter: str  # letter of the elements that may use it
+    component: str  # component type of its elements
+    values: Mapping[str, Value]  # parameter values by name
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
-    """Read the parameters of a model; ``own(name, word, unit)`` returns the value of one."""
+    """Read the parameters of a model; ``own(name, word, unit)`` returns the value for a word."""
     if card.type not in TYPES:
         hint = nearest(card.type, TYPES)
         raise card.at.error(f"models of type '{brief(card.type)}' are not supported{hint}")
@@ -189,12 +189,12 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
 
 
 def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:
-    """Return the fields of a diode or a bipolar transistor; gmin is across its junctions, [S]."""
+    """Return the fields of a diode or bipolar transistor with ``gmin``, [S], at its junctions."""
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # A zero means that a resistance or charge is absent, and that a voltage or current is
-        # infinite, except for parameters with a nonzero default.
+        # If the default is zero, a value of zero means that a resistance or charge is absent, or
+        # that a voltage or current is infinite.
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)
@@ -208,7 +208,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
 
 
 def side_fields(model: DeviceModel, side: str, gmin: Value, count: Value = 1.0) -> dict[str, Value]:
-    """Return the fields of the diode between bulk or gate and an end of a channel, as ``cbd``."""
+    """Return the fields of the diode at a channel end; ``side`` is its capacitance, as ``cbd``."""
     v = model.values
     fields: dict[str, Value] = {
         "saturation_current": scaled(v["is"], count),
@@ -224,11 +224,11 @@ def side_fields(model: DeviceModel, side: str, gmin: Value, count: Value = 1.0) 
 
 
 def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
-    """Return the fields of a field-effect transistor's channel; width and length are in m."""
+    """Return the fields for a field-effect transistor's channel of given width and length, [m]."""
     v = model.values
     # Lateral diffusion shortens the channel at both ends.
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
-    # Level 1 of Shichman and Hodges: KP W / L.
+    # The factor in level 1, by Shichman and Hodges, is KP W / L.
     fields = _channel(scaled(scaled(v["kp"], width), inner, "/"), v["vto"], v["lambda"])
     if not is_zero(v["gamma"]):
         fields["body_effect"], fields["surface_potential"] = v["gamma"], v["phi"]
@@ -236,9 +236,9 @@ def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str,
 
 
 def gated_fields(model: DeviceModel, area: Value) -> dict[str, Value]:
-    """Return the fields of the channel of a junction field-effect transistor."""
+    """Return the fields for the channel of a junction field-effect transistor."""
     v = model.values
-    # The threshold of a model is relative to its polarity, that of a component is not.
+    # In the model, the threshold is relative to the polarity; in the component, it is not.
     sign = 1.0 if model.component == "mosfet_n" else -1.0
     return _channel(scaled(scaled(v["beta"], 2.0), area), scaled(v["vto"], sign), v["lambda"])
 

@@ -1,4 +1,4 @@
-"""Statements of a netlist, by circuit: elements, models and parameters."""
+"""Parsing of a netlist into statements by circuit: elements, models and parameters."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 _LONGEST_LINE = 100_000  # maximum number of characters of a statement with its continuation lines
-# A dollar sign may be part of a name, so it starts a comment only between spaces.
+# A dollar sign may be part of a name, so that it starts a comment only between spaces.
 _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
-#: Words of a statement: an expression in braces or quotes, an equals sign, or other text.
+#: A word of a statement: an expression in braces or quotes, an equals sign, or other text.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
 _ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
@@ -29,23 +29,23 @@ _BETWEEN = re.compile(r"[\s(),]*")
 class Line:
     """A statement of a netlist."""
 
-    at: SourceLine  # place in the file: first line of the statement
-    words: tuple[str, ...]  # words of the statement as written
-    text: str = ""  # text of the statement, with continuation lines joined
+    at: SourceLine  # file and first line of the statement
+    words: tuple[str, ...]  # words as written
+    text: str = ""  # whole text, with continuation lines joined
 
     @property
     def key(self) -> str:
-        """Its first word, in lower case."""
+        """The first word in lower case."""
         return self.words[0].lower()
 
     @property
     def name(self) -> str:
-        """Its first word as written, in quotes, for messages."""
+        """The first word as written, in quotes for messages."""
         return f"'{brief(self.words[0])}'"
 
 
 def read_lines(text: str, file: str) -> Iterator[Line]:
-    """Return the statements of a netlist, from the second line up to ``.end``."""
+    """Yield the statements of a netlist, from the second line up to ``.end``."""
     at, whole = SourceLine(file, 0), ""
     is_skipped = False
     # The first line is the title.
@@ -79,7 +79,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
 def _words(line: str, at: SourceLine) -> tuple[str, ...]:
     found, i = [], 0
     while True:
-        # Parentheses and commas separate words, like spaces.
+        # Parentheses and commas separate words, as spaces do.
         i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
         if i == len(line):
             break
@@ -100,7 +100,7 @@ def unquoted(text: str) -> str:
 
 
 def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
-    """Read ``name = value`` from a sequence of words; names become lower case."""
+    """Return values by name from words of the form ``name = value``; names become lower case."""
     found: dict[str, str] = {}
     for i in range(0, len(words), 3):
         triple = words[i : i + 3]
@@ -114,7 +114,7 @@ def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
 
 
 def assignments(line: Line) -> dict[str, tuple[str, str]]:
-    """Read ``name = value`` after the first word; values may contain spaces and parentheses."""
+    """Return assignments ``name = value`` after the first word; values may contain spaces."""
     text = line.text.split(None, 1)[1] if len(line.words) > 1 else ""
     marks = list(_ASSIGNMENT.finditer(text))
     found: dict[str, tuple[str, str]] = {}
@@ -131,7 +131,7 @@ def assignments(line: Line) -> dict[str, tuple[str, str]]:
 
 
 def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split words into those before the first ``name = value``, and the rest."""
+    """Split words before the first ``name = value``."""
     at = words.index("=") - 1 if "=" in words else len(words)
     return words[: max(at, 0)], words[max(at, 0) :]
 
@@ -139,13 +139,13 @@ def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, 
 _LARGEST = 100_000  # maximum number of statements
 _DEEPEST = 20  # maximum nesting of subcircuits
 
-#: Analyses and output statements, which are ignored.
+#: Statements for analyses and output, which are ignored.
 _PASSED_OVER = (
     frozenset((".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four"))
     | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
     | {".backanno", ".wave"}
 )
-#: Alternatives to refused statements, for messages.
+#: Unsupported statements, with alternatives for error messages.
 _REMEDIES = {
     ".step": "give the values to 'ensemble', or to the command 'sweep'",
     ".if": "write the chosen branch only, or an expression with a ? b : c",
@@ -155,7 +155,7 @@ _ELEMENTS = frozenset("rlckviefghbswdqmjx")
 
 @dataclass(frozen=True)
 class ModelCard:
-    """A ``.model``: its name as written, its type in lower case, its parameters."""
+    """A ``.model`` statement, with name as written, type in lower case, and parameters."""
 
     name: str
     type: str
@@ -165,7 +165,7 @@ class ModelCard:
 
 @dataclass(frozen=True)
 class UserFunction:
-    """A ``.func``: its arguments in lower case, and its expression as written."""
+    """A ``.func`` statement, with arguments in lower case and the expression as written."""
 
     arguments: tuple[str, ...]
     body: str
@@ -173,18 +173,18 @@ class UserFunction:
 
 @dataclass
 class Circuit:
-    """The main circuit, or a subcircuit."""
+    """The statements of the main circuit or of a subcircuit."""
 
     name: str  # name as written
-    at: SourceLine  # first line
-    pins: tuple[str, ...] = ()  # external nodes
-    #: Default values of the parameters, as written.
+    at: SourceLine  # file and first line
+    pins: tuple[str, ...] = ()  # nodes that are connected outside
+    #: Default values of parameters, as written.
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
-    #: Models and subcircuits by name in lower case.
+    #: Models and subcircuits, by name in lower case.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    #: Parameters: name and value as written, and line.
+    #: Name and value as written, and line of each parameter, by name in lower case.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
     #: Functions by name in lower case.
     functions: dict[str, UserFunction] = field(default_factory=dict)
@@ -192,18 +192,18 @@ class Circuit:
 
 @dataclass
 class Netlist:
-    """A netlist."""
+    """All statements of a netlist."""
 
-    circuit: Circuit  # main circuit of the netlist
+    circuit: Circuit  # main circuit
     transient: Line | None = None  # statement ``.tran``
     held: list[Line] = field(default_factory=list)  # statements ``.ic``
     options: list[Line] = field(default_factory=list)  # statements ``.options`` and ``.temp``
-    shared: list[str] = field(default_factory=list)  # nodes in ``.global``, in lower case
+    shared: list[str] = field(default_factory=list)  # nodes of ``.global``, in lower case
     passed_over: list[str] = field(default_factory=list)  # descriptions of ignored statements
 
 
 def parse_netlist(text: str, where: str) -> Netlist:
-    """Parse the statements of a netlist."""
+    """Parse the text of a netlist."""
     return _Parser(where).parse(text)
 
 
@@ -211,7 +211,7 @@ class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
         self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
-        # Circuits whose statements are being read, the innermost last.
+        # Circuits whose statements are being read, from the main circuit to the innermost.
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,
@@ -243,7 +243,7 @@ class _Parser:
         if key in self.commands:
             self.commands[key](line)
         elif key in (".include", ".inc", ".lib"):
-            # An untrusted netlist must not read other files.
+            # An untrusted netlist must not include other files.
             raise line.at.error(
                 f"{key} would read another file, which is not supported: paste its contents here"
             )
@@ -295,7 +295,7 @@ class _Parser:
         if len(self.open) > _DEEPEST:
             raise line.at.error(f".subckt within more than {_DEEPEST} others")
         words, given = split_settings(line.words[1:])
-        # In some simulators this word precedes the parameters.
+        # In some simulators ``params:`` precedes the parameters.
         words = tuple(word for word in words if word.lower() != "params:")
         if not words:
             raise line.at.error(".subckt needs a name")

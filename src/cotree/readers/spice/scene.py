@@ -1,7 +1,7 @@
-"""Scenes from SPICE netlists.
+"""Conversion of SPICE netlists to scenes.
 
-Elements become edges, instances of subcircuits are expanded, and values become parameters with the
-names of their elements. docs/spice.md lists what is supported.
+Elements become edges, subcircuits are expanded, and values become parameters with the names of
+their elements. docs/spice.md lists what is supported.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ _ROOM_TEMPERATURE = 27.0  # default temperature of SPICE, [degC]
 
 
 def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a circuit from a netlist."""
+    """Read a scene from the file of a netlist."""
     return read_spice_text(read_text(source, LARGEST_FILE), str(source), scene_type)
 
 
 def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a circuit from the text of a netlist."""
+    """Read a scene from the text of a netlist."""
     return Writer(scene_type, parse_netlist(text, where), where).write()
 
 
 class Writer(Sheet[_Scene]):
-    """Adds a netlist's elements to a scene."""
+    """Builds the scene of a netlist."""
 
     def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
         super().__init__(scene_type(scene_name(Path(file).stem[:40], "netlist")), file)
@@ -56,11 +56,11 @@ class Writer(Sheet[_Scene]):
         self.count = 0
 
     def write(self) -> _Scene:
-        """Write the whole netlist."""
+        """Add all statements to the scene, and return it."""
         whole = self.netlist.circuit
         top = Scope(functions=whole.functions)
-        # Values, waveforms and initial states of elements depend on options, parameters, times and
-        # initial voltages, which are read first.
+        # Options, parameters, times and initial voltages are read first, since values, waveforms
+        # and initial states of elements depend on them.
         for line in self.netlist.options:
             self._option(line, top)
         own: dict[str, ParameterRow] = {}
@@ -74,7 +74,7 @@ class Writer(Sheet[_Scene]):
         for line in self.netlist.held:
             self._held(line, top)
         self._circuit(whole, Instance(self, whole, top), 0)
-        # Elements in the title line are a frequent mistake.
+        # An element in the title line is a frequent mistake.
         if not self.scene.edges:
             raise whole.at.error("no elements: is the first line the title?")
         ends = {
@@ -105,8 +105,8 @@ class Writer(Sheet[_Scene]):
         for key in ordered(rows, given):
             name, word, at = rows[key]
             value, at = given[key] if key in given else (scope.value(word, at), at)
-            # In an expression, a dot precedes a variable of an edge, so names of a path are joined
-            # by underscores.
+            # Dots in expressions separate edges from their variables, so that underscores join the
+            # names of a path.
             label = f"{path}{name}".replace(".", "_")
             scope.values[key] = self.own_parameter(label, value, at)
 
@@ -119,7 +119,7 @@ class Writer(Sheet[_Scene]):
             row = [i for i, word in enumerate(line.words) if word == "="]
             given = {}
             for i in row:
-                # Word 0 is the statement.
+                # Word 0 is the name of the statement.
                 if i < 2 or i + 1 >= len(line.words):
                     raise line.at.error("= must be between a name and a value")
                 given[line.words[i - 1].lower()] = line.words[i + 1]
@@ -152,7 +152,7 @@ class Writer(Sheet[_Scene]):
 
     def _held(self, line: Line, scope: Scope) -> None:
         words = line.words[1:]
-        # Parentheses separate words, so that ``v(node)=value`` has four words.
+        # Parentheses separate words, so that ``v(node)=value`` consists of four words.
         for i in range(0, len(words), 4):
             four = words[i : i + 4]
             if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
@@ -160,14 +160,14 @@ class Writer(Sheet[_Scene]):
             self.voltages[four[1].lower()] = scope.value(four[3], line.at)
 
     def _begin(self) -> None:
-        """Set the start of the run."""
+        """Set how the run starts."""
         known = {name: node for (path, name), node in self.nodes.items() if not path}
         at = self.netlist.held[0].at if self.netlist.held else self.netlist.circuit.at
         for name in self.voltages:
             if name not in known:
                 raise at.error(f".ic names '{brief(name)}', which is not a node")
-        # With ``uic`` the run starts from the initial values; otherwise from the operating point,
-        # in whose computation the voltages of ``.ic`` are fixed.
+        # With ``uic`` the run starts at the initial values, otherwise at the operating point, which
+        # is computed with the voltages of ``.ic`` fixed.
         if self.uses_initial:
             return
         held = {known[name]: value for name, value in self.voltages.items()}
@@ -176,7 +176,7 @@ class Writer(Sheet[_Scene]):
             self.scene.simulation(start=start, held=held)
 
     def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
-        """Add the elements of a circuit or of an instance."""
+        """Add the elements of the main circuit or of a subcircuit instance."""
         for line in circuit.elements:
             self.count += 1
             if self.count > _MOST_ELEMENTS:
@@ -195,7 +195,7 @@ class Writer(Sheet[_Scene]):
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
-        # The limit also rejects a subcircuit that contains itself.
+        # This also rejects a subcircuit that contains itself.
         if depth >= _DEEPEST:
             raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:
@@ -210,24 +210,24 @@ class Writer(Sheet[_Scene]):
         values = settings(given, line.at)
         path = f"{outer.path}{line.words[0]}."
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
-            # A pin is a node of the outer circuit.
+            # A pin is connected to a node of the outer circuit.
             self.nodes[path, pin.lower()] = outer.node(node)
-        # Names refer to the circuit in which the subcircuit is defined.
+        # Other names refer to the circuit in which the subcircuit is defined.
         inner = Scope({}, home.scope, circuit.functions)
         place = Instance(self, circuit, inner, path, home)
-        # As in ngspice, values of the instance take precedence over ``.param`` of the subcircuit,
-        # and these over defaults.
+        # As in ngspice, values of the instance take precedence over ``.param`` in the subcircuit,
+        # and this over defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
         check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
-        # Values of the instance refer to the enclosing circuit, others to the subcircuit.
+        # Names in values of the instance refer to the enclosing circuit, others to the subcircuit.
         seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
         self._parameters(rows, inner, path, seen)
         self._circuit(circuit, place, depth + 1)
 
 
 def _turn(line: Line) -> int:
-    """Return the order in which an element is added, after the elements that it names."""
+    """Return a sort key, so that each element is added after the elements that it names."""
     if line.key[0] == "k":
         return 2
     return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

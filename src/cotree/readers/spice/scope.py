@@ -1,4 +1,4 @@
-"""The scene of a netlist, and expansion of its circuit and of instances of subcircuits."""
+"""The scene of a netlist, and its expanded main circuit and subcircuit instances."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ _GMIN = 1e-12  # default of ngspice, [S]
 
 
 class Sheet(Generic[_Scene]):
-    """A scene, with names and settings of its netlist."""
+    """The scene of a netlist, with its names and settings."""
 
     def __init__(self, scene: _Scene, file: str) -> None:
         self.scene, self.file, self.times = scene, file, Times()
-        self.uses_initial = False  # whether ``uic`` is set: the run starts at given initial values
+        self.uses_initial = False  # ``uic``: whether the run starts at given initial values
         self.gmin = _GMIN  # conductance parallel to each p-n junction, [S]
         # An element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
-        self.voltages: dict[str, Value] = {}  # voltages of ``.ic``, by node
-        #: Nodes whose voltages are used: name in the scene, name as written, and line.
+        self.voltages: dict[str, Value] = {}  # voltages in ``.ic`` by node
+        #: Nodes whose voltages are used, with name in the scene, name as written, and line.
         self.named: list[tuple[str, str, SourceLine]] = []
         self.shared: frozenset[str] = frozenset()  # nodes in ``.global``
         self._shorts: dict[str, str] = {}
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
-        """Declare a number as a parameter, and return its name; return expressions unchanged."""
+        """Declare a parameter for a number, and return its name; return an expression unchanged."""
         if isinstance(value, str):
             return value
         own = self.parameter_names.give("parameter", name)
@@ -52,7 +52,7 @@ class Sheet(Generic[_Scene]):
         return own
 
     def amount(self, value: Value) -> float | None:
-        """Evaluate a value with the parameters of the scene; None if it varies."""
+        """Evaluate a value with the parameters of the scene; return None if it varies in a run."""
 
         def known(name: str) -> Node:
             if name not in self.scene.parameters:
@@ -67,7 +67,7 @@ class Sheet(Generic[_Scene]):
             return None
 
     def number(self, word: str, scope: Scope, at: SourceLine) -> float:
-        """Read a number; expressions are evaluated with the parameters of the netlist."""
+        """Return the number for a word, which may be an expression of netlist parameters."""
         value = scope.value(word, at)
         number = self.amount(value) if isinstance(value, str) else value
         if number is None or not math.isfinite(number):
@@ -75,7 +75,7 @@ class Sheet(Generic[_Scene]):
         return number
 
     def join(self, nodes: Sequence[str]) -> bool:
-        """Join two nodes by a short; return False if shorts join them already."""
+        """Record a short circuit of two nodes; return False if others already connect them."""
         first, second = map(self._joined, nodes)
         self._shorts[second] = first
         return first != second
@@ -86,7 +86,7 @@ class Sheet(Generic[_Scene]):
         return node
 
     def node(self, path: str, name: str) -> str:
-        """Return the node of a name in an instance."""
+        """Return the node in the scene for a name in the instance with the given path."""
         key = (path, name.lower())
         if name.lower() in ("0", "gnd"):
             return "ground"
@@ -99,7 +99,7 @@ class Sheet(Generic[_Scene]):
 
 @dataclass
 class Coupled:
-    """Coupled inductors."""
+    """A group of coupled inductors."""
 
     #: Inductor statements, by name in lower case, in the order of the netlist.
     inductors: dict[str, Line] = field(default_factory=dict)
@@ -114,40 +114,40 @@ class Coupled:
 
 @dataclass
 class Instance:
-    """An expanded circuit, with its names."""
+    """The expanded main circuit, or an instance of a subcircuit."""
 
-    sheet: Sheet[Any]  # scene to which elements are added
+    sheet: Sheet[Any]  # scene to which elements are added, with its names
     circuit: Circuit  # statements of the circuit
-    scope: Scope  # parameters of the circuit
-    path: str = ""  # names of the enclosing instances, each followed by a dot
-    #: Enclosing instance, in which undefined names are looked up.
+    scope: Scope  # parameters and functions of the circuit
+    path: str = ""  # names of the instances that lead here, each followed by a dot
+    #: Instance of the circuit in which this one is defined, where undefined names are looked up.
     defined_in: Instance | None = None
-    #: Edges by the names of elements, in lower case.
+    #: Edges by element name in lower case.
     edges: dict[str, str] = field(default_factory=dict)
-    #: Group of each coupled inductor, by its name in lower case.
+    #: Groups of coupled inductors by inductor name in lower case.
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
 
     def label(self, name: str) -> str:
-        """Return the name in the scene of something in this instance."""
+        """Return the name in the scene for a name in this instance."""
         return f"{self.path}{name}".replace(".", "_")
 
     def check_name(self, line: Line) -> None:
-        """Refuse a second element of a name; SPICE ignores case."""
+        """Raise an error if another element has the same name; SPICE ignores case."""
         if line.key in self.taken:
             raise line.at.error(f"there is a second {line.name}")
         self.taken.add(line.key)
 
     def _around(self) -> Iterator[Instance]:
-        """Return this circuit and the enclosing ones, the innermost first."""
+        """Yield this instance, then the enclosing ones from the innermost to the outermost."""
         place: Instance | None = self
         while place is not None:
             yield place
             place = place.defined_in
 
     def circuit_named(self, name: str, at: SourceLine) -> tuple[Circuit, Instance]:
-        """Find a subcircuit by name, and the instance that defines it."""
+        """Return a subcircuit by name, and the instance in which it is defined."""
         for place in self._around():
             found = place.circuit.circuits.get(name.lower())
             if found is not None:
@@ -156,16 +156,16 @@ class Instance:
         raise at.error(f"there is no subcircuit '{brief(name)}'{hint}")
 
     def has_model(self, name: str) -> bool:
-        """Return whether there is a model of a name."""
+        """Return whether there is a model called ``name``."""
         return any(name.lower() in place.circuit.models for place in self._around())
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
-        """Find the model of an element, here or in an enclosing circuit."""
+        """Return the model of an element, from this or an enclosing circuit."""
         key = name.lower()
         place = next((place for place in self._around() if key in place.circuit.models), None)
         if place is None:
             raise line.at.error(f"there is no .model '{brief(name)}'")
-        # All elements of a model share its parameters.
+        # The model is read where it is defined, so that all its elements share its parameters.
         found = place._read(key)
         if found.letter != letter:
             raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
@@ -177,7 +177,7 @@ class Instance:
 
             def own(parameter: str, word: str, unit: str) -> Value:
                 value = self.scope.value(word, card.at)
-                # A zero removes its term from the laws, so it does not become a parameter.
+                # A zero removes a term from the laws, so that it does not become a parameter.
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")
@@ -187,7 +187,7 @@ class Instance:
         return self._models[name]
 
     def node(self, word: str) -> str:
-        """Return the node of a name."""
+        """Return the node in the scene for a name in this instance."""
         return self.sheet.node(self.path, word)
 
     def add(
@@ -199,7 +199,7 @@ class Instance:
         initial: Mapping[str, Any] | None = None,
     ) -> str:
         """Add an edge to the scene, and return its name there."""
-        # In a scene, unlike a netlist, nodes and elements must have different names.
+        # Unlike in a netlist, nodes and elements of a scene must have different names.
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
         self.edges[name.lower()] = edge
@@ -207,12 +207,12 @@ class Instance:
         return edge
 
     def add_short(self, name: str, nodes: Sequence[str]) -> None:
-        """Add a voltage source of 0 V between nodes that shorts do not join yet."""
+        """Add a voltage source of 0 V between two nodes, unless others already connect them."""
         if self.sheet.join(nodes):
             self.add(name, "voltage_source", nodes, {"voltage": 0.0})
 
     def _check_signs(self, edge: str) -> None:
-        """Refuse expressions whose values have a sign that the component does not allow."""
+        """Raise an error for expressions whose sign the component does not allow."""
         own = self.sheet.scene.edges[edge]
         for name, value in own.fields.items():
             row = own.component.field(name)
@@ -227,6 +227,6 @@ class Instance:
                 raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {must}")
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
-        """Read the value of an element; a number becomes a parameter with the element's name."""
+        """Return the value of an element; a number becomes a parameter with the element's name."""
         value = self.scope.value(word, line.at)
         return self.sheet.own_parameter(self.label(line.words[0]), value, line.at, unit)

@@ -1,6 +1,6 @@
 """Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM.
 
-Numbers that are absent or zero have the defaults of ngspice.
+Numbers that are absent or zero are replaced by the defaults of ngspice.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from cotree.readers.spice.values import Scope, Value, is_zero, read_number, text
 if TYPE_CHECKING:
     from cotree.readers.names import SourceLine
 
-# Maximum number of values of each waveform.
+# Maximum number of values for each waveform.
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
 _MOST_PIECES = 50  # maximum number of points of a PWL waveform that is written as an expression
-_DEGREE = "0.017453292519943295"  # [rad]
+_DEGREE = "0.017453292519943295"  # one degree, [rad]
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times of ``.tran``, the defaults of waveforms; None without ``.tran``."""
+    """Times in ``.tran``, which are defaults for waveforms; None if there is no ``.tran``."""
 
     step: float | None = None
     stop: float | None = None
@@ -31,15 +31,15 @@ class Times:
 
 @dataclass(frozen=True)
 class Source:
-    """Shape and fields of an independent source."""
+    """Waveform of an independent source, as shape and fields."""
 
     shape: str  # ``sine``, ``pulse`` or ``piecewise``; empty for a single value
     fields: dict[str, Any]  # fields of the component; ``value`` is the voltage or current
-    is_constant: bool = False  # whether the value is given, so that it may become a parameter
+    is_constant: bool = False  # whether the value is constant, so that it may become a parameter
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
-    """Read the waveform of a source from the words after its nodes."""
+    """Read the waveform of an independent source from the words after its nodes."""
     constant: Value = 0.0
     rest = list(words)
     waveform: Source | None = None
@@ -51,11 +51,11 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
             if not rest:
                 raise at.error("DC needs a value")
             constant, is_given = scope.value(rest.pop(0), at), True
-        elif key == "ac":  # value for a small-signal analysis
+        elif key == "ac":  # the value is for a small-signal analysis
             while rest and read_number(rest[0]) is not None:
                 rest.pop(0)
         elif key in _WAVEFORMS:
-            # The numbers end at the next part of the statement.
+            # The numbers of a waveform end at the next keyword.
             count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
             waveform = _waveform(key, tuple(rest[:count]), scope, times, at)
             rest = rest[count:]
@@ -65,9 +65,9 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
                 "or AM"
             )
         else:
-            # A number, or the name of a parameter without braces.
+            # The value is a number, or the name of a parameter without braces.
             constant, is_given = scope.value(word, at), True
-    # With a waveform, the DC value is used only for the operating point of other analyses.
+    # If there is a waveform, the DC value is only for the operating point of other analyses.
     if waveform is not None:
         return waveform
     return Source("", {"value": constant}, is_constant=True)
@@ -75,7 +75,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
 
 @dataclass(frozen=True)
 class _Numbers:
-    """Numbers of a waveform; absent ones are zero."""
+    """The numbers of a waveform; absent ones count as zero."""
 
     values: list[Value]
     times: Times
@@ -85,9 +85,9 @@ class _Numbers:
         return self.values[place] if place < len(self.values) else 0.0
 
     def or_else(self, place: int, default: float | None, what: str) -> Value:
-        """Return the number at a place, or its default if it is absent or zero, as in ngspice.
+        """Return the number at an index, or its default if it is absent or zero, as in ngspice.
 
-        The default is None if it requires ``.tran``, and there is none.
+        The default is None if it depends on ``.tran``, but there is none.
         """
         if not is_zero(self[place]):
             return self[place]
@@ -97,7 +97,7 @@ class _Numbers:
 
     @property
     def once(self) -> float | None:
-        """The frequency with one period in the run."""
+        """The frequency at which the run has one period."""
         return None if not self.times.stop else 1.0 / self.times.stop
 
 
@@ -120,7 +120,7 @@ def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
-    # A single point is a constant.
+    # A single point means a constant.
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=isinstance(values[0], float))
     is_plain = not any(isinstance(number, str) for number in numbers)
@@ -137,7 +137,7 @@ def _piecewise(numbers: list[Value], at: SourceLine) -> Source:
 
 
 def _step(begin: Value, low: Value, end: Value, high: Value, at: SourceLine) -> str:
-    """Return the change of a PWL waveform between two of its points, as a function of time."""
+    """Return an expression for the change of a PWL waveform between two points over time."""
     change, since = f"({text_of(high)} - {text_of(low)})", f"t - {text_of(begin)}"
     if begin == end:
         return f"where({since} >= 0, {change}, 0)"
@@ -148,7 +148,7 @@ def _step(begin: Value, low: Value, end: Value, high: Value, at: SourceLine) -> 
 
 
 def _turn(frequency: Value, time: str, phase: Value) -> str:
-    """Return the text of an angle that grows linearly with time, from a phase in degrees."""
+    """Return an expression for an angle, [rad], that grows with time from a phase in degrees."""
     angle = "" if is_zero(phase) else f" + {text_of(phase)}*{_DEGREE}"
     return f"2*pi*{text_of(frequency)}*{time}{angle}"
 
@@ -160,7 +160,7 @@ def _since(delay: Value) -> str:
 def _sine(given: _Numbers) -> Source:
     frequency = given.or_else(2, given.once, "the frequency of SIN")
     delay, decay, phase = (given[i] for i in range(3, 6))
-    # No component represents a decaying sine.
+    # No component has a decaying sine, so that it is an expression.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
@@ -176,10 +176,10 @@ def _sine(given: _Numbers) -> Source:
 
 def _pulse(given: _Numbers) -> Source:
     fields: dict[str, Any] = {"low": given[0], "high": given[1]}
-    # Edges of zero length get the output step of the simulator.
+    # Edges of zero duration take the output step, as in simulators.
     for place, name in ((3, "rise"), (4, "fall")):
         fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
-    # Without a width the pulse lasts to the end of the run.
+    # A pulse without a width lasts to the end of the run.
     fields["width"] = given.or_else(5, given.times.stop, "the width of PULSE")
     fields |= {name: given[i] for i, name in ((2, "delay"), (6, "period")) if not is_zero(given[i])}
     return Source("pulse", fields)
@@ -187,17 +187,16 @@ def _pulse(given: _Numbers) -> Source:
 
 def _exponential(given: _Numbers) -> Source:
     low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
-    # The default of the first delay is zero according to the manual of ngspice, but ngspice uses
-    # the step.
+    # The default of the first delay is zero in the manual of ngspice, but ngspice uses the step.
     first = given.or_else(2, step, "the delay of EXP")
     rise = given.or_else(3, step, "the time constant of EXP")
     second = given.or_else(4, step, "the second delay of EXP")
     if is_zero(given[4]):
-        # The default of the second delay is relative to the first.
+        # The default of the second delay is the first delay plus the step.
         second = f"{text_of(first)} + {text_of(second)}"
     fall = given.or_else(5, step, "the second time constant of EXP")
 
-    # Each exponential starts at its delay, and is zero before it.
+    # Each exponential starts at its delay and is zero before.
     def since(begin: Value, constant: Value) -> str:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
 
@@ -209,7 +208,7 @@ def _frequency_modulated(given: _Numbers) -> Source:
     carrier = given.or_else(2, given.once, "the carrier of SFFM")
     signal = given.or_else(4, given.once, "the frequency of SFFM")
     index, phase, inner = (given[i] for i in (3, 5, 6))
-    # The modulation index is the amplitude of the phase, [rad].
+    # The modulation index is the amplitude of the phase modulation, [rad].
     swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
     wave = f"{text_of(given[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
     return Source("", {"value": f"{text_of(given[0])} + {wave}"})
@@ -219,7 +218,7 @@ def _amplitude_modulated(given: _Numbers) -> Source:
     if len(given.values) < 4:
         raise given.at.error("AM needs two numbers, a frequency and that of its carrier")
     passed = _since(given[4])
-    # Offset and signal together are the amplitude of the carrier.
+    # The sum of offset and signal is the amplitude of the carrier.
     swing = f"({text_of(given[1])} + sin({_turn(given[2], passed, 0.0)}))"
     wave = f"sin({_turn(given[3], passed, 0.0)})"
     return Source("", {"value": f"{text_of(given[0])}*{swing}*{wave}"})
@@ -235,7 +234,7 @@ _MADE = {
 
 
 def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
-    """Return type and fields of a source's edge."""
+    """Return the component type and the fields for a source."""
     kind = "voltage" if is_voltage else "current"
     if source.shape:
         return f"{source.shape}_{kind}", source.fields

@@ -1,4 +1,4 @@
-"""Numbers with suffixes and expressions of parameters, in the grammar of scenes."""
+"""Conversion of numbers with suffixes and of expressions to the grammar of scenes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: A number, or an expression in the grammar of scenes.
 Value = float | str
 
-#: A parameter: name and value as written, and line.
+#: Name and value of a parameter as written, and its line.
 ParameterRow = tuple[str, str, "SourceLine"]
 
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -37,15 +37,15 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 _SIGNAL = re.compile(r"([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)", re.I | re.ASCII)
-#: Operators and their equivalents in Python.
+#: Operators, with their equivalents in Python.
 _SPELT = {"^": "**", "&&": "and", "||": "or", "!": "~", "?": "if (", ":": ") else"}
 _SPELT |= {"(": f"{GROUP}("}
-#: Functions that scenes lack, or have under another name.
+#: Functions of netlists that scenes lack or call by another name.
 _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
     *("u", "uramp", "ceil", "pwr", "limit"),
 )
-#: A suffix at the position of the decimal point, as printed on resistors.
+#: A number with a suffix in place of the decimal point, as printed on resistors.
 _PRINTED = re.compile(r"([+-]?\d+)(?![eE]\d)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
@@ -58,10 +58,10 @@ _LONGEST = 6000  # maximum number of characters of an expression after substitut
 
 
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
-    """Sort parameters such that each comes after those that its value names.
+    """Sort parameters such that each follows those that occur in its value.
 
-    Otherwise they are in the order of the file. In a cycle a name refers to the enclosing circuit,
-    or is unknown. ``given`` are known already.
+    Otherwise they keep the order of the file. In a cycle, a name refers to the enclosing circuit or
+    is unknown. Values of parameters in ``given`` are already known.
     """
     done: dict[str, None] = {}
     begun: set[str] = set()
@@ -80,7 +80,7 @@ def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> li
 
 
 def read_number(word: str) -> float | None:
-    """Read a number with a suffix and an ignored unit; None if it is not a number."""
+    """Return the value of a number with suffix and ignored unit; None if it is not a number."""
     match = _NUMBER.match(word)
     if match is None:
         return None
@@ -89,7 +89,7 @@ def read_number(word: str) -> float | None:
 
 
 def number_text(word: str) -> str:
-    """Convert a number with a suffix to the syntax of scenes."""
+    """Convert a number with a suffix to a text without it."""
     check_point(word)
     value = read_number(word)
     if value is None:
@@ -98,7 +98,7 @@ def number_text(word: str) -> str:
 
 
 def check_point(word: str) -> None:
-    """Refuse numbers with a suffix in the place of the point, on which simulators disagree."""
+    """Raise an error for a suffix in place of the decimal point, on which simulators disagree."""
     match = _PRINTED.match(word)
     if match is not None:
         whole, factor, rest = match.groups()
@@ -109,7 +109,7 @@ def check_point(word: str) -> None:
 
 
 def _is_ampere(letters: str) -> bool:
-    """Return whether letters after a number are the unit ampere, not the suffix atto."""
+    """Return whether letters after a number are the unit ampere instead of the suffix atto."""
     small = letters.lower()
     return small == "a" or small.startswith("amp")
 
@@ -118,51 +118,51 @@ def _scaled(digits: str, letters: str) -> float:
     small = letters.lower()
     if _is_ampere(letters):
         return float(digits)
-    # Case is ignored, so that m is milli and meg is mega; letters after the suffix are a unit.
+    # Case is ignored, so that m is milli and meg is mega. Letters after the suffix are a unit.
     suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
     if suffix not in _SUFFIXES:
         return float(digits)
     power = round(math.log10(_SUFFIXES[suffix])) if suffix != "mil" else 0
     if suffix == "mil" or "e" in digits.lower():
         return float(digits) * _SUFFIXES[suffix]
-    return float(f"{digits}e{power}")  # one conversion, hence one rounding: 1.1u is 1.1e-6
+    return float(f"{digits}e{power}")  # a single rounding, so that 1.1u is 1.1e-6
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Meaning of names in a circuit or in an instance of a subcircuit."""
+    """Meaning of names in the main circuit or in an instance of a subcircuit."""
 
-    #: Numbers or expressions, by name in lower case.
+    #: Values of parameters, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
     outer: Scope | None = None  # enclosing scope; None for the main circuit
     #: Functions of ``.func``, by name in lower case.
     functions: Mapping[str, UserFunction] = field(default_factory=dict)
-    #: Notes about the file, stored in the outermost scope.
+    #: Notes about the netlist, stored in the outermost scope.
     remarks: list[str] = field(default_factory=list)
 
     def _outwards(self) -> Iterator[Scope]:
-        """Return this scope and the enclosing ones, the innermost first."""
+        """Yield this scope, then the enclosing ones from the innermost to the outermost."""
         scope: Scope | None = self
         while scope is not None:
             yield scope
             scope = scope.outer
 
     def remark(self, text: str) -> None:
-        """Add a remark to the outermost scope, once."""
+        """Add a note to the outermost scope, unless it is already there."""
         *_, outermost = self._outwards()
         if text not in outermost.remarks:
             outermost.remarks.append(text)
 
     def find(self, name: str) -> Value | None:
-        """Return the value of a parameter, from the innermost scope that has it."""
+        """Return the value of a parameter from the innermost scope that defines it, or None."""
         return next((s.values[name] for s in self._outwards() if name in s.values), None)
 
     def function(self, name: str) -> UserFunction | None:
-        """Return a function of ``.func``, from the innermost scope that has it."""
+        """Return a function of ``.func`` from the innermost scope that defines it, or None."""
         return next((s.functions[name] for s in self._outwards() if name in s.functions), None)
 
     def value(self, word: str, at: SourceLine) -> Value:
-        """Read a number, a parameter's name, or an expression in braces or quotes."""
+        """Return the value of a number, a parameter name, or an expression in braces or quotes."""
         self._check_unit(word, at)
         number = read_number(word)
         if number is not None:
@@ -175,7 +175,7 @@ class Scope:
             raise at.error(f"'{brief(word)}' {error}") from None
 
     def _check_unit(self, word: str, at: SourceLine) -> None:
-        """Note that simulators disagree on the letter a, which may be a unit or a factor."""
+        """Add a note if a number has the letter a, on which simulators disagree: ampere or atto."""
         for match in _ATTO.finditer(word):
             is_ampere = _is_ampere(match[1])
             meaning = "in amperes" if is_ampere else "1e-18 of its unit"
@@ -187,7 +187,7 @@ class Scope:
     def _expression(self, body: str) -> Value:
         text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
-        # Its names are parameters of the scene, which may change.
+        # Names in it are parameters of the scene, which may change.
         if expression.names:
             return text
         value = expression.lower(Dag(), dict[str, "Node"]().__getitem__).value
@@ -197,10 +197,10 @@ class Scope:
 
 
 class SpiceFormula(Rewriter):
-    """Rewriting of expressions of a netlist.
+    """Rewrites expressions of a netlist for scenes.
 
-    ``signal`` returns the text of a voltage or a current from its letter and one or two names; if
-    it is None, signals are refused.
+    ``signal`` returns the expression for a voltage or a current, given its letter and one or two
+    names. If it is None, voltages and currents raise an error.
     """
 
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}
@@ -213,12 +213,12 @@ class SpiceFormula(Rewriter):
     ) -> None:
         super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS))
         self._scope, self._signal, self._depth = scope, signal, depth
-        #: Trees that replace placeholder names.
+        #: Syntax trees that replace placeholder names.
         self._put: dict[str, ast.expr] = {}
         self._length = 0
 
     def text(self, formula: str) -> str:
-        """Rewrite an expression of a netlist."""
+        """Rewrite an expression of a netlist for scenes."""
         if not formula.strip():
             raise ExpressionError("ends where a value is expected")
         return super().text(python_text(formula, _TOKEN, self._spelt, _LONGEST))
@@ -245,8 +245,8 @@ class SpiceFormula(Rewriter):
         return mark
 
     def _substituted(self, text: str) -> ast.expr:
-        """Return the tree of a text that replaces a name or a call."""
-        # Nested definitions can grow exponentially.
+        """Return the syntax tree of a text that replaces a name or a call."""
+        # Nested definitions may grow exponentially.
         self._length += len(text)
         if self._length > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
@@ -264,7 +264,7 @@ class SpiceFormula(Rewriter):
     def _named(self, word: str) -> str:
         name = word.lower()
         found = self._scope.find(name)
-        # A parameter takes precedence over a constant of the same name.
+        # Parameters take precedence over constants of the same name.
         if found is not None:
             return text_of(found)
         known = {"pi": repr(math.pi)}
@@ -281,13 +281,13 @@ class SpiceFormula(Rewriter):
         if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
-            # ngspice keeps the sign of parameters here, unlike with ``**``.
+            # In parameters, ngspice keeps the sign of the base here, unlike for ``**``.
             base, exponent = map(self.value, args)
             return self._power(base, exponent) if self._signal else fill("a**b", base, exponent)
         return None
 
     def _expanded(self, name: str, own: UserFunction, args: Sequence[str]) -> ast.expr:
-        """Return the expression of a function of the netlist for given arguments."""
+        """Return the body of a ``.func`` function with the given arguments inserted."""
         if len(args) != len(own.arguments):
             raise ExpressionError(f"gives {name} {len(args)} arguments, not {len(own.arguments)}")
         if self._depth >= _DEEPEST:
@@ -297,7 +297,7 @@ class SpiceFormula(Rewriter):
         return self._substituted(f"({formula.text(own.body)})")
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
-        """Rewrite an operation; powers group from the left, as in ngspice."""
+        """Rewrite an operation; powers are left-associative, as in ngspice."""
         if not isinstance(node.op, ast.Pow):
             return super().visit_BinOp(node)
         base, exponent = self.value(node.left), node.right
@@ -311,10 +311,10 @@ class SpiceFormula(Rewriter):
         return self._power(base, self.value(exponent))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> ast.expr:
-        """Return a power; in laws that of the base's absolute value, as in ngspice."""
+        """Return a power; in laws, the base is its absolute value, as in ngspice."""
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
-        # Even powers, and powers of numbers, need no absolute value.
+        # Even powers and powers of numbers need no absolute value.
         if not (is_even or isinstance(base, ast.Constant)):
             if self._signal is not None:
                 self._scope.remark(
@@ -326,12 +326,12 @@ class SpiceFormula(Rewriter):
 
 
 def text_of(value: Value) -> str:
-    """Return a value in parentheses, as an operand of an expression."""
+    """Return the text of a value as an operand, in parentheses."""
     return f"({value!r})" if isinstance(value, float) else f"({value})"
 
 
 def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
-    """Multiply or divide two values."""
+    """Return the product or quotient of two values."""
     if factor == 1.0:
         return value
     if isinstance(value, float) and isinstance(factor, float):

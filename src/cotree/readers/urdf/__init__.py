@@ -1,1 +1,1 @@
-"""URDF robots as scenes."""
+"""Conversion of URDF robots to scenes."""

@@ -1,7 +1,7 @@
-"""Robot descriptions: links, joints, and the tree that they form.
+"""Reading of URDF robot descriptions: links, joints, and their tree.
 
-In: the elements of a URDF file (the Unified Robot Description Format of ROS). Out: a
-:class:`Robot`, and its joints in order.
+The elements of a URDF file (the Unified Robot Description Format of ROS) are read to a
+:class:`Robot`, whose joints are then ordered.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
-    """Return the root, the link that is not a child of any joint, and the joints in order.
+    """Return the root, which is the link that is not a child of any joint, and the ordered joints.
 
-    Each joint comes after that of its parent; siblings are in the order of the file. Raises
+    Each joint follows the joint of its parent link; siblings keep the order of the file. Raises
     SceneError if a name occurs twice, a link is missing, or links and joints do not form a tree.
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)
-    # The joint whose child is the link, and the joints whose parent is the link.
+    # For each link, the joint of which it is the child, and the joints of which it is the parent.
     onto: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in robot.joints:
@@ -51,8 +51,8 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
-    # Each link except the root has one joint: links and joints form a tree, unless there is a
-    # separate cycle.
+    # Each link except the root is the child of one joint. Links and joints therefore form a tree,
+    # unless there is a separate cycle.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints form a cycle")
@@ -62,7 +62,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             f"neither '{first}' nor '{second}' is the child of a joint: connect them"
         )
     ordered: list[Joint] = []
-    # Depth first, siblings in the order of the file.
+    # The order is depth first, with siblings in the order of the file.
     waiting = below[roots[0].name][::-1]
     while waiting:
         joint = waiting.pop()
@@ -76,7 +76,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
 
 
 def check_mimics(joints: Iterable[Joint]) -> None:
-    """Refuse mimics of joints without exactly one coordinate, and cycles of mimics."""
+    """Raise an error for mimics of joints with other than one coordinate, and for cycles."""
     by_name = {joint.name: joint for joint in joints}
     for joint in by_name.values():
         # A fixed joint has no coordinate.
@@ -98,7 +98,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
                 f"{what} mimics '{brief(leader.name)}', which has no or several coordinates: its "
                 f"type is {leader.type}"
             )
-    # Follow each chain of mimic joints to its end, or to a joint that was already checked.
+    # Each chain of mimic joints is followed to its end, or to a joint that was already checked.
     settled: set[str] = set()
     for joint in by_name.values():
         trail: set[str] = set()
@@ -116,7 +116,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
 
 
 def has_one_coordinate(joint: Joint) -> bool:
-    """Return whether a joint rotates about or slides along one axis."""
+    """Return whether a joint rotates about one axis or slides along one axis."""
     return joint.type in ("revolute", "continuous", "prismatic")
 
 
@@ -134,23 +134,23 @@ def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
 
 Vector = tuple[float, float, float]
 
-# In contrast to float(), it rejects nan, inf, underscores and digits of other scripts.
+# Unlike float(), this pattern rejects nan, inf, underscores and digits of other scripts.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
-_LARGEST = 1e15  # in SI units; products of larger numbers might overflow
+_LARGEST = 1e15  # largest number in SI units, so that products do not overflow
 _LONGEST_NAME = 500
 _ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A position, [m], and roll, pitch and yaw about fixed axes, [rad]."""
+    """Position, [m], and roll, pitch and yaw about fixed axes, [rad], of a frame."""
 
     xyz: Vector = _ZERO
     rpy: Vector = _ZERO
 
 
 def child_of(element: Element, tag: str, what: str) -> Element:
-    """Return a required child element."""
+    """Return the first child element with a tag; raise an error if there is none."""
     found = element.first(tag)
     if found is None:
         raise element.at.error(f"<{element.tag}> of {what} has no <{tag}>")
@@ -158,7 +158,7 @@ def child_of(element: Element, tag: str, what: str) -> Element:
 
 
 def name_of(element: Element, what: str, attribute: str = "name") -> str:
-    """Return a required name."""
+    """Return the name of an element; raise an error if it has none."""
     found = element.attributes.get(attribute, "").strip()
     if not found:
         raise element.at.error(f'the {what} has no name: write {attribute}="..."')
@@ -168,14 +168,14 @@ def name_of(element: Element, what: str, attribute: str = "name") -> str:
 
 
 def number_of(element: Element, name: str, what: str, default: float | None = None) -> float:
-    """Return a number, which is required if there is no default."""
+    """Return the number in an attribute; raise an error if it and the default are missing."""
     if name not in element.attributes and default is not None:
         return default
     return _number(element, name, _text(element, name, what).strip(), what)
 
 
 def vector_of(element: Element, name: str, what: str, default: Vector | None = _ZERO) -> Vector:
-    """Return three numbers, which are required if the default is None."""
+    """Return three numbers in an attribute, which is required if the default is None."""
     if name not in element.attributes and default is not None:
         return default
     parts = _text(element, name, what).split()
@@ -188,7 +188,7 @@ def vector_of(element: Element, name: str, what: str, default: Vector | None = _
 
 
 def pose_of(element: Element, what: str) -> Pose:
-    """Return the pose in an element's <origin>; without one it is zero."""
+    """Return the pose in an element's <origin>, or zero if there is none."""
     origin = element.first("origin")
     if origin is None:
         return Pose()
@@ -213,7 +213,7 @@ def _number(element: Element, name: str, text: str, what: str) -> float:
     return value
 
 
-#: Types of joints, and whether they have an axis.
+#: Joint types, and whether each has an axis.
 JOINT_TYPES = {
     "fixed": False,
     "revolute": True,
@@ -222,15 +222,15 @@ JOINT_TYPES = {
     "planar": True,
     "floating": False,
 }
-#: Names of the moments of inertia in the format.
+#: Attribute names of the moments of inertia.
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Inertia of a link."""
+    """Mass and moments of inertia of a link."""
 
-    #: Pose of the centre of mass, and axes of the moments, relative to the link.
+    #: Pose of the inertial frame relative to the link, with its origin at the centre of mass.
     pose: Pose
     mass: float  # mass of the link, [kg]
     moments: tuple[float, ...]  # moments of inertia ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
@@ -238,7 +238,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class RobotLink:
-    """A link: its name, its line, its inertia if it has one, and its shapes."""
+    """A link, with its name, its line, its inertia if there is one, and its shapes."""
 
     name: str
     at: SourceLine
@@ -248,7 +248,7 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Mimic:
-    """The coordinate of another joint, times a factor, plus an offset."""
+    """A coordinate that is that of another joint times a factor, plus an offset."""
 
     joint: str
     multiplier: float
@@ -257,25 +257,25 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint."""
+    """A joint between two links."""
 
-    #: Name of the joint, and type from :data:`JOINT_TYPES`.
+    #: Name of the joint and its type, a key of :data:`JOINT_TYPES`.
     name: str
     type: str
-    at: SourceLine  # place in the file: first line of the element
+    at: SourceLine  # file and first line of the element
     #: Names of the parent and child links.
     parent: str
     child: str
-    pose: Pose  # pose of the child relative to the parent if the coordinate is zero
-    axis: Vector  # direction in the child's axes
+    pose: Pose  # pose of the child relative to the parent for coordinate zero
+    axis: Vector  # direction of the joint axis in the child's axes
     damping: float  # viscous damping, [N s/m] or [N m s/rad]
     friction: float  # dry friction, [N] or [N m]
-    mimic: Mimic | None  # set if the coordinate follows that of another joint
+    mimic: Mimic | None  # mimic, if the coordinate follows that of another joint
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Contents of a file: name, links, joints, and numbers of ignored elements by tag."""
+    """A robot, with its name, links and joints, and the numbers of ignored elements by tag."""
 
     name: str
     links: tuple[RobotLink, ...]
@@ -284,7 +284,7 @@ class Robot:
 
 
 def read_robot(root: Element) -> Robot:
-    """Read the elements of a URDF file, from the outermost one."""
+    """Read a robot from the outermost element of a URDF file."""
     if root.tag != "robot":
         raise root.at.error(f"the outermost element is <{brief(root.tag)}>, not <robot>")
     known = ("link", "joint")
@@ -293,7 +293,7 @@ def read_robot(root: Element) -> Robot:
             raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
     links = tuple(_link(element) for element in root.all("link"))
     joints = tuple(_joint(element) for element in root.all("joint"))
-    # Ignored elements, such as materials, transmissions and plugins, are listed in a note.
+    # A note lists ignored elements, such as materials, transmissions and plugins.
     ignored = Counter(child.tag for child in root.children if child.tag not in known)
     if not links:
         raise root.at.error("the robot has no links")
@@ -339,7 +339,7 @@ def _joint(element: Element) -> Joint:
         for end in ("parent", "child")
     ]
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
-    # The default axis is x. The length of an axis is arbitrary but nonzero.
+    # The default axis is x. An axis may have any length except zero.
     if JOINT_TYPES[kind] and axis_element is not None:
         axis = vector_of(axis_element, "xyz", what, axis)
         if max(map(abs, axis)) < 1e-6:

@@ -1,8 +1,8 @@
-"""Scenes from URDF robots.
+"""Conversion of URDF robots to scenes.
 
-Each link is a node and each joint an edge, which arms and welds connect. Each inertia is a
-``rigid_body`` at the end of an arm to the centre of mass; its fields are parameters. docs/urdf.md
-lists the edges of all elements.
+Links become nodes and joints become edges, which arms and welds connect. Each inertia becomes a
+``rigid_body`` at the end of an arm to the centre of mass, with parameters as its fields.
+docs/urdf.md lists the edges for all elements.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 
 Rows = list[list[float]]
 
-#: Relative tolerance for multiples of a quarter turn that are written with all digits.
+#: Relative tolerance for angles that are multiples of a quarter turn, written with all digits.
 _ROUNDING = 4e-16
 _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 
 
 def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
-    """Compute Rz(yaw) Ry(pitch) Rx(roll), from rotated to original components; None for identity.
+    """Compute Rz(yaw) Ry(pitch) Rx(roll), from rotated to original axes; None for the identity.
 
-    Angles, [rad], within ``snap`` of a multiple of a quarter turn are rounded to it.
+    Angles, [rad], that are within ``snap`` of a multiple of a quarter turn are rounded to it.
     """
     (cr, sr), (cp, sp), (cy, sy) = (_cosine_and_sine(angle, snap) for angle in rpy)
     rows = [
@@ -53,15 +53,15 @@ def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-    rows = [[entry + 0.0 for entry in row] for row in rows]  # removes negative zeros
+    rows = [[entry + 0.0 for entry in row] for row in rows]  # converts negative zeros to positive
     identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    # If there is no rotation, the equations need no product with the matrix.
+    # Without a rotation, the equations need no product with the matrix.
     return None if rows == identity else rows
 
 
 def _cosine_and_sine(angle: float, snap: float) -> tuple[float, float]:
     quarters = round(angle / (0.5 * math.pi))
-    # The last digit of a quarter turn in decimals is rounded.
+    # A quarter turn in decimals is rounded in its last digit.
     gap = abs(angle - quarters * 0.5 * math.pi)
     if gap <= max(snap, _ROUNDING * abs(angle)):
         return _QUARTERS[quarters % 4]
@@ -77,12 +77,12 @@ _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
 @dataclass(frozen=True)
 class UrdfOptions:
-    """Options for reading a robot."""
+    """Options for conversion of a robot."""
 
-    base: str = "fixed"  # root link: ``fixed`` to the ground, or ``free`` to move
-    #: Whether mimic joints follow other joints; otherwise they move independently.
+    base: str = "fixed"  # whether the root link is ``fixed`` to the ground or ``free`` to move
+    #: Whether mimic joints follow other joints instead of moving independently.
     mimic: bool = True
-    #: Angles of frames this close to a multiple of a quarter turn are rounded to it, [rad].
+    #: Frame angles that are this close, [rad], to a multiple of a quarter turn are rounded to it.
     snap: float = 0.0
 
     def __post_init__(self) -> None:
@@ -95,12 +95,12 @@ class UrdfOptions:
 
 
 def read_urdf_scene(source: str | Path, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
-    """Read a robot from a URDF file."""
+    """Read a scene from a URDF file."""
     return read_urdf_text(read_text(source, LARGEST_FILE), str(source), scene_type, options)
 
 
 def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
-    """Read a robot from the text of a URDF file."""
+    """Read a scene from the text of a URDF file."""
     robot = read_robot(parse_xml(text, where))
     root, joints = order_joints(robot)
     if options.mimic:
@@ -112,7 +112,7 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
 
 
 class _SceneWriter(Generic[_Scene]):
-    """Adds links and joints of a robot to a scene, from the root outwards."""
+    """Builds the scene of a robot, from the root link outwards."""
 
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
         self.robot, self.options = robot, options
@@ -128,16 +128,16 @@ class _SceneWriter(Generic[_Scene]):
 
     def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
-        # Links and joints keep their names; names added by the reader must differ.
+        # Links and joints keep their names. Names that the reader adds must differ.
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
         base = self.namer.own("base")
-        # URDF does not specify whether the root is fixed.
+        # URDF does not define whether the root is fixed.
         root_type = "free" if self.options.base == "free" else "weld"
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
             self._add_joint(joint)
-        # A joint may mimic a later one, so mimic constraints are added after all joints.
+        # A joint may mimic a later one, so that mimic constraints are added after all joints.
         by_name = {joint.name: joint for joint in joints}
         for joint in joints:
             self._add_mimic(joint, by_name)
@@ -153,7 +153,7 @@ class _SceneWriter(Generic[_Scene]):
         if joint.type == "fixed":
             self._place(edge, parent, child, joint.pose, weld=True)
             return
-        # The origin is the frame of the joint on the parent.
+        # The origin is the pose of the joint's frame on the parent.
         start = parent
         if joint.pose != Pose():
             start = self.namer.own(f"{edge}_frame")
@@ -172,11 +172,11 @@ class _SceneWriter(Generic[_Scene]):
         initial: dict[str, float] = {}
         terms = []
         if self._follows(joint):
-            # A mimic joint has no drive, and its initial value satisfies its constraint.
+            # A mimic joint has no actuator, and its initial value satisfies its constraint.
             initial = self._mimicked_start(joint)
         else:
             terms.append(self.namer.own(f"{edge}_{drive}"))
-            # Actuators are inputs, which a run may replace.
+            # Actuator efforts are inputs, which a run may replace.
             self.scene.input(terms[0], 0.0, unit=unit, doc=f"drives joint {joint.name[:100]}")
         per = "N s/m" if slides else "N m s/rad"
         if joint.damping:
@@ -184,7 +184,7 @@ class _SceneWriter(Generic[_Scene]):
         if joint.friction:
             friction = self._parameter(f"{edge}_friction", joint.friction, unit)
             rate, speed = f"{edge}.{_COORDINATE[joint.type]}_dot", self._friction_speed()
-            # Smooth at rest, so that equations and sensitivities are continuous.
+            # Friction is smooth at rest, so that equations and sensitivities are continuous.
             terms.append(f"-{friction}*{rate}/sqrt({rate}**2 + {speed}**2)")
         if terms:
             fields[drive] = " ".join(terms)
@@ -192,7 +192,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(edge, kind, start, child, initial=initial, **fields)
 
     def _friction_speed(self) -> str:
-        """Return the speed scale at which friction changes its sign, one for all joints."""
+        """Return the parameter for the regularisation speed of friction, common to all joints."""
         if "friction_speed" not in self.scene.parameters:
             self.speed = self._parameter("friction_speed", _FRICTION_SPEED, "")
         return self.speed
@@ -201,7 +201,7 @@ class _SceneWriter(Generic[_Scene]):
         return self.options.mimic and joint.mimic is not None and has_one_coordinate(joint)
 
     def _mimicked_start(self, joint: Joint) -> dict[str, float]:
-        """Return the initial value of a joint whose leader starts at zero."""
+        """Return the initial value of a mimic joint if the joint that it follows starts at zero."""
         factors = []
         follower = joint
         by_name = {other.name: other for other in self.robot.joints}
@@ -239,14 +239,14 @@ class _SceneWriter(Generic[_Scene]):
         inertial = link.inertial
         if inertial is None:
             return
-        # Many files contain zeros instead of omitting the inertia.
+        # Many files contain zeros instead of no inertia.
         if inertial.mass == 0.0 and not any(inertial.moments):
             self.empty.append(f"'{link.name}'")
             return
         self._add_inertia(node, inertial)
 
     def _add_inertia(self, node: str, inertial: Inertial) -> None:
-        # The arm leads to the centre of mass, in the axes of the inertial frame.
+        # The arm leads to the centre of mass and to the axes of the inertial frame.
         centre = self.namer.own(f"{node}_com")
         vector = [
             self._parameter(f"{node}_c{axis}", value, "m")
@@ -267,12 +267,13 @@ class _SceneWriter(Generic[_Scene]):
             "ground",
             centre,
             mass=mass,
-            # URDF lists entries of the tensor, including the signs of the products of inertia.
+            # URDF lists entries of the inertia tensor, so that products of inertia include their
+            # sign.
             inertia=[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
         )
 
     def _place(self, edge: str, first: str, second: str, pose: Pose, weld: bool = False) -> None:
-        """Add an arm between two nodes, or a weld if they coincide."""
+        """Add an arm between two nodes, or a weld if their frames coincide."""
         turn = self._rotation(pose)
         if weld and not any(pose.xyz):
             self.scene.edge(edge, "weld", first, second, **turn)
@@ -289,7 +290,7 @@ class _SceneWriter(Generic[_Scene]):
         return found
 
     def _notes(self) -> Iterator[str]:
-        """Return notes on ignored, changed and renamed elements."""
+        """Yield notes on ignored, changed and renamed elements."""
         if self.robot.ignored:
             counts = sorted(self.robot.ignored.items())
             yield "not read: " + _quoted(f"{n} <{brief(tag)}>" for tag, n in counts)
@@ -303,5 +304,5 @@ class _SceneWriter(Generic[_Scene]):
 
 
 def _quoted(items: Iterable[str]) -> str:
-    """List the first few items, shortened."""
+    """Return a text that lists the first few items, shortened and in quotes."""
     return listed(brief(item, 140) for item in items)
