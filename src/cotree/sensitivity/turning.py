@@ -198,8 +198,8 @@ def _mounting(mount: Matrix, seed: Seed) -> Vector:
 def _tilt(first: Geometry, d_axis: Vector) -> Vector:
     """Return the contribution to phi of a change of the axis.
 
-    It is the derivative of the rotation vector theta e times its left Jacobian: sin(theta) e_p + (1
-    - cos(theta)) e x e_p.
+    It is the derivative of the rotation vector theta e, multiplied by its left Jacobian:
+    sin(theta) e_p + (1 - cos(theta)) e x e_p.
     """
     if vector.is_zero(d_axis):
         return d_axis
