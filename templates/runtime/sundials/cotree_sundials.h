@@ -110,7 +110,7 @@ typedef struct cotree_sundials {
 /* Data of a job that SUNDIALS integrates. */
 typedef struct cotree_sundials_aid {
     const cotree_sundials *sundials;
-    int lower, upper;  /* bandwidths of the Jacobian, with the unknowns ordered by places */
+    int lower, upper;  /* bandwidths of the Jacobian, with the unknowns in the order of `places` */
     const int *places; /* position of each unknown in a banded order; NULL: unchanged order */
     int are_followed;  /* 1: sensitivities are outside the error test */
     int corrector;     /* for separate sensitivity vectors: 1 simultaneous, 2 staggered */
