@@ -202,8 +202,7 @@ def add_switch(place: Instance, line: Line) -> None:
     if not is_zero(values[width]):
         scene, name = place.sheet.scene, place.sheet.names.own(place.label(f"{line.words[0]}_on"))
         scene.mode(name, 1 if is_on else 0, doc="whether the switch is on")
-        # The mode shifts the threshold slightly beyond the levels of its events, so that the events
-        # occur first.
+        # The mode shifts the threshold beyond the levels of its events, so that these occur first.
         threshold = f"({at} + {_BEYOND!r}*{half}*(1 - 2*{name}))"
         scene.event(f"{name}_up", f"{given} - {upper}", direction=1, set={name: "1"})
         scene.event(f"{name}_down", f"{given} - {lower}", direction=-1, set={name: "0"})
@@ -261,8 +260,7 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
     """Return the sign of each winding relative to the first; None if there is no complete coupling.
 
-    A complete coupling is 1 or -1. Raises an error if only some couplings are complete or signs
-    contradict each other.
+    A complete coupling is 1 or -1. Raises an error if only some are complete or signs conflict.
     """
     values = {
         pair: (place.scope.value(line.words[-1], line.at), line)
@@ -272,8 +270,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
-    # The first winding defines the direction of the flux. A sign of zero means that the coupling to
-    # it is incomplete.
+    # The first winding defines the flux direction. A sign of zero means incomplete coupling.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
     # If all windings share one flux, the coupling of two windings is the product of their signs.
@@ -563,8 +560,8 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
-    # If there is a series resistance, the state is the voltage of an inner port instead of the one
-    # that ``.ic`` sets.
+    # With a series resistance, the state is the voltage of an inner port, which ``.ic`` does not
+    # set.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])

@@ -121,7 +121,7 @@ _ALIASES = {
     "m": {"vt0": "vto"},
     "j": {"vt0": "vto", "m": "mj"},
 }
-#: Resistances and thresholds of switches that are controlled by a voltage or a current.
+#: Resistances of switches, which are controlled by a voltage or a current.
 _RESISTANCES = {
     "ron": ModelParameter(1.0, "", "", "ohm"),
     "roff": ModelParameter(1e12, "", "", "ohm"),
