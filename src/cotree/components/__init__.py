@@ -113,28 +113,28 @@ def register_component(
     name : str
         Name of the component type in scenes.
     law : callable, or mapping of str to callable
-        The terminal equation as a function of SymPy symbols, by port where there are several. The
-        names of its arguments say what they are.
+        Function of SymPy symbols that returns the terminal equation, or one such function for each
+        port by name. Argument names identify variables; all others become fields.
     domain : str
         The physical domain of a scalar component; empty for a force element.
     along : {'line', 'velocity'}
-        Direction along which a force element acts.
+        Direction along which the force of a force element acts.
     units : mapping of str to str, optional
         SI unit of each field.
     doc : str
-        One line on what it is.
+        One line that describes the component.
     **ports
         Further options of scalar components.
 
     Returns
     -------
     Component
-        The component, which scenes may now name.
+        The component, which scenes may use from now on.
 
     Raises
     ------
     SceneError
-        If the name is taken by a component that cotree comes with, or the law is not accepted.
+        If the name is that of a built-in component, or the law is invalid.
 
     Examples
     --------

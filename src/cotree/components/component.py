@@ -153,7 +153,7 @@ class Component:
     fields : tuple of Field
         The fields that a scene may set.
     domains : tuple of str
-        The graphs that it has an edge in.
+        The graphs in which it has an edge.
     motion_space : tuple of MotionStep
         Motion space of a joint; empty for all other components.
     law : Law or None

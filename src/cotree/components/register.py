@@ -39,13 +39,12 @@ def make_component(
     name : str
         Its ``type`` in scenes.
     law : callable
-        Takes SymPy symbols and returns the force on the second node, [N]. Its arguments are
-        ``length`` and ``rate`` (``along="line"``: of the line from the first node to the second,
-        or along the field ``axis``) or ``speed`` (``along="velocity"``: of the second node
-        against the first; the force acts along the velocity), the time ``t``, and any others:
-        these become fields.
+        Function that takes SymPy symbols and returns the force on the second node, [N]. With
+        ``along="line"`` it may have the arguments ``length`` and ``rate``, from the first node to
+        the second or along the field ``axis``. With ``along="velocity"`` it may have ``speed``, of
+        the second node relative to the first. ``t`` is the time. All other arguments become fields.
     along : {'line', 'velocity'}
-        What the force acts along.
+        Direction of the force.
     units : mapping of str to str, optional
         Units of the fields.
     doc : str
@@ -174,24 +173,24 @@ def make_network_component(
     name : str
         Its ``type`` in scenes.
     laws : callable, or mapping of str to callable
-        The law of its port, or of each by its name: takes SymPy symbols and gives the through
-        variable of the port as a function of ``across``, ``across_rate`` or ``stretch``, or its
-        across variable as one of ``through`` or ``through_rate``. Other arguments are
-        ``across_<port>`` and ``through_<port>`` of the other ports, the potentials of its own nodes
-        ``potential_head`` and ``potential_tail``, the time ``t``, and any others: these become
-        fields.
+        The law of the only port, or the laws of all ports by name. A law takes SymPy symbols and
+        returns either the through variable of the port as a function of ``across``, ``across_rate``
+        or ``stretch``, or its across variable as a function of ``through`` or ``through_rate``.
+        Further arguments are ``across_<port>`` and ``through_<port>`` of other ports, the
+        potentials ``potential_head`` and ``potential_tail`` of its own nodes, and the time ``t``.
+        All other arguments become fields.
     domain : str
         The graph of its ports: ``electrical``, ``hydraulic``, ``thermal``, ...
     gives : {'', 'across', 'through', 'content'}, or mapping of str to these
-        The variable that the laws return, or that of each port by its name. It follows from the
-        arguments except for sources, whose laws have none of these arguments, and storages by
+        The variable that the laws return, or a mapping with that of each port. It is needed only
+        for sources, whose laws have none of these arguments, and for storages given by their
         content. The law of a content, such as a charge as a function of ``across`` or a flux
         linkage as a function of ``through``, may depend on the same variable of other ports. It
         must be continuous.
     terminals : sequence of str
         Names of its nodes if ports share them; otherwise each port has two nodes of its own.
     between : mapping of str to pair of str
-        With ``terminals``: from which to which node each port runs.
+        With ``terminals``, the nodes at head and tail of each port.
     units : mapping of str to str, optional
         Units of the fields.
     doc : str

@@ -258,7 +258,7 @@ class _Laws:
         Parameters
         ----------
         own, other : {'be', 'bc'}
-            The junction, and the one that it shares the base with.
+            The junction, and the other one at the base.
         between : pair of str
             The terminals or inner nodes at head and tail.
         """

@@ -84,8 +84,8 @@ def optimise(
         Several scenarios, each with its own ``parameters``, ``initial``, ``inputs`` and ``t_span``.
         The objective is the mean over them, and the constraints must hold in each.
     guess : mapping of str to float, optional
-        Initial guess; by default the scene's values, or the middle of the bounds if these lie
-        outside.
+        Initial guess; by default the scene's values, or the middle of the bounds if these values
+        are outside.
     starts : int
         Number of searches: the first starts at the guess, the others at points of a Latin
         hypercube.
@@ -94,12 +94,13 @@ def optimise(
     method : {"slsqp", "trust-constr"}
         SciPy's method.
     tolerance : float
-        Change of the objective at which a search ends, relative to the objective or its gradient
-        at the start.
+        Change of the objective, relative to the objective or its gradient at the start, below which
+        a search ends.
     max_iterations : int
         Largest number of iterations of a search.
     solver, **settings
-        Method, tolerances, budgets and others of the runs; see :meth:`cotree.Model.simulate`.
+        Method, tolerances, budgets and other settings of the runs; see
+        :meth:`cotree.Model.simulate`.
 
     Returns
     -------

@@ -353,22 +353,22 @@ class Design(Reported):
         The constraints at these values, scenario by scenario.
     success : bool
         Whether the search ended at an optimum: all constraints hold to 1e-6 of their size at the
-        start, and ``optimality`` is at most 1e-4, or the search ended because the objective no
-        longer changed by ``tolerance``. A search that ends at a limit has no success, unless its
+        start, and ``optimality`` is at most 1e-4 or the search ended because the objective no
+        longer changed by ``tolerance``. A search that ends at a limit is successful only if its
         best point meets these tolerances.
     message : str
-        How the search ended, in sentences.
+        Sentences that describe how the search ended.
     optimality : float
         Residual of the Karush-Kuhn-Tucker conditions: the part of the gradient that active bounds
-        and constraints do not balance, by design variables in units of the distance between their
-        bounds, relative to the objective (or to a thousandth of the gradient at the start, if that
-        is larger).
+        and constraints do not balance. Design variables are in units of the distance between their
+        bounds, and the residual is relative to the objective (or to a thousandth of the gradient at
+        the start if that is larger).
     violation : float
         The largest violation of a constraint, in its unit; zero if all hold exactly.
     history : tuple of Trial
         Every trial point, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
     starts : tuple of float
-        The final objective of each start; nan where its first run failed.
+        The final objective of each start; nan if its first run failed.
     results : tuple of Result
         The simulations of the optimal design, one for each scenario.
     model : cotree.Model

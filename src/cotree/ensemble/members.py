@@ -94,7 +94,7 @@ def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
     axes : mapping of str to array_like of shape (n,), optional
         Values of parameters, and initial values of states, whose names have dots.
     **more : array_like of shape (n,)
-        Further ones.
+        Further axes, by name.
 
     Returns
     -------

@@ -64,21 +64,21 @@ def run_members(
     t_eval : int or array_like of shape (n_t,), optional
         Number of output times, evenly spaced, or the times; by default 101.
     method : str, optional
-        As for :meth:`simulate`. ``auto`` is decided once for all members, by trial runs with the
-        values that they share and of the members with the extreme values of each column.
+        As for :meth:`simulate`. If it is ``auto``, the method is chosen once for all members, by
+        trial runs with the common values and of the members with the extreme values of each column.
     sensitivities : bool
-        Whether the sensitivities that the model was compiled with are integrated.
+        Whether to integrate the sensitivities with which the model was compiled.
     outputs : sequence of str, optional
         Outputs to evaluate, by default all. States are always returned.
     parameters, initial, inputs
         Values that all members share, as for :meth:`simulate`.
     threads : int, optional
-        Number of threads, by default the number of processors. Results are the same to the last
-        bit for any number.
+        Number of threads, by default the number of processors. It does not change any bit of the
+        results.
     lanes : int, optional
-        Number of members side by side in vectors of an explicit method; 1 disables them. By
-        default as many as the processor supports, and 1 for fewer than 100 members, which take
-        less time than compiling the code of lanes.
+        Number of members that an explicit method integrates in one SIMD vector; 1 disables vectors.
+        By default it is the processor's vector width, and 1 for fewer than 100 members, which take
+        less time than compiling the vector code.
     executor : concurrent.futures.Executor, optional
         Runs blocks of members instead of threads: ``ProcessPoolExecutor()``, a client of
         ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py. ``threads`` is then
@@ -91,7 +91,8 @@ def run_members(
     progress : bool
         Whether to show a progress bar at a terminal, after the first second.
     on_error : {"keep", "raise"}
-        Whether a failed member is nan with its message while the others continue, or raises.
+        "keep" sets the results of a failed member to nan and stores its message; "raise" raises
+        MemberError.
     **settings
         Tolerances, budgets and other settings of each member, as for :meth:`simulate`.
 

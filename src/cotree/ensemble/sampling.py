@@ -168,7 +168,7 @@ def sample(
     Parameters
     ----------
     source : Model or Scene
-        Its values are the reference of ``relative`` distributions.
+        Model or scene, to whose values ``relative`` distributions refer.
     distributions : mapping of str to tuple, or distribution of scipy.stats
         For parameters, and initial values of states: ``("uniform", low, high)``,
         ``("loguniform", low, high)``, ``("triangular", low, mode, high)``,

@@ -57,7 +57,7 @@ class Candidates:
         Standard deviation of the noise in SI: a number, a state or output, or None for the noise of
         previous measurements of this quantity.
     experiment : int or str
-        The experiment to repeat, by its number (from zero) or name.
+        The experiment to repeat, by its index (from zero) or name.
     parameters, initial, inputs : mapping
         Changes to this experiment: numbers or names of estimated parameters; for inputs, numbers or
         (times, values).

@@ -31,7 +31,7 @@ class Estimated:
     Attributes
     ----------
     name : str
-        Its name.
+        Name of the parameter.
     lower, upper : float
         Bounds of its value, in its unit; infinite if there are none.
     scale : str
@@ -76,7 +76,7 @@ class Scaled:
     Attributes
     ----------
     names : tuple of str
-        Their names.
+        Names of the parameters.
     lower, upper : ndarray, shape (n,)
         Bounds of the optimiser's variables.
     """

@@ -266,8 +266,8 @@ class Experiment:
     ----------
     data : path of a CSV file, DataFrame, or mapping of str to array_like
         A column of increasing times, [s], and any number of measured columns, all of shape
-        (n_times,). Missing values are nan, or empty in a file. A unit may be part of the name of a
-        column, ``angle [deg]``; columns without a unit are in SI.
+        (n_times,). Missing values are nan, or empty cells in a file. Column names may include
+        units, as in ``angle [deg]``; columns without a unit are in SI.
     inputs : mapping of str to number, str or (times, values), optional
         Inputs of this run that replace the scene's; see :meth:`cotree.Model.simulate`. New names in
         expressions are parameters, which are given in ``parameters`` or estimated. A column with
@@ -277,17 +277,18 @@ class Experiment:
         Initial values of states and values of parameters in this run, in SI; a string is the name
         of an estimated parameter.
     observables : mapping of str to str, or sequence of str, optional
-        What each column measures: an expression of states, outputs and anything else that the
-        outputs of a scene may use. If absent, the columns named after states and outputs are used.
+        The quantity that each column measures: an expression of states, outputs and all else that
+        outputs of a scene may contain. By default columns with names of states and outputs are
+        used.
     noise : number, str, or mapping of str to number or str, optional
-        Standard deviation of the noise, of each column in a mapping: a number in the unit of the
-        column, the name of another column, or an expression or an estimated parameter in SI. It is
-        estimated if absent.
+        Standard deviation of the noise, or a mapping with that of each column: a number in the unit
+        of the column, the name of another column, or an expression or estimated parameter in SI. It
+        is estimated if absent.
     units : mapping of str to str, optional
         Units of columns whose names do not contain them.
     transform : str or mapping of str to str, optional
-        ``log`` or ``log10``, for each column in a mapping: the logarithms of measured and computed
-        values are compared, and the noise is that of the logarithms.
+        ``log`` or ``log10``, or a mapping with one for each column. Logarithms of measured and
+        computed values are then compared, and the noise is that of the logarithms.
     time : str, optional
         Name of the time column; ``t`` or ``time`` if absent.
     t_start : float

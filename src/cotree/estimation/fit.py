@@ -57,10 +57,10 @@ def estimation_problem(
     Returns
     -------
     Problem
-        ``objective(theta)`` gives the negative log-likelihood and its exact gradient, ``theta()``
-        the initial point. It also has ``residuals``, ``jacobian`` and ``bounds``. ``theta``, shape
-        (n_estimated,), holds values, or logarithms for parameters on logarithmic scales;
-        ``values(theta)`` returns values by name.
+        ``objective(theta)`` returns the negative log-likelihood and its exact gradient, ``theta()``
+        the initial point. There are also ``residuals``, ``jacobian`` and ``bounds``. The array
+        ``theta``, shape (n_estimated,), contains values, or logarithms for parameters on
+        logarithmic scales. ``values(theta)`` returns values by name.
 
     Raises
     ------
@@ -322,8 +322,8 @@ def fit(
     Parameters
     ----------
     model : Model or Scene
-        The model. It is compiled again if it lacks sensitivities to what is estimated, or outputs
-        that were measured.
+        The model. It is compiled again if it lacks sensitivities to estimated parameters or outputs
+        for measured quantities.
     experiments : Experiment or sequence of Experiment
         The measurements.
     parameters : mapping of str to tuple, or sequence of str
@@ -333,15 +333,15 @@ def fit(
         ``"lin"``, ``"log"`` or ``"log10"``; None means no bound. Without a range, a positive
         parameter lies between a hundredth and a hundred times its start, on a logarithmic scale.
     shared, per_experiment : sequence of str, optional
-        Parameters with one estimate for all experiments, and with a separate one for each, named
-        ``k[1]`` or ``k[name]``. All are shared by default; if ``shared`` is given, all others are
-        estimated for each experiment.
+        Parameters with a common estimate for all experiments, and with a separate one for each,
+        called ``k[1]`` or ``k[name]``. By default all are shared. If ``shared`` is given, all
+        others are estimated for each experiment.
     noise : str, optional
         ``"given"`` requires that experiments specify their noise; ``"estimated"`` estimates a
         standard deviation ``noise[column]`` for each column and ignores what they specify. By
         default only noise that is not specified is estimated.
     start : mapping of str to float, optional
-        The first start; by default the scene's values if they lie within the bounds, else the
+        The first start; by default the scene's values if they are within the bounds, else the
         middle of the bounds.
     loss : str
         ``"linear"``, or one of the robust losses ``"soft_l1"``, ``"huber"``, ``"cauchy"`` and
@@ -362,8 +362,8 @@ def fit(
     progress : bool
         Whether to show a progress bar, on terminals and after a second.
     **settings
-        Tolerances, budgets and others of the runs; see :meth:`cotree.Model.simulate`. By default
-        a run has 100,000 steps.
+        Tolerances, budgets and other settings of the runs; see :meth:`cotree.Model.simulate`. By
+        default a run may take 100,000 steps.
 
     Returns
     -------

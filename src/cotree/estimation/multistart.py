@@ -254,14 +254,14 @@ def minimise_from_starts(
     Parameters
     ----------
     problem : Problem
-        What is estimated; points stay within its bounds.
+        The estimation problem, within whose bounds all points stay.
     starts : array_like, shape (n_starts, n_estimated)
-        Where to begin, on the scales of the estimated parameters, within the bounds.
+        Starting points within the bounds, on the scales of the estimated parameters.
     search : Search, optional
         Settings of the optimiser.
     more_rows : callable, optional
-        Returns further residuals and their Jacobian for ``theta``, shapes (n,) and
-        (n, n_estimated), such as those of priors; half the sum of their squares is added to the
+        Function that returns additional residuals at ``theta``, such as those of priors, and their
+        Jacobian, shapes (n,) and (n, n_estimated). Half the sum of their squares is added to the
         objective.
     progress : bool
         Whether a progress bar may be shown, on terminals only.

@@ -409,8 +409,8 @@ class Problem:
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Values, not on their scales. Missing ones are the initial guesses, or the middle of
-            finite bounds if there is no guess.
+            Unscaled values; by default the initial guesses, or the middle of finite bounds if there
+            is no guess.
 
         Raises
         ------
@@ -453,7 +453,7 @@ class Problem:
         Parameters
         ----------
         theta : array_like, shape (n_estimated,)
-            Their values on their scales.
+            Values of the estimated parameters on their scales.
         """
         given = as_array(theta, (len(self.estimated),), "theta")
         return dict(zip(self.scaled.names, self.scaled.values(given).tolist(), strict=True))
@@ -469,7 +469,7 @@ class Problem:
         Returns
         -------
         float, ndarray of shape (n_estimated,)
-            Infinite, and nan, where a run fails.
+            The negative log-likelihood and its gradient; infinite and nan if a run fails.
         """
         found = self.predicted(theta)
         return -self.likelihood.log_likelihood(found), -self.likelihood.gradient(found)

@@ -50,13 +50,13 @@ class FitResult(Reported):
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The problem that was solved.
     starts : sequence of StartRecord
         The starts, sorted by objective.
     search : Search, optional
         Settings of the optimiser; standard errors depend on its loss.
     more_rows : callable, optional
-        Returns residuals of priors and their Jacobian for ``theta``; see
+        Function that returns the residuals of priors and their Jacobian at ``theta``; see
         :func:`~cotree.estimation.multistart.minimise_from_starts`.
 
     Attributes
@@ -248,7 +248,7 @@ class FitResult(Reported):
         name : str
             An estimated parameter.
         level : float
-            Level of confidence.
+            Confidence level.
 
         Raises
         ------
@@ -267,7 +267,7 @@ class FitResult(Reported):
         names : sequence of str, optional
             Estimated parameters; by default all.
         level : float
-            Level of confidence.
+            Confidence level.
         """
         from cotree.estimation.profiles import profiles_of
 
@@ -314,7 +314,7 @@ class FitResult(Reported):
             Pointwise confidence level.
         noise : bool, float or str
             Whether to compute the prediction interval of a further measurement. True uses the noise
-            of the measured values of this quantity; a number or a name gives its deviation.
+            of previous measurements of this quantity; a number or a name is its standard deviation.
         draws : int
             Number of samples from the distribution of the estimates, normal or Student's t. Zero
             selects the delta method, which linearises the model at the estimates.
@@ -343,13 +343,13 @@ class FitResult(Reported):
         candidates : mapping, or sequence of Candidates
             Outputs, states or columns, mapped to times, to (times, noise), or to a mapping of the
             fields of :class:`~cotree.estimation.candidates.Candidates`, which can also change the
-            experiment. The default noise is that of the measured values of the output.
+            experiment. The default noise is that of previous measurements of the output.
         n : int
             Number of measurements to choose.
         criterion : str
-            What to minimise: "D", the determinant of the covariance; "A", the sum of relative
-            variances; "E", the largest variance of any direction; or the name of a parameter, for
-            its variance.
+            The quantity to minimise: "D", the determinant of the covariance; "A", the sum of
+            relative variances; "E", the largest variance along any direction; or the name of a
+            parameter, for its variance.
         repeat : bool
             Whether a candidate may be measured more than once.
 

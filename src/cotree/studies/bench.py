@@ -147,7 +147,7 @@ def bench(
     source : str, Path, Scene or Model
         A scene, the name of a shipped one, a TOML file, or a compiled model.
     sensitivities : sequence of str
-        Parameters and states for sensitivities; a model has its own.
+        Parameters and states to which sensitivities are computed; a compiled model has its own.
     methods : sequence of str, optional
         Methods; by default all that are installed.
     tolerances : sequence of float or (float, float)
@@ -166,11 +166,12 @@ def bench(
     tree : None, sequence of str, or mapping of domain to sequence of str
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional
-        Called with a description of the next run and the share of the work that is done.
+        Function that is called with a description of the next run and the completed fraction of the
+        work.
     **settings
-        Budgets and others of all runs, as of :meth:`cotree.Model.simulate`. ``time_limit`` is 5 s
-        by default: a longer run gives a row without numbers, and the same method is not run at
-        tighter tolerances. The timed runs of a row together take little more.
+        Budgets and other settings of all runs, as in :meth:`cotree.Model.simulate`. ``time_limit``
+        is 5 s by default. A longer run yields a row without numbers, and the method is not run at
+        tighter tolerances. All timed runs of a row together take little more.
 
     Returns
     -------
@@ -186,19 +187,19 @@ def bench(
 
     Notes
     -----
-    The error of a run is the largest |y - ref| / max(1, max |ref|) over 101 points, of states and
-    of sensitivities; max |ref| is the largest over the points, of each state and each sensitivity
-    on its own. Quantities below one are thus compared absolutely, in their units; ``own_error`` is
-    relative to max |ref| of each, however small, and is a criterion of recommendations, too.
+    The error of a run is the maximum of |y - ref| / max(1, max |ref|) over 101 points in time, for
+    states and for sensitivities. max |ref| is taken over time, for each state and sensitivity on
+    its own. Quantities below one are thus compared absolutely, in their units. ``own_error`` is
+    relative to max |ref| even if that is small, and is also a criterion for recommendations.
 
     The reference is the solution of one method that another confirms, both at tolerances of 1e-12
     or 1e-13. Errors below their difference cannot be measured.
 
-    A first run of each row gives its error. All rows are then timed in turn, in several rounds, so
-    that the load of the machine affects all of them equally. A time is that of the whole call. A
-    single method is recommended if its least time is shorter than those of all others by more than
-    a tenth, and by more than the distance of the lower quartile from the least time of either; else
-    methods are tied. Rows that another method computed are not timed.
+    The first run of each row determines its error. All rows are then timed in turn, in several
+    rounds, so that the load of the machine affects all of them equally. A time is that of the whole
+    call. A single method is recommended if its minimum time is shorter than those of all others by
+    more than a tenth, and by more than the difference between lower quartile and minimum of either;
+    otherwise methods are tied. Rows that another method computed are not timed.
 
     Examples
     --------

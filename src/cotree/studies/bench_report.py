@@ -40,7 +40,7 @@ class BenchReport(Reported):
     Attributes
     ----------
     scene : str
-        Its name.
+        Name of the scene.
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are computed.
     n_states, n_points : int
@@ -48,9 +48,9 @@ class BenchReport(Reported):
     t_end : float
         End of the runs, [s].
     repeats : int
-        Largest number of timed runs of a row.
+        Maximum number of timed runs of a row.
     reference : Reference
-        The reference of all errors.
+        The reference solution for all errors.
     rows : tuple of BenchRow
         A row for each method and tolerance.
     machine : mapping of str to str

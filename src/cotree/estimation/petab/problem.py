@@ -199,9 +199,10 @@ def read_petab(
     Parameters
     ----------
     path : str or Path
-        The YAML file of the problem; it names the other files, which are in its folder.
+        The YAML file of the problem, which lists the other files in its folder.
     method, **settings
-        Method, tolerances, budgets and others of all runs, as of :meth:`cotree.Model.simulate`.
+        Method, tolerances, budgets and other settings of all runs, as in
+        :meth:`cotree.Model.simulate`.
 
     Returns
     -------
@@ -291,7 +292,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         method, **settings
-            As of :func:`cotree.read_petab`; by default those of this problem.
+            As in :func:`cotree.read_petab`; by default those of this problem.
         """
         given: dict[str, Any] = {"method": method or self.settings.method, **settings}
         own = replace(self.settings, **given)
@@ -303,7 +304,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Values, not on their scales; missing ones are nominal.
+            Unscaled values; by default nominal values.
 
         Raises
         ------
@@ -320,7 +321,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Values of estimated parameters, not on their scales; missing ones are nominal.
+            Unscaled values of estimated parameters; by default nominal values.
 
         Raises
         ------
@@ -346,7 +347,8 @@ class PetabProblem(Problem):
         Returns
         -------
         ndarray, shape (n_estimated,)
-            In the order of ``names``: by log10 of a parameter whose scale is log10.
+            Derivatives in the order of ``names``, by log10(p) for a parameter p with the scale
+            log10.
         """
         return self.likelihood.gradient(self._found(parameters, slopes=True))
 
@@ -392,8 +394,8 @@ class PetabProblem(Problem):
         Returns
         -------
         value : float
-            The negative log-likelihood less the logarithms of the objective priors; infinite if a
-            run fails.
+            The negative log-likelihood minus the log densities of the objective priors; infinite if
+            a run fails.
         gradient : ndarray, shape (n_estimated,)
             Its gradient.
         """
@@ -445,7 +447,7 @@ class PetabProblem(Problem):
         from_nominal : bool
             Whether the nominal values are the first start, if all parameters have one.
         search : Search, optional
-            Optimiser, tolerances and budgets. Where many parameters end at their bounds, try
+            Optimiser, its tolerances and budgets. If many parameters end at their bounds, try
             ``Search(optimiser="dogbox", scale="bounds")``.
         progress : bool
             Whether a progress bar may be shown, on terminals only.
@@ -453,8 +455,8 @@ class PetabProblem(Problem):
         Returns
         -------
         FitResult
-            The starts, sorted by objective: the negative log-likelihood less the logarithms of the
-            priors, which also enter the intervals and profiles of the result.
+            The starts, sorted by objective, which is the negative log-likelihood minus the log
+            densities of the priors. Priors also affect the intervals and profiles of the result.
 
         Raises
         ------

@@ -273,7 +273,7 @@ class _SceneWriter(Generic[_Scene]):
         )
 
     def _place(self, edge: str, first: str, second: str, pose: Pose, weld: bool = False) -> None:
-        """Add an arm between two nodes, or a weld if their frames coincide."""
+        """Add an arm between two nodes; if ``weld`` is set and their origins coincide, a weld."""
         turn = self._rotation(pose)
         if weld and not any(pose.xyz):
             self.scene.edge(edge, "weld", first, second, **turn)
