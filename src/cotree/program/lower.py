@@ -1,23 +1,23 @@
 """From equations to a program: eliminate the unknowns and collect the kernels.
 
-The kernels of projection take a step of minimum kinetic energy: its left-hand side is the matrix of
-the governing equations, with the constraints' residuals instead of the forces.
+Projection kernels take a step of minimum kinetic energy, which solves the governing equations with
+constraint residuals instead of forces.
 
-Explicit methods need further kernels of models with algebraic unknowns. From rates and residuals
-``x' = f(x, z), 0 = g(x, z)`` and their derivatives follow, all with the same factors of g_z in
+For models with algebraic unknowns, ``x' = f(x, z), 0 = g(x, z)``, explicit methods need further
+kernels. Rates, residuals and their derivatives yield, all with the same factors of g_z in
 straight-line code:
 
-- the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like
-  states, from a solution, and projected onto one after each step. Sensitivities of z need no
+- the *extended* rates x' and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like states,
+  from a solution, and projected onto a solution after each step. Their sensitivities follow without
   integration: ``S_z = -g_z^-1 (g_x S_x + g_p)``.
-- a step from a guess of z towards the solution, and the rates of x at its end. It is a Taylor
+- a step from a guess of z towards the solution, and the rates of x at its end. The step is a Taylor
   series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
 
       z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
 
   and z(1) is the solution. The remainder is of third order in the step. The kernel also estimates
-  the reach of the series: the length of the step relative to the distance over which any function
-  in it bends.
+  the validity of the series: the length of the step relative to the distance over which the
+  curvature of any function changes.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-#: Constraints count as nearly redundant within a distance of the square root of this from a
-#: singular configuration: corrections there would amplify rounding errors by the inverse distance.
+#: Rank tolerance of projections. Constraints count as redundant if the distance from a singular
+#: configuration is below its square root, since corrections would amplify rounding errors there.
 _RANK = 1e-8
 
 
 def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
-    """Return the names of the results of the kernel ``constraints``."""
+    """Return names and units of the results of the kernel ``constraints``."""
     rows = equations.constraints
     held = zip(rows.rows, rows.values, strict=True)
     values = [row for row, value in held if value is not None]
@@ -85,7 +85,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
 
 
 def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, list[Node]]:
-    """Form the results of the kernels of constraints; empty if there are none."""
+    """Form the results of the constraint kernels, which are empty without constraints."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
         "constraints": [],
@@ -105,14 +105,14 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         results["gradient"] = [entry for row in rows.gradient for entry in row]
     with equations.dag.labelled("projection"):
         zero = equations.dag.zero
-        # Constraints on speeds alone have no residual of positions.
+        # Constraints on speeds alone have no position residual.
         values = [zero if v is None else v for v in rows.values]
         shrink: dict[Node, Node] = {}
-        # A rotation preserves the norm of a quaternion to first order, so norms are corrected
-        # separately.
+        # To first order, rotations do not change the norms of quaternions, which are therefore
+        # corrected separately.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
-            # Newton's step for |q|^2 = 1 along q itself: dq = -q (|q|^2 - 1) / (2 |q|^2), which
-            # does not rotate the frame.
+            # Newton's step for |q|^2 = 1 along q is dq = -q (|q|^2 - 1) / (2 |q|^2), which does not
+            # rotate the frame.
             factor = norm / (2.0 * _square(q))
             shrink |= {entry: -(factor * entry) for entry in q}
         results["projection"] = _step(equations, solved, values, rows.rates, shrink)
@@ -144,16 +144,16 @@ def _step(
     rates: Sequence[Node],
     shrink: dict[Node, Node],
 ) -> list[Node]:
-    """Form the change of the states that removes given residuals."""
+    """Form the change of the states that removes the given constraint residuals."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
-    # In [M, -G^T; -G, 0] [v; *] = [0; c] the lower rows are G v + c = 0: the residual vanishes to
-    # first order, and of all such v this one has minimum kinetic energy.
+    # The lower rows of [M, -G^T; -G, 0] [v; *] = [0; c] are G v + c = 0: the residual vanishes to
+    # first order. Among all such v, the solution has minimum kinetic energy.
     shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
     speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Rates of coordinates are linear in the speeds. Evaluated at the shift, they are the changes of
-    # the coordinates, including quaternions.
+    # Coordinate rates are linear in the speeds. For the shift instead of the speeds, they are the
+    # changes of the coordinates, including quaternions.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]
@@ -164,12 +164,12 @@ def _step(
     ]
 
 
-#: Limits above which the kernel would take longer to compile than loops over dense matrices take to
-#: run.
+#: Maximum numbers of unknowns, of factor updates and of operations in kernels that eliminate
+#: algebraic unknowns. Larger kernels would take longer to compile than dense matrix loops to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
-# Functions whose curvature changes if their argument changes by 1. Then functions whose curvature
-# changes, or that may have a kink, if it changes by its own magnitude.
+# Functions whose curvature changes if their argument changes by 1; then functions whose curvature
+# changes, or that may have a kink, if their argument changes by its own magnitude.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
 
@@ -182,12 +182,12 @@ def reduced_kernels(
     motion: Along,
     reached: Sequence[Sequence[int]],
 ) -> dict[str, list[Node]]:
-    """Form the results of the kernels; empty if nothing can be eliminated, or too much.
+    """Form the results of the kernels for explicit methods with algebraic unknowns.
 
-    ``rates`` are f, then g; ``columns`` their derivatives by each state, by place; ``along`` the
-    same along each parameter, in terms of the states' sensitivities, and ``motion`` along the
-    motion, in terms of the states' rates. ``reached`` are the states with sensitivities to each
-    parameter.
+    ``rates`` are f, then g; ``columns`` has their derivatives by each state, by index of the rate;
+    ``along`` those along each parameter, as functions of state sensitivities; ``motion`` those
+    along the motion, as functions of state rates. ``reached`` are the states with sensitivities to
+    each parameter. Results are empty without algebraic unknowns, or if kernels would be too long.
     """
     found: dict[str, list[Node]] = {
         "algebraic_step": [],
@@ -199,7 +199,7 @@ def reduced_kernels(
     if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
         return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
-        # Residuals are the last rates. Their rows, by all unknowns, are g_z.
+        # Residuals are the last rates. Their derivatives by all unknowns are g_z.
         slopes = _rows_of(columns[cut:], cut, len(rates))
         factorised = factorise_unsymmetric(equations.dag, slopes, _MOST_UPDATES)
         if factorised is None:
@@ -214,20 +214,20 @@ def reduced_kernels(
             along_rates, along_unknowns = _sensitivities(
                 equations, factors, columns[cut:], along, reached
             )
-            # Runs without sensitivities integrate the states only.
+            # This kernel is for runs without sensitivities.
             found["extended_rhs"] = extended
             if along:
                 found["extended_augmented_rhs"] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
-        # A kernel that is too long is omitted, and the engine solves dense systems instead.
+        # The engine solves dense systems instead of a kernel that is too long.
         name: nodes if count_operations(reachable(nodes)).total <= _MOST_OPERATIONS else []
         for name, nodes in found.items()
     }
 
 
 def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
-    """List some rows of a matrix that is given by columns."""
+    """Return the rows from ``low`` to ``high`` of a matrix that is given by columns."""
     rows: list[dict[int, Node]] = [{} for _ in range(low, high)]
     for j, column in enumerate(columns):
         for i, node in column.items():
@@ -242,11 +242,11 @@ def _newton_step(
     slopes: Sequence[Mapping[int, Node]],
     symbols: Sequence[Node],
 ) -> list[Node]:
-    """Form the rates at the end of a step, the step itself, its last part and its reach."""
+    """Form the rates at the end of a step, the step, its second-order part and its validity."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
-    # Symbols represent z' while second derivatives are formed; z' itself, a long expression, is
-    # substituted afterwards.
+    # Second derivatives are formed with symbols for z', whose long expressions are substituted
+    # afterwards.
     known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
@@ -254,7 +254,7 @@ def _newton_step(
     if changes is not None:
         reach = sum(substitute(changes, known), dag.zero)
         curved = substitute(_curvature(dag, slopes, seed), known)
-        # The series ends with z''/2, since s runs from 0 to 1.
+        # The last term of the series is z''/2, since s increases from 0 to 1.
         last = factors.solve([-0.5 * node for node in curved])
     step = [a + b for a, b in zip(first, last, strict=True)]
     ends = _values_after(rates[:cut], dict(zip(symbols, step, strict=True)))
@@ -264,23 +264,22 @@ def _newton_step(
 def _curvature(
     dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
 ) -> list[Node]:
-    """Return the second derivatives along a step, from rows of first ones."""
+    """Return the second derivatives along a step from the rows of first derivatives."""
     steps = list(seed.values())
     changes = iter(tangents([node for row in slopes for node in row.values()], seed))
     return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]
 
 
 def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
-    """Return values at the end of a step; exponentials, which are costly, by a series."""
+    """Return values at the end of a step, with series for exponentials, which are costly."""
     new = {symbol: symbol + change for symbol, change in step.items()}
     order = reachable(values)
     changing = dependent(order, step)
     for node in order:
         if node.op == "exp" and node in changing:
-            # exp(a + d) = exp(a) (1 + d + d^2/2): the error is of third order, like that of the
-            # step.
+            # exp(a + d) = exp(a) (1 + d + d^2/2) has an error of third order, like the step.
             change = tangents(node.args, step)[0]
-            # The tangent is the change of the argument only if that is linear in the step.
+            # The tangent is the change of the argument only if the argument is linear in the step.
             if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
                 change = substitute(node.args, new)[0] - node.args[0]
             new[node] = node + node * (change + 0.5 * (change * change))
@@ -288,9 +287,10 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 
 
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
-    """Measure a step by each function that is nonlinear in it; near 1 the linear model fails.
+    """Return the relative length of a step for each function that is nonlinear in it.
 
-    None if a function has no such measure: a table, or an external function.
+    The linear model fails if it is near one. Returns None if it is unknown for a function, such as
+    a table or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -298,8 +298,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     of_share: dict[Node, None] = {}
     for node in order:
         inner = [arg for arg in node.args if arg in changing]
-        # Sums are linear in the step. So are products and quotients with one changing factor, for
-        # steps of any size.
+        # Sums, and products or quotients with one changing factor, are linear in the step.
         if not inner or node.op in ("add", "sub", "neg"):
             continue
         if node.op in _OF_CHANGE:
@@ -318,7 +317,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     changes = tangents([*of_change, *of_share], seed)
     sizes = [dag.function("abs", change) for change in changes]
     shares = [
-        # The fraction tends to one if the change exceeds the value itself.
+        # The fraction tends to one if the change exceeds the value.
         size / (dag.function("abs", arg) + size + TINY)
         for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
     ]
@@ -328,7 +327,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
 def _moved(
     values: Sequence[Node], columns: Sequence[Mapping[int, Node]], step: Sequence[Node]
 ) -> list[Node]:
-    """Add the first-order changes of values by a step of the unknowns."""
+    """Return values after a step of the unknowns, to first order."""
     moved = list(values)
     for column, change in zip(columns, step, strict=True):
         for i, slope in column.items():
@@ -343,10 +342,10 @@ def _unknown_rates(
     rates: Sequence[Node],
     motion: Along,
 ) -> list[Node]:
-    """Form z', which cancels the change of the residuals along the motion at constant z."""
+    """Form z' such that the residuals remain zero along the motion."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
-    # The states change at their rates while z is constant, so that g_x x' + g_t remains.
+    # If states change with their rates while z is constant, residuals change by g_x x' + g_t.
     moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
@@ -361,15 +360,13 @@ def _sensitivities(
 ) -> tuple[list[Node], list[Node]]:
     """Form the rates of sensitivities and the sensitivities of the unknowns.
 
-    The residuals at S_z = 0 are the right-hand side. The argument s contains neither S_z nor zero
-    sensitivities.
+    The right-hand side for S_z is the derivative of the residuals at S_z = 0. The kernel argument s
+    contains neither S_z nor vanishing sensitivities.
     """
     dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)
     rates: list[Node] = []
     unknowns: list[Node] = []
-    # The kernel's argument contains the nonzero sensitivities of states, concatenated, and none of
-    # z.
     for j, (row, own) in enumerate(zip(along, reached, strict=True)):
         left = [i for i in own if i < cut]
         known = {dag.symbol(SENSITIVITY, j * n + i): dag.zero for i in range(n)}
@@ -387,13 +384,13 @@ _Found = TypeVar("_Found")
 
 
 def lower(equations: Equations) -> Program:
-    """Turn governing and sensitivity equations into a program.
+    """Build a program from governing and sensitivity equations.
 
-    The matrix is factorised once; every derivative reuses the factors. Raises ParameterError if a
-    sensitivity to an algebraic unknown is requested.
+    The matrix is factorised once, and all derivatives use the same factors. Raises ParameterError
+    if a sensitivity to an algebraic unknown is requested.
     """
-    # The pattern is determined before derivatives are formed: values that follow from zero
-    # sensitivities then fold away.
+    # The pattern of sensitivities is determined before derivatives are formed, so that values which
+    # follow from zero sensitivities fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.substitute(equations.rates)
@@ -409,7 +406,7 @@ def lower(equations: Equations) -> Program:
         is_mapped=bool(mapped.sensitivities),
         with_columns=not mapped.columns,
     )
-    # Derivatives that are not computed by maps are written out, direction by direction.
+    # Derivatives that maps do not compute are written out for each direction.
     columns = mapped.columns or [row.rates for row in written_out]
     sensitivity_rates = mapped.sensitivities or [
         node for row in along for node in spread(row.rates, n, zero)
@@ -427,8 +424,8 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        # Both kernels contain the rates, so that one call computes all that a step with
-        # sensitivities needs.
+        # The kernel also returns the rates, so that one call suffices for a stage with
+        # sensitivities.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],
@@ -453,7 +450,7 @@ def lower(equations: Equations) -> Program:
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
         _timed(equations, _of_time(equations, [*rates, *watched], find_time_events)),
-        # A long step might also miss zeros of event functions that are driven by a sine.
+        # Long steps could also miss zeros of event functions that depend on a sine of time.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
         else {},
@@ -461,7 +458,7 @@ def lower(equations: Equations) -> Program:
 
 
 def _inputs_in(equations: Equations, nodes: Sequence[Node]) -> tuple[str, ...]:
-    """Return the names of the inputs on which some values depend."""
+    """Return the names of the inputs on which the given nodes depend."""
     read = set(symbols_in(nodes))
     pairs = zip(equations.inputs, equations.input_symbols, strict=True)
     return tuple(quantity.name for quantity, symbol in pairs if symbol in read)
@@ -472,7 +469,7 @@ def _of_time(
     rates: Sequence[Node],
     find: Callable[[Dag, list[Node]], tuple[_Found, ...]],
 ) -> dict[str, tuple[_Found, ...]]:
-    """Apply a search to each input (by its name) and to the rates (by the empty name)."""
+    """Apply ``find`` to each input, with its name as key, and to the rates, with an empty key."""
     found = {"": find(equations.dag, list(rates))}
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])
@@ -488,10 +485,10 @@ def _timed(
 
 
 def _check_sensitivities(equations: Equations) -> None:
-    """Raise for sensitivities to states that have no initial value of their own."""
+    """Raise ParameterError for sensitivities to states that have no initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # The initial value of the unknown that a storage state determines may be given instead, so it
-    # counts.
+    # An unknown that follows from a storage content is allowed, since its initial value may be
+    # given instead of the content.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -506,16 +503,16 @@ def _differentiate(
 ) -> tuple[list[Along], list[Along], Along]:
     """Differentiate along each sensitivity, along each state, and along the motion.
 
-    Rates of sensitivities that are computed by a map are not written out, nor are columns that are.
-    Without events or algebraic unknowns there is no motion.
+    Rates and columns that a map computes are not differentiated. Without events and algebraic
+    unknowns there is no derivative along the motion.
     """
     nothing = Along((), {}, {})
     wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]
     motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all directions except the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # All directions together, since they share most of their values. The results are separated in
-    # this order.
+    # All directions are differentiated together, since they share most values. The results are then
+    # separated in this order.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
@@ -525,11 +522,11 @@ def _differentiate(
 
 
 def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:
-    """Return the nonzeros in compressed columns."""
+    """Return the nonzeros of a matrix in CSC form: column starts, row indices, values."""
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):
-            # A nonzero derivative may still fold to zero.
+            # Derivatives may have folded to zero.
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)
@@ -540,7 +537,7 @@ def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[in
 def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     observed = equations.output_values[: len(equations.outputs)]
-    # The unknowns are accelerations of the speeds, then multipliers.
+    # The unknowns are accelerations, then multipliers.
     n_held = n_speeds + len(equations.constraints.rows)
     on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:n_held])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)

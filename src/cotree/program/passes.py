@@ -1,30 +1,30 @@
-"""Passes: functions from one program to another with the same values, with reports of the savings.
+"""Passes: transformations of a program that preserve its values, with reports of the savings.
 
-They run in the order of :data:`RECIPE`. Their assumptions and guarantees are:
+They run in the order of :data:`RECIPE`. Their assumptions and results are:
 
 reciprocals
-    Assumes nothing. The same values to rounding. A reciprocal is formed if a kernel divides by the
-    same value more than once, or by a value of parameters only, whose reciprocal ``prepare`` then
-    forms once for all calls. Other divisions stay.
+    Assumes nothing. Values are the same to rounding. A kernel that divides by the same value more
+    than once multiplies by its reciprocal. So does a kernel that divides by a value of parameters
+    only, whose reciprocal ``prepare`` computes. Other divisions remain.
 sines
-    Assumes nothing. The same values to a rounding of the last place. Sines and cosines of angles
-    that depend on no sine themselves are combined; those of parameters only stay, since ``prepare``
-    has them.
+    Assumes nothing. Values are the same to one unit in the last place. Sines and cosines are
+    combined unless their angles depend on other sines. Those of parameters only remain, since
+    ``prepare`` computes them.
 balance
-    Assumes that nothing is prepared yet. At most as many operations, and the same values except for
-    the rounding of sums, whose terms are added in another order. Sums that do not end earlier stay,
-    and so do all sums of a kernel that has other operations to overlap. So do those of residuals:
-    currents through large conductances cancel in the order in which they were formed; in another
-    order, the remaining rounding has stopped rodas5 at tolerances of 1e-11.
+    Assumes that nothing is prepared yet. There are no more operations, and values are the same
+    except for the rounding of sums, whose terms are added in another order. Sums remain if they
+    would not be complete earlier, or the kernel has other operations to overlap. So do the sums of
+    models with algebraic unknowns: currents through large conductances cancel in the order in which
+    they were formed; in another order, rounding errors stopped rodas5 at tolerances of 1e-11.
 stage
-    Assumes that nothing is prepared yet. No kernel except ``prepare`` computes values of
-    parameters only: it reads prepared values. The branches that steps freeze follow these, and are
-    zero until a run sets them.
+    Assumes that nothing is prepared yet. Kernels read values that depend only on parameters from
+    ``k``; only ``prepare`` computes them. The branches that steps freeze follow these values in
+    ``k`` and are zero until a run sets them.
 order
-    Assumes nothing. The same operations with the same values. A kernel whose time is that of one
-    long path of operations is written in the order in which the path needs values, so that other
-    operations overlap with it. If that keeps more values alive, which then pass through memory,
-    values stay in the order in which they were formed.
+    Assumes nothing. Operations and values are the same. If one long path of operations determines
+    the time of a kernel, values are ordered as this path needs them, so that other operations
+    overlap with it. If more values would then have to be kept in memory, the order in which values
+    were formed remains.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 
 def stage_parameters(program: Program) -> Program:
-    """Move values of parameters only to ``prepare``."""
-    # Over all kernels together, so that a value used by several of them is prepared once.
+    """Move the computation of values that depend only on parameters to ``prepare``."""
+    # All kernels are treated together, so that a value used by several of them is prepared once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
     dag, n_pieces = program.dag, program.layout.n_pieces
     frontier = _frontier(results)
@@ -61,18 +61,18 @@ def stage_parameters(program: Program) -> Program:
 
 
 def varying_values(order: Sequence[Node]) -> set[Node]:
-    """Return values that depend on more than parameters, among values in order of evaluation."""
+    """Return the nodes in ``order`` that depend on more than parameters."""
     return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """Return the values of parameters only that varying values or results use."""
+    """Return the values of parameters only that other values use, or that are results."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
     read.update(results)
     return [
-        # Kernels use the results of such a node, never the node itself.
+        # Of a node with several results, kernels use only the results.
         node
         for node in order
         if node in read and node not in varying and node.args and node.op not in SEVERAL
@@ -80,7 +80,7 @@ def _frontier(results: list[Node]) -> list[Node]:
 
 
 def for_each_kernel(change: Callable[[Kernel], Kernel], program: Program) -> Program:
-    """Change every kernel of a program separately."""
+    """Apply a function to every kernel of a program."""
     kernels = {name: change(kernel) for name, kernel in program.kernels.items()}
     return replace(program, kernels=kernels)
 
@@ -88,9 +88,9 @@ def for_each_kernel(change: Callable[[Kernel], Kernel], program: Program) -> Pro
 def rewrite(
     kernel: Kernel, chosen: Container[Node], form: Callable[[Node, Mapping[Node, Node]], Node]
 ) -> Kernel:
-    """Replace ``chosen`` values of a kernel, and rebuild all that depend on them.
+    """Replace ``chosen`` values of a kernel, and rebuild all values that depend on them.
 
-    ``form`` makes the new value from the old one and from the replacements so far. New values keep
+    ``form`` returns the new value, given the old one and the replacements so far. New values have
     the labels of the values that they replace.
     """
     new: dict[Node, Node] = {}
@@ -103,16 +103,16 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
-        # Values that are unchanged are not replaced, so that their users are not rebuilt.
+        # Unchanged values are not listed, so that their users are not rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
 
 
 def with_reciprocals(kernel: Kernel) -> Kernel:
-    """Replace the repeated divisions of one kernel by products with a reciprocal."""
+    """Replace repeated divisions in a kernel by products with a reciprocal."""
     order = kernel.order
-    # Reciprocals themselves remain unchanged.
+    # Reciprocals themselves are not replaced.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
@@ -126,22 +126,22 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         above, below = (new.get(arg, arg) for arg in node.args)
-        # Nodes are interned, so that this reciprocal is formed once for all divisions.
+        # Nodes are interned, so this reciprocal is formed once for all divisions.
         return above * (1.0 / below)
 
     return rewrite(kernel, shared, form)
 
 
-#: Minimum number of angles; fewer cost less one by one.
+#: Minimum number of angles whose sines are combined; fewer cost less one by one.
 _FEWEST = 3
 
 
 def _packed(kernel: Kernel) -> Kernel:
-    """Combine the sines and cosines of one kernel."""
+    """Combine the sines and cosines in a kernel."""
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)
-    # An angle that depends on a sine of its own kernel cannot be combined with it.
+    # Angles that depend on a sine in the same kernel are not combined.
     late = dependent(order, found) - set(found)
     angles = list(
         dict.fromkeys(n.args[0] for n in found if n.args[0] in varying and n.args[0] not in late)
@@ -149,7 +149,7 @@ def _packed(kernel: Kernel) -> Kernel:
     if len(angles) < _FEWEST:
         return kernel
     dag = angles[0].dag
-    # One node computes the sine and the cosine of an angle, even if only one of them is used.
+    # The node computes both sine and cosine of each angle, even if only one of them is used.
     with dag.labelled("sines and cosines"):
         packed = sines(dag, angles)
     place = {angle: i for i, angle in enumerate(angles)}
@@ -161,14 +161,14 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: If the operations divided by this exceed the longest path, sums of products are not rebalanced:
-#: chains of them contain more fused operations.
+#: Ratio of (time to start all operations) to (longest path) above which sums are not balanced:
+#: chains of sums of products contain more fused operations.
 _MOST = 2.0
-_PREPARED = -1.0  # time at which values of parameters only are ready: before all others
+_PREPARED = -1.0  # time at which values of parameters only are available, before all others
 
 
 def balance_sums(program: Program) -> Program:
-    """Balance the sums of each kernel, if there are no algebraic unknowns."""
+    """Balance the sums in each kernel unless there are algebraic unknowns."""
     if any(program.layout.algebraic):
         return program
     return for_each_kernel(_balanced, program)
@@ -181,7 +181,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
     inner = _inner_sums(order, kernel.results, varying)
-    # A shorter path does not help a kernel whose time is bound by issuing operations.
+    # A shorter path does not help if the number of operations determines the time of the kernel.
     if not inner or started > _MOST * longest:
         return kernel
     clock = _Clock(varying)
@@ -189,9 +189,9 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
-            # If both are available at the same time, the sum remains as it was formed.
+            # If both forms are available at the same time, the sum remains as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # nodes come in order of evaluation, so arguments have been timed
+        clock(made)  # stores its time, before that of any user is computed
         return made
 
     return rewrite(kernel, set(order), form)
@@ -199,7 +199,7 @@ def _balanced(kernel: Kernel) -> Kernel:
 
 @dataclass
 class _Clock:
-    """Time at which each value is available."""
+    """Computation of the time at which each value is available, [cycles]."""
 
     varying: Collection[Node]
     times: dict[Node, float] = field(default_factory=dict)
@@ -220,13 +220,12 @@ class _Clock:
 def _inner_sums(
     order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
 ) -> set[Node]:
-    """Find the sums that are used by one other sum only.
+    """Return the sums whose only user is another sum, into which they can be merged.
 
-    Sums of the kernel's arguments are excluded: the difference of two close arguments is exact and
-    must not be reordered.
+    Sums of two kernel arguments are excluded, since the difference of two close arguments is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
-    # A result is needed as such: it would be lost if it were merged into another sum.
+    # Results count as uses: they would be lost if they were merged into another sum.
     uses.update(results)
     return {
         arg
@@ -240,7 +239,7 @@ def _inner_sums(
 def _terms(
     node: Node, inner: Collection[Node], new: Mapping[Node, Node]
 ) -> list[tuple[Node, bool]]:
-    """List the terms of a sum in their order, and whether each is added."""
+    """Return the terms of a sum in their order, each with true if it is added, not subtracted."""
     terms: list[tuple[Node, bool]] = []
     left = [(node, True)]
     while left:
@@ -251,26 +250,26 @@ def _terms(
             left.append((part.args[0], not is_added))
         else:
             a, b = part.args
-            # The left term is taken off the stack first, so that terms keep their order.
+            # The left term is on top of the stack, so that terms keep their order.
             left += [(b, is_added == (part.op == "add")), (a, is_added)]
     return terms
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms, at each step the two available first; ties are broken by their order."""
-    # Ordered by the time at which each term is available. The position breaks ties, so that nodes
-    # are never compared.
+    """Add terms, at each step the two that are available first."""
+    # The heap is ordered by the time at which each term is available, then by position, so that
+    # nodes are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
-        # Operands keep the order of their terms, independently of availability.
+        # The two operands keep the order of their terms.
         (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
         if is_added == other:
             total = a + b
         elif is_added:
             total = a - b
         else:
-            # -a + b = b - a, which saves a negation.
+            # -a + b is formed as b - a, which saves a negation.
             total, is_added = b - a, True
         heappush(heap, (clock(total), min(i, j), total, is_added))
     _, _, total, is_added = heap[0]
@@ -281,22 +280,22 @@ def _place(item: tuple[float, int, Node, bool]) -> int:
     return item[1]
 
 
-#: Number of operations within the look-ahead of a processor.
+#: Minimum number of operations in kernels that are reordered, the look-ahead of a processor.
 _FEW = 250
-#: Kernels with more operations keep their values in the order in which they were formed: repeated
-#: links then become loops. A chain of 1000 rods needs half as much C text; a chain of 100 is twice
-#: as fast if ordered by need.
+#: Maximum number of operations in kernels that are reordered. In longer kernels, the original order
+#: lets repeated links become loops: a chain of 1000 rods needs half as much C text. A chain of 100
+#: rods is twice as fast if reordered.
 _MANY = 20_000
-#: If all operations take longer than this multiple of the longest path, there are operations to
-#: overlap in any order.
+#: Ratio of (time to start all operations) to (longest path) above which operations overlap in any
+#: order.
 _MOST_EARLY = 3.0
 
 
 def _ordered(kernel: Kernel) -> Kernel:
-    """Order the values of one kernel by need, if that is faster."""
+    """Order the values of a kernel by the needs of the longest path, if that is faster."""
     order, prepared = kernel.order, kernel.prepared
-    # Kernels with maps keep their order: a map starts when the arguments of all its columns are
-    # available.
+    # Kernels with maps are not reordered, since a map can only start when the arguments of all its
+    # columns are available.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel
@@ -308,16 +307,15 @@ def _ordered(kernel: Kernel) -> Kernel:
 
 
 def _lifetimes(kernel: Kernel) -> int:
-    """Return the sum of the lifetimes of all values in operations, which indicates register use."""
+    """Return the summed lifetimes of all values, in operations, which indicate register use."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
-    # Later entries overwrite earlier ones, so that the index of the last user remains.
+    # Later entries overwrite earlier ones, so the index of the last user remains.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: All passes by name, in order. Reciprocals and sums are formed before staging, which then prepares
-#: the reciprocals of parameters and operates on the final sums. The order of values is determined
-#: last.
+#: All passes by name, in order. Reciprocals and sums are formed before staging, so that reciprocals
+#: and sums of parameters are prepared. The order of values is determined last.
 RECIPE: dict[str, Callable[[Program], Program]] = {
     "reciprocals": partial(for_each_kernel, with_reciprocals),
     "sines": partial(for_each_kernel, _packed),
@@ -329,25 +327,25 @@ RECIPE: dict[str, Callable[[Program], Program]] = {
 
 @dataclass(frozen=True)
 class PassReport:
-    """Effect of one pass on a program."""
+    """The effect of one pass on a program."""
 
     name: str  # name of the pass
-    #: Program before the pass, and after it.
+    #: Program before and after the pass.
     earlier: Program
     later: Program
 
     @property
     def before(self) -> dict[str, int]:
-        """Operations of each kernel without preparation, before the pass."""
+        """Number of operations of each kernel without ``prepare``, before the pass."""
         return _counts(self.earlier)
 
     @property
     def after(self) -> dict[str, int]:
-        """Operations of each kernel without preparation, after the pass."""
+        """Number of operations of each kernel without ``prepare``, after the pass."""
         return _counts(self.later)
 
     def summary(self) -> str:
-        """List the kernels that the pass changed."""
+        """Return a table of the kernels that the pass changed."""
         head = f"pass {self.name}: operations of each kernel alone, before -> after"
         after = self.after
         rows = [f"  {k:20} {n} -> {after[k]}" for k, n in self.before.items() if n != after[k]]
@@ -355,7 +353,7 @@ class PassReport:
 
 
 def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
-    """Run every pass of the recipe."""
+    """Run all passes of :data:`RECIPE`; return the program and a report of each pass."""
     reports = []
     for name, transform in RECIPE.items():
         # Programs are immutable, so the report can refer to both.

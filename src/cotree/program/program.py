@@ -1,4 +1,4 @@
-"""Program of a scene: the results of each kernel, as nodes of one arena."""
+"""Program of a scene: the results of its kernels as nodes of one graph."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-import cotree.dag.nodes  # noqa: F401 - lets arenas be pickled
+import cotree.dag.nodes  # noqa: F401 - registers how graphs are pickled
 from cotree.dag.corners import RestartTimes
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
@@ -31,46 +31,46 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Kernel:
-    """One kernel: its kind and its results, in order."""
+    """One kernel of a program."""
 
-    spec: KernelSpec  # kind of the kernel
+    spec: KernelSpec  # name, arguments and kind of results
     results: tuple[Node, ...]  # values that the kernel writes
-    #: Values that the kernel reads from ``k`` instead of computing them, with the index in ``k``.
+    #: Values that the kernel reads from ``k`` instead of computing them, with their indices in it.
     prepared: Mapping[Node, int]
-    #: Whether statements are ordered by the needs of the longest path, not as they were formed.
+    #: Whether statements are in the order that the longest path needs, not as they were formed.
     is_by_need: bool = False
 
     @property
     def is_present(self) -> bool:
-        """Return whether C has the kernel: without results only if every model has it."""
+        """Whether C has the kernel: it has results, or every model has it."""
         return bool(self.results) or self.spec.is_required
 
     @cached_property
     def order(self) -> list[Node]:
-        """Every value that the results need, in order of evaluation, including prepared values."""
-        # The traversal ends at prepared values: ``prepare`` computes their arguments.
+        """All values that the results need, including prepared values, in order of evaluation."""
+        # The traversal ends at prepared values, since ``prepare`` computes their arguments.
         order = reachable(self.results, stop=self.prepared)
         return by_need(order, self.prepared) if self.is_by_need else order
 
     @cached_property
     def operations(self) -> OperationCount:
-        """Operation counts of the kernel itself."""
+        """Numbers of operations of the kernel without ``prepare``."""
         return count_operations([node for node in self.order if node not in self.prepared])
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program."""
+    """The kernels of a scene, and properties that runs need."""
 
-    dag: Dag  # arena that holds all nodes
+    dag: Dag  # graph that contains all nodes
     layout: Layout  # names and sparsity patterns
     kernels: Mapping[str, Kernel]  # kernels by name, in the order of the registry
     guards: tuple[Guard, ...]  # conditions that ``prepare`` checks
-    #: Time events at which each input jumps or has a kink in the scene, by the name of the input;
-    #: time events of all other parts of the rates, by the empty name; with derivatives along each
-    #: sensitivity.
+    #: Time events at which the scene's inputs jump or have kinks, by input name, and time events of
+    #: all other parts of the rates, by the empty name; with derivatives along each sensitivity.
     stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
-    #: Upper bounds of the step size by input name, valid while the input is that of the scene.
+    #: Upper bounds of the step size by input name, unless a run replaces the input; those of all
+    #: other parts of the rates by the empty name.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def restart_times(
@@ -80,14 +80,14 @@ class Program:
         replaced: Container[str] = (),
         others: Sequence[float] = (),
     ) -> RestartTimes:
-        """List the times within a span at which integration restarts, for parameters p.
+        """Return the times within a span at which integration restarts, for parameters p.
 
-        ``replaced`` are inputs that a run replaces, ``others`` further times, which depend on no
-        parameter. Raises SolveError if a period is far too short for the span.
+        ``replaced`` are inputs that a run replaces; ``others`` are further times, which depend on
+        no parameter. Raises SolveError if a period is far too short for the span.
         """
         if not self.stops and not others:
             return RestartTimes.none()
-        # If a run replaces an input, the time events of the scene's input do not apply.
+        # The time events of an input do not apply if a run replaces the input.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
@@ -100,7 +100,7 @@ class Program:
             raise SolveError(str(error)) from None
 
     def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
-        """Return the upper bound of the steps, [s], infinity for none; see :meth:`corners`."""
+        """Return the upper bound of the step size, [s], or infinity if there is none."""
         if not self.longest_steps:
             return math.inf
         limits = [
@@ -119,7 +119,7 @@ class Program:
         kernel : str
             A name in ``KERNELS``.
         known : mapping of str to sequence of float
-            Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
+            The kernel arguments by kind, including ``p``; ``t`` is a sequence of one entry.
         """
         roots = self.kernels[kernel].results
         given = {
@@ -132,9 +132,9 @@ class Program:
 
     @cached_property
     def traits(self) -> Traits:
-        """Properties of the kernels that determine how they are called."""
+        """Properties of the program that determine how kernels are called."""
         layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
-        # Kernels from which all others are derived, except derivatives.
+        # All other kernels are derivatives of these.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in results[name]])
         reached = {layout.parameters[node.data[1]].name for node in read if node.data[0] == "p"}
@@ -161,7 +161,7 @@ class Program:
 
     @cached_property
     def elimination(self) -> Elimination | None:
-        """The planned elimination of implicit methods; None if the pattern is singular."""
+        """The planned elimination for implicit methods, None if the pattern is singular."""
         layout = self.layout
         return plan_elimination(
             len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
@@ -169,17 +169,15 @@ class Program:
 
     @cached_property
     def operations(self) -> dict[str, OperationCount]:
-        """Operation counts of each kernel, with its share of ``prepare``."""
+        """Numbers of operations of each kernel, including those in ``prepare`` that it needs."""
         counts = {}
         for name, kernel in self.kernels.items():
-            # ``prepare`` is shared by all kernels; the counts of each kernel include the prepared
-            # values that it uses.
             used = [node for node in kernel.order if node in kernel.prepared]
             counts[name] = kernel.operations.with_prepared(count_operations(reachable(used)))
         return counts
 
     def summary(self) -> str:
-        """Describe the kernels in C by their operation counts."""
+        """Return a table of the C kernels with their numbers of operations."""
         present = {name: k for name, k in self.kernels.items() if k.is_present}
         counts = {name: self.operations[name] for name in present}
         rows = [
@@ -196,6 +194,6 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Return the values of the parameters on which some nodes depend, without forming nodes."""
+    """Return the values of the parameter symbols on which the given nodes depend."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

@@ -1,12 +1,12 @@
-"""Pattern of the sensitivities that can be nonzero: a path connects them to their parameter.
+"""Sparsity pattern of the sensitivities: the states that may depend on each parameter.
 
 In: equations and their solution. Out: for each parameter the states that depend on it, and the
-equations without the sensitivities that are always zero. Starting with the states whose initial
-value or rate depends explicitly on the parameter, a state is reached if its rate depends on one
-that is. Algebraic unknowns are reached together if equations connect them, and so are the states
-that a constraint or an event moves if that depends on the parameter. If a parameter determines the
-times of kinks or jumps of a rate, its state is reached, even if the rate is constant between such
-times.
+equations without the sensitivities that are always zero. States whose initial value or rate depends
+explicitly on the parameter are reached; so are states whose rate depends on a reached state.
+Algebraic unknowns are reached together if equations connect them, and so are the states that a
+constraint or an event changes if this constraint or event depends on the parameter. If a parameter
+determines the times of kinks or jumps of a rate, the state is reached even if the rate is constant
+between such times.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: Symbols on which a value depends, as a bit mask, and whether the value may be nonzero if all of
+#: Bit mask of the symbols on which a value depends, and whether the value may be nonzero if all of
 #: these are zero.
 _Part = tuple[int, bool]
 
@@ -46,16 +46,15 @@ _ZERO: _Part = (0, False)
 def reached_states(
     equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return for each parameter of sensitivity the states that depend on it, at any time.
+    """Return the states that depend on each sensitivity parameter at any time.
 
-    ``timed`` are the conditions on times that each sensitivity moves; see :func:`timed_by`.
+    ``timed`` are the conditions on time that depend on each parameter; see :func:`timed_by`.
     """
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
-    # The derivatives of a direction contain only the sensitivities of that direction, so that state
-    # i has bit i for all directions. Tangents of the unknowns have the bits after those of the
-    # states.
+    # The derivatives along a direction contain only the sensitivities of this direction, so state i
+    # has bit i in all directions. The bits of the unknowns' tangents follow those of the states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -73,8 +72,8 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # Changes of states by constraints or events may affect further states, which may change
-        # more: repeat until no state is added.
+        # Constraints and events may change further states, and these may affect others: repeat
+        # until no state is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -86,16 +85,16 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """Conditions on times that depend on a parameter."""
+    """Where conditions on time occur that depend on one parameter."""
 
-    states: set[int]  # states whose rates contain such a condition
-    is_event: bool  # whether an event function contains such a condition
+    states: set[int]  # states with such a condition in their rates
+    is_event: bool  # whether there is such a condition in an event function
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
-    """Find the conditions on times that each sensitivity moves.
+    """Find the conditions on time that depend on each sensitivity parameter.
 
-    ``watched`` are the values of events, unknowns eliminated as in the rates.
+    ``watched`` are the values of events; neither these nor ``rates`` contain unknowns.
     """
     dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
     given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
@@ -106,7 +105,8 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # A time event moves along the direction if its first time or its period has a derivative.
+        # A time event depends on the parameter if the derivative of its first time or period is not
+        # zero.
         moved = [
             node
             for node, own in looking.items()
@@ -133,11 +133,11 @@ class _Parts:
             for own, _ in parts:
                 mask |= own
             remains = [rest for _, rest in parts]
-            # A product is zero if one of its factors is.
+            # A product is zero if one of its factors is zero.
             if node.op in ("mul", "div"):
                 is_left = all(remains)
             else:
-                # The condition of a selection does not contribute to the value.
+                # The value of a selection does not contain its condition.
                 is_left = any(remains[1:] if node.op == "select" else remains)
             self._known[node] = (mask, is_left)
 
@@ -146,17 +146,17 @@ class _Parts:
 
 
 class _Direction:
-    """One parameter, with the dependences of the derivatives of the rates along it."""
+    """One parameter, with the symbols on which the derivatives of the rates by it depend."""
 
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
         forcing = [parts[node] for node in row.forcing]
-        # Each unknown depends on those entries of the forcing that elimination combines for it.
+        # Each unknown depends on the entries of the forcing that the elimination combines.
         self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
     def part(self, node: Node) -> _Part:
-        """Return the states on whose sensitivities a value depends, with tangents solved for."""
+        """Return the states on whose sensitivities a value depends, also through unknowns."""
         mask, rest = self._parts[node]
         own = mask & ((1 << self._n) - 1)
         solved = _either(self._tangents[k] for k in _places(mask >> self._n))
@@ -168,7 +168,7 @@ class _Direction:
         return rest or not reached.isdisjoint(_places(mask))
 
     def users(self, states: Iterable[int]) -> set[int]:
-        """Return the states whose rates depend on given states."""
+        """Return the states whose rates depend on the given states."""
         wanted = sum(1 << i for i in states)
         return {i for i, (mask, _) in self.rates.items() if mask & wanted}
 
@@ -179,13 +179,13 @@ class _Direction:
             self.rates |= dict.fromkeys(group, whole)
 
     def follow(self, followers: Sequence[tuple[int, int]]) -> None:
-        """Add the dependence of contents of storages on the variables that they determine."""
+        """Add to each storage content the dependence on the variable that it determines."""
         for total, follower in followers:
             mask, rest = self.rates.get(total, _ZERO)
             self.rates[total] = mask | 1 << follower, rest
 
     def reached(self, known: Iterable[int]) -> set[int]:
-        """Follow the rates from states that depend on the parameter directly."""
+        """Return all states that depend on the parameter, directly or through rates."""
         users: dict[int, list[int]] = {}
         for i, (mask, _) in self.rates.items():
             for k in _places(mask):
@@ -202,14 +202,14 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Return pairs of indices: a content of storages, and the unknown that it determines."""
+    """Return pairs of indices: a storage content, and the unknown that it determines."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)
 
 
 def _places(mask: int) -> Iterator[int]:
-    """List the bits of a number."""
+    """Yield the positions of the bits that are set in a number."""
     while mask:
         low = mask & -mask
         yield low.bit_length() - 1
@@ -217,7 +217,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Return the dependences of a sum from those of its terms."""
+    """Return the dependences of a sum, given those of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -225,7 +225,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
 
 
 def _solving(solved: SolvedSystem) -> list[int]:
-    """Return the places of the forcing on which each unknown depends, as bits."""
+    """Return a bit mask of the forcing entries on which each unknown depends."""
     own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
@@ -250,18 +250,18 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 def _choosers(equations: Equations) -> dict[int, set[int]]:
     """Return, for each state that events set, the states whose rates have conditions on it.
 
-    The derivative of a selection, sign or floor with respect to its condition is zero, but the
-    value jumps with the condition.
+    The derivative of a selection, sign or floor by its condition is zero, but the value jumps with
+    the condition.
     """
     targets = {target for event in equations.events for target in event.targets}
     if not targets:
         return {}
     own = {equations.states[target].symbol: 1 << target for target in targets}
-    # A state that an event sets may occur in a condition anywhere in the balances. All unknowns are
-    # then assumed to depend on it, which is conservative.
+    # If a state that an event sets occurs anywhere in the equations for the unknowns, all unknowns
+    # are assumed to depend on it, which is conservative.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
-    # The targets of events on which each value depends.
+    # Bit masks of the event targets on which each value depends.
     mask = supports_of(reachable(solved), own)
     whole = _either((mask[node], False) for node in solved)[0]
     mask |= dict.fromkeys(equations.unknowns, whole)
@@ -281,15 +281,15 @@ def _moved(
     reached: set[int],
     is_timed: bool,
 ) -> set[int]:
-    """Return the states that constraints and events move as a function of the parameter."""
+    """Return the states whose changes by constraints and events depend on the parameter."""
     row, constraints = along.row, equations.constraints
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     moved: set[int] = set()
     turned = {entry for _, q in constraints.quaternions for entry in q}
     norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
     held = [*row.held, *row.held_rates, *row.start]
-    # A projection moves all coordinates and speeds together. Quaternions that depend on the
-    # parameter are normalised, which moves them, too.
+    # A projection changes all coordinates and speeds together. So does, by assumption, the
+    # normalisation of quaternions that depend on the parameter.
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
@@ -299,15 +299,15 @@ def _moved(
         causes = event.causes
         moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
-            # The states that the event sets change from then on, and so do the states whose rates
-            # change.
+            # After an event whose time depends on the parameter, so do the states that it sets and
+            # the states whose rates it changes.
             moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
             moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved
 
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
-    """Return whether a state, or its new value in an event, changes with time; modes do not."""
+    """Return whether a state, or its new value in an event, varies with time, unlike modes."""
     assert equations.motion is not None  # models with events have a motion
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]
@@ -316,7 +316,7 @@ def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool
 
 
 def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) -> Equations:
-    """Replace sensitivities that are always zero by zero, so that all derivatives fold."""
+    """Replace sensitivities that always vanish by zero, which simplifies all derivatives."""
     dag, n = equations.dag, len(equations.states)
     gone = {
         dag.symbol(SENSITIVITY, j * n + i): dag.zero
@@ -335,10 +335,10 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
 def pack_rates(
     dag: Dag, reached: Sequence[Sequence[int]], n: int, rates: Sequence[Node]
 ) -> list[Node]:
-    """Leave out sensitivities that are always zero: their rates, and their numbers among symbols.
+    """Return the rates without those of sensitivities that always vanish, in packed symbols.
 
-    ``rates`` are n for each parameter, in terms of as many symbols; the result has the rates of the
-    states of :func:`reached_states`, in terms of packed symbols.
+    ``rates`` has n entries for each parameter and contains symbols with the same numbering. The
+    result has entries only for the states of :func:`reached_states`.
     """
     left = [j * n + i for j, own in enumerate(reached) for i in own]
     if len(left) == len(rates):

@@ -1,9 +1,9 @@
-"""Equations solved for their unknowns, and differentiated along any direction.
+"""Equations solved for their unknowns, and their derivatives along any direction.
 
-In: ``A w = b`` and functions of the unknowns w. Out: the same without unknowns, and its
-derivatives: along a direction ``A w' = b'``, with the known factors of A (b' = db - dA w, from the
-sensitivity graphs). All derivatives of the solved system come from here: Jacobian columns,
-sensitivities, events along the motion, linearisation.
+In: ``A w = b`` and functions of the unknowns w. Out: these functions without unknowns, and their
+derivatives. Along a direction, ``A w' = b'`` is solved with the same factors of A; the sensitivity
+graphs yield b' = db - dA w. This module forms all derivatives of the solved system: Jacobian
+columns, sensitivities, derivatives of events along the motion, linearisation.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Along:
-    """Derivatives along one direction, in terms of states, inputs and parameters only."""
+    """Derivatives along one direction as functions of states, inputs and parameters only."""
 
-    unknowns: tuple[Node, ...]  # unknowns w' of the differentiated equations
-    #: Rates by index of the state; missing ones are zero.
+    unknowns: tuple[Node, ...]  # derivatives w' of the unknowns
+    #: Derivatives of the rates by index of the state, and of the outputs; missing ones are zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 
 
 @dataclass(frozen=True)
 class SolvedSystem:
-    """The solution of linear equations, with the factors to solve them again."""
+    """The solution of linear equations, with the factors for further solutions."""
 
-    dag: Dag  # arena that holds the nodes
+    dag: Dag  # graph that contains the nodes
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
     factors: RankedSolver
-    unknowns: dict[Node, Node]  # value of each unknown, by symbol
+    unknowns: dict[Node, Node]  # values of the unknowns by symbol
     tangents: tuple[Node, ...]  # symbols of the derivatives of the unknowns
 
     @classmethod
     def of(cls, equations: Equations) -> SolvedSystem:
-        """Factorise the matrix of some equations, and solve them for their unknowns."""
+        """Factorise the matrix of the given equations, and solve for the unknowns."""
         factors = factorise_bordered(
             equations.dag,
             equations.matrix,
@@ -60,7 +60,7 @@ class SolvedSystem:
 
     @property
     def bare(self) -> RankedSolver:
-        """Solver without friction, which does not act in projections and impacts."""
+        """The solver without friction, which does not act in projections and impacts."""
         return self.factors.inner if isinstance(self.factors, HeldFactors) else self.factors
 
     def substitute(self, nodes: Sequence[Node]) -> list[Node]:
@@ -68,8 +68,8 @@ class SolvedSystem:
         return substitute(nodes, self.unknowns)
 
     def along(self, directions: Sequence[Derivative]) -> list[Along]:
-        """Differentiate along directions one by one; shared values are visited once."""
-        # Derivatives of thousands of states share most of their nodes.
+        """Differentiate along each of the given directions."""
+        # All directions are substituted together, since they share most of their nodes.
         known = iter(
             self.substitute(
                 [
@@ -81,7 +81,7 @@ class SolvedSystem:
         )
         found = []
         for row in directions:
-            # The three groups were passed together, and are returned in the same order.
+            # The results are in the order of the arguments.
             forcing = [next(known) for _ in row.forcing]
             rates = [next(known) for _ in row.rates]
             outputs = [next(known) for _ in row.outputs]
@@ -102,11 +102,10 @@ class SolvedSystem:
     ) -> list[Node]:
         """Differentiate the solution w of an impact: ``A w' = forcing - A' w``.
 
-        ``forcing`` is the derivative of its right-hand side, ``seed`` the tangents of the symbols
-        in A.
+        ``forcing`` is the derivative of the right-hand side; ``seed`` has the tangents of the
+        symbols in A.
         """
-        # b' - A' w, row by row. The derivative of A is formed here, since no sensitivity graph
-        # contains this solution.
+        # A is differentiated here, since no sensitivity graph contains this solution.
         rest = list(forcing)
         n = len(solution)
         for i, row in enumerate(self.matrix[:n]):

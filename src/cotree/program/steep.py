@@ -1,12 +1,11 @@
 """Roots whose slope is infinite on both sides of zero, and their replacement near zero.
 
-A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, at which its law has no
-derivative. Within a band of half-width b around zero the root r(z) is replaced by
-``r(b)*(z/b)**3``, with a slope of zero at rest. If the law drives the state to zero from both
-sides, the solutions of both laws remain within the band, so that they differ by at most b. The
-engine sets b to the tolerance of z while it is near zero
-(``templates/runtime/events/cotree_branches.c``); otherwise b is zero or negative, and the root is
-exact.
+A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, and its law has no
+derivative at rest. Within a band of half-width b around zero, the root r(z) is replaced by
+``r(b)*(z/b)**3``, whose slope is zero at rest. If the law drives the state to zero from both sides,
+the solutions with both laws remain within the band and differ by at most b. The engine sets b to
+the tolerance of z while z is near zero (``templates/runtime/events/cotree_branches.c``); otherwise
+b is zero or negative, and the root is exact.
 """
 
 from __future__ import annotations
@@ -33,16 +32,17 @@ def find_roots(
     Parameters
     ----------
     nodes : iterable of Node
-        The values among which they are.
+        The values that may be such roots.
     condition : Node
         The condition.
     is_same : callable
-        Whether a value is zero where the condition is, and changes its sign with it.
+        Returns whether a value is zero where the condition is, and changes its sign with it.
 
     Returns
     -------
     dict of Node to Node or None
-        None if another operation ends there, or an argument touches zero with a slope of zero.
+        None if another operation ends at this zero, or an argument touches zero with a slope of
+        zero.
     """
     found: dict[Node, Node] = {}
     for way in ways_to_zero(condition):
@@ -69,7 +69,7 @@ def ends(node: Node, way: Mapping[Node, Node]) -> bool:
 
 
 def _signed(value: Node, is_same: Callable[[Node], bool]) -> Node:
-    """Return a value without the absolute value of a condition."""
+    """Return a value in which the absolute value of a condition is replaced by the condition."""
     known: dict[Node, Node] = {}
     stack = [value]
     while stack:
@@ -87,35 +87,35 @@ def _exponent(root: Node) -> Node:
 
 @dataclass(frozen=True)
 class SteepRoots:
-    """Roots with their signed arguments."""
+    """Roots with their signed arguments, and their replacement near zero."""
 
     signed: Mapping[Node, Node]
 
     @cached_property
     def _slopes(self) -> dict[Node, Node]:
-        """Return the powers that occur in derivatives of the roots."""
+        """The powers that occur in derivatives of the roots, each with its root."""
         return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
 
     def root_of(self, node: Node) -> Node | None:
-        """Return the root that a value is, or whose slope it is."""
+        """Return the root if a value is a root or its slope, else None."""
         if node.op == "div" and node.args[1].op == "sqrt":
             node = node.args[1]
         node = self._slopes.get(node, node)
         return node if node in self.signed else None
 
     def replaced(self, node: Node, args: tuple[Node, ...], distance: Node, width: Node) -> Node:
-        """Form a root, or its slope, within the band and outside.
+        """Form a root, or its slope, with the replacement within the band.
 
         Parameters
         ----------
         node : Node
             The root, a quotient by it, or a power in its slope.
         args : tuple of Node
-            What takes the place of its arguments; of a quotient by it, the dividend and z.
+            New arguments of the node; for a quotient, the dividend and z.
         distance : Node
             The argument z with its sign.
         width : Node
-            The width b of the band.
+            The half-width b of the band.
         """
         dag, root = node.dag, self.root_of(node)
         assert root is not None

@@ -1,22 +1,22 @@
 """Switching surfaces of right-hand sides: each step keeps the branches on which it began.
 
 In: equations with absolute values, selections and piecewise linear tables of variables. Out: the
-same equations with a symbol in each condition and each table that selects its branch; if it is
-zero, the argument decides. The engine freezes the branches while it takes a step, locates the time
-at which an argument leaves its branch like an event, and restarts there on the next branch. States
-and their sensitivities are continuous at a kink, so that no further action is needed there.
+same equations with a symbol in each condition and each table, which selects the branch; if the
+symbol is zero, the argument selects it. The engine freezes the branches during a step, locates the
+time at which an argument leaves its branch, as for an event, and restarts there on the next branch.
+States and their sensitivities are continuous at a kink, so nothing else is changed there.
 
-A sign, or a selection whose two sides differ, is a kink if its user is continuous, as in
-``x*sign(x)``. A branch of a root, a power, a logarithm or a quotient may have no value beyond its
-end: steps end there, too, but the argument decides at all times. The other side of such a kink is
-frozen if it is constant, as that of ``sqrt(max(x, 0))``.
+A sign, or a selection whose sides differ, is a kink if its user is continuous, as in ``x*sign(x)``.
+Roots, powers, logarithms and quotients may be undefined beyond the end of a branch. Steps also end
+there, but the argument always selects the branch. The other side of such a kink is frozen if it is
+constant, as in ``sqrt(max(x, 0))``.
 
-Not followed are: conditions that do not provably lead to a continuous value, which would be jumps;
-known functions of time, at which integration restarts anyway; conditions within roots and similar
-functions whose users are twice differentiable, as in the law of an orifice; kinks within masses and
-constraints; tables within roots and similar functions; and tables with very many points, whose
-kinks are small. If the slope is infinite on both sides, as of ``sqrt(abs(x))``, the argument
-decides, and roots are replaced near zero (:mod:`cotree.program.steep`).
+These switching surfaces are ignored: conditions without a provably continuous user, which would be
+jumps; known functions of time, at which integration restarts anyway; conditions within roots and
+similar functions whose users are twice differentiable, as in the law of an orifice; kinks within
+masses and constraints; tables within roots and similar functions; and tables with very many points,
+whose kinks are small. If the slope is infinite on both sides, as for ``sqrt(abs(x))``, the argument
+selects the branch, and roots are replaced near zero (:mod:`cotree.program.steep`).
 """
 
 from __future__ import annotations
@@ -52,27 +52,27 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that are defined on both sides of any kink of their arguments. Kinks may occur only in
-#: the dividend of a quotient, and in the right-hand side of a linear system.
+#: Functions that are defined on both sides of any kink of their arguments. A quotient is, too, if
+#: the kink is in the dividend, and so is a linear system with a kink in the right-hand side.
 _DEFINED_AT_KINKS = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf"})
 _DEFINED_AT_KINKS |= {"abs", "exp", "sinh", "cosh", "select", "sign", "table", "result"}
 _DEFINED_AT_KINKS |= {"sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Tables with more points than this along an axis are left to the error test: a run would restart
-#: at each of them.
+#: Maximum number of points along an axis of tables with located kinks, at each of which a run
+#: restarts; kinks of larger tables are left to the error test.
 _MOST_POINTS = 1000
 
-#: Maximum numbers of values that are followed from a value that jumps to values that do not, and of
-#: users of a branch.
+#: Maximum number of values on the way from a value that jumps to continuous users; and of users of
+#: a branch that are examined.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
-#: Maximum number of terms of sums that are compared by expansion.
+#: Maximum number of terms in sums that are expanded for comparison.
 _MOST_TERMS = 64
 
 
 def freeze_branches(equations: Equations) -> Equations:
-    """Return the equations with branches that steps freeze."""
+    """Return the equations with symbols for the branches that steps freeze."""
     found = _find(equations)
     if not found.conditions and not found.tables and not found.steep.signed:
         return equations
@@ -92,7 +92,7 @@ def freeze_branches(equations: Equations) -> Equations:
 
 
 def strip_switching_surfaces(program: Program) -> Program:
-    """Remove the switching functions, so that branches depend on their arguments only."""
+    """Remove the switching functions, so that arguments always select the branches."""
     layout, kernels = program.layout, dict(program.kernels)
     n, m = len(layout.events), len(layout.corners)
     if not m:
@@ -106,7 +106,7 @@ def strip_switching_surfaces(program: Program) -> Program:
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
     n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
-    # Ranges are numbered in the order of their values, and those of events come first.
+    # Ranges are in the order of their values, so those of events come first.
     ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
     kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
     n_quantities = layout.n_quantities if ends else 0
@@ -122,16 +122,16 @@ def strip_switching_surfaces(program: Program) -> Program:
 
 @dataclass
 class _Found:
-    """Conditions and tables whose branches steps freeze."""
+    """The conditions and tables whose branches steps freeze."""
 
-    #: For each condition, in the form of :class:`_Keys`: sides on which branches are frozen.
+    #: Sides on which branches are frozen, by the :class:`_Keys` key of the condition.
     conditions: dict[_Key, frozenset[int]]
     tables: set[Node]  # tables whose intervals are frozen
     steep: SteepRoots
 
 
 def _find(equations: Equations) -> _Found:
-    """List the conditions and the tables that are followed."""
+    """Find the conditions and tables whose switching surfaces are located."""
     roots = [*equations.forcing, *equations.rates]
     order = reachable(roots)
     symbols = _moving(order, equations)
@@ -148,7 +148,7 @@ def _find(equations: Equations) -> _Found:
             continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
-        # One condition combines all users of its key; one of these may exclude it.
+        # All nodes with the same key are one condition, which each of them may exclude.
         sides = None if node in heavy else corners.sides(node)
         if node in wild:
             sides = _in_common(sides, corners.sides_above(node))
@@ -177,13 +177,13 @@ def _find(equations: Equations) -> _Found:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Sides of a kink: 1 if its condition is positive, -1 if it is negative."""
+    """Properties of the sides of a kink: 1 is that with a positive condition, -1 the other."""
 
-    held: frozenset[int]  # sides on which the branch is frozen; on others the argument decides
+    held: frozenset[int]  # sides with a frozen branch; on others the argument selects the branch
     steep: frozenset[int]  # sides on which the slope at the kink is infinite
 
     def turned(self, scale: float) -> _Sides:
-        """Return the sides of the condition divided by a factor."""
+        """Return the sides of the condition after division by a factor."""
         if scale > 0.0:
             return self
         held, steep = (frozenset(-side for side in sides) for sides in (self.held, self.steep))
@@ -191,20 +191,20 @@ class _Sides:
 
 
 _BOTH = frozenset({-1, 1})
-#: A kink whose branches have values beyond it.
+#: A kink with branches that are defined beyond it.
 _OPEN = _Sides(_BOTH, frozenset())
 
 
 def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
-    """Return the sides on which both values may be frozen; None: one of them jumps."""
+    """Return the sides on which both values may be frozen, or None if one of them jumps."""
     return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
 
 
 class _Kinks:
-    """Changes at the zero of a condition, followed up to users that are continuous.
+    """Analysis of values at the zeros of conditions, up to users that are continuous.
 
-    ``roots`` must not jump; ``order`` has all values, arguments first; ``moving`` symbols change
-    between events.
+    ``roots`` must not jump; ``order`` has all values, arguments first; the symbols ``moving``
+    change between events.
     """
 
     def __init__(
@@ -228,7 +228,7 @@ class _Kinks:
         return self._reading.get(node, ())
 
     def sides(self, node: Node) -> _Sides | None:
-        """Return the sides of a selection, a sign or an absolute value; None: it jumps."""
+        """Return the sides of a selection, sign or absolute value, or None if a user jumps."""
         if node.op == "abs":
             return _OPEN
         condition, *branches = _branches(node)
@@ -244,7 +244,7 @@ class _Kinks:
                 return None
             for reader in self._readers(last):
                 own = [substitute([reader], {node: value})[0] for value in branches]
-                # All of several results are compared.
+                # Of a node with several results, the results are compared, not the node.
                 found = None if reader.op in SEVERAL else _sides(condition, own)
                 if found is None:
                     jumping.append(reader)
@@ -253,14 +253,14 @@ class _Kinks:
         return None
 
     def is_smooth(self, node: Node) -> bool:
-        """Return whether all users of a branching value are twice differentiable there."""
+        """Return whether all users of a branching value are twice differentiable at its kink."""
         condition, positive, negative = _branches(node)
         if _agree_twice(positive, negative, condition, self._moving):
             return True
         if node in self._roots:
             return False
         above, below = {node: positive}, {node: negative}
-        # In the order of all values, so that users of several earlier ones find them.
+        # Users are examined in evaluation order, after all of their arguments.
         waiting = set(self._readers(node))
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -276,20 +276,20 @@ class _Kinks:
                 if _agree_twice(above[reader], below[reader], condition, self._moving):
                     del above[reader], below[reader]
                     continue
-            except (ArithmeticError, ValueError):  # the expression is undefined there
+            except (ArithmeticError, ValueError):  # undefined at the kink
                 return False
             waiting.update(self._readers(reader))
         return False
 
     def sides_above(self, node: Node) -> _Sides:
-        """Return the sides that the users of a branching value allow, followed up to the roots."""
+        """Return the sides of a branching value as its users, up to the roots, permit."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
         found = [self._end_above(node, value, ways) for value in branches]
         return _sides_of(found)
 
     def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
-        """Return how a branch ends in its users, see :data:`_ENDS`."""
+        """Return how a branch ends in its users; see :data:`_NOWHERE`."""
         known, waiting, end = {node: value}, [node], _NOWHERE
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -299,7 +299,7 @@ class _Kinks:
                     continue
                 try:
                     known[reader] = substitute([reader], known)[0]
-                except (ArithmeticError, ValueError):  # the expression is undefined there
+                except (ArithmeticError, ValueError):  # undefined at the kink
                     return _STEEP
                 if self._moving.isdisjoint(symbols_in([known[reader]])):
                     continue
@@ -320,7 +320,7 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
 
 
 def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
-    """Return whether two values and their first two derivatives agree at the zero of a third."""
+    """Return whether two values and their first two derivatives agree at the zero of a boundary."""
     pairs, one = [(above, below)], above.dag.one
     symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
     for order in range(3):
@@ -335,15 +335,16 @@ def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) ->
     return True
 
 
-#: Values that have no slope, or none beyond a kink.
+#: How a branch ends at a kink: it continues beyond it; it is undefined beyond it, with a finite
+#: slope; its slope is infinite or undefined.
 _NOWHERE, _ENDS, _STEEP = range(3)
 
-#: Substitutions that make a condition zero.
+#: Substitutions, each of which makes a condition zero.
 _Ways = list[dict["Node", "Node"]]
 
 
 def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
-    """Return the sides of a condition that selects one of two values; None: it jumps there."""
+    """Return the sides of a condition that selects one of two values, or None if these differ."""
     above, below = branches
     if not agree_at(above, below, condition):
         return None
@@ -353,7 +354,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:
-    """Sort the sides of a condition by how its branches above and below zero end there."""
+    """Return the sides of a condition, given how its branches above and below zero end."""
     pairs = list(zip((1, -1), ends, strict=True))
     return _Sides(
         frozenset(side for side, end in pairs if end == _NOWHERE),
@@ -362,11 +363,11 @@ def _sides_of(ends: Sequence[int]) -> _Sides:
 
 
 def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
-    """Return how roots and similar functions among some values end at the zero of a condition."""
+    """Return how roots and similar functions in ``nodes`` end at the zero of a condition."""
     roots = [node for node in nodes if node.op in SINGULAR]
     try:
         ending = [node for node in roots for way in ways if ends(node, way)]
-    except (ArithmeticError, ValueError):  # the expression is undefined there
+    except (ArithmeticError, ValueError):  # undefined at the zero
         return _STEEP
     if not ending:
         return _NOWHERE
@@ -380,7 +381,7 @@ def _is_flat(node: Node) -> bool:
 
 
 def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
-    """List the symbols that change between events; modes do not."""
+    """Return the symbols that change between events, which modes do not."""
     still = {
         state.symbol
         for state, rate in zip(equations.states, equations.rates, strict=True)
@@ -400,14 +401,14 @@ def _is_table(node: Node) -> bool:
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
-    """List the points of a table along each of its axes."""
+    """Return the points of a table along each axis."""
     return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 
 def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
-    """List the values of masses and of constraints, whose kinks are not followed.
+    """Return the values in masses and constraints, whose kinks are ignored.
 
-    Those of linear systems within rates are among them, as are the sizes for choosing pivots.
+    They include the matrices of linear systems within rates, and the scales for pivoting.
     """
     held = equations.constraints
     values = [node for node in held.values if node is not None]
@@ -422,7 +423,7 @@ def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
 
 
 def _is_defined_at_kinks(node: Node) -> bool:
-    """Return whether an operation has a value beyond any kink of its arguments."""
+    """Return whether an operation is defined beyond any kink of its arguments."""
     if node.op == "pow":
         base = node.args[0].value
         return base is not None and base > 0.0
@@ -430,7 +431,7 @@ def _is_defined_at_kinks(node: Node) -> bool:
 
 
 def _wild(order: Sequence[Node]) -> set[Node]:
-    """List the values whose users must not receive a branch beyond its end."""
+    """Return the values whose users may be undefined if a branch continues beyond its end."""
     found: set[Node] = set()
     for node in reversed(order):
         if node in found or not _is_defined_at_kinks(node):
@@ -438,14 +439,14 @@ def _wild(order: Sequence[Node]) -> set[Node]:
     return found
 
 
-#: A sum: numbers of the terms with coefficients, scaled so that the first one is one.
+#: A sum as a key: node indices of its terms with coefficients, the first of which is scaled to one.
 _Key = tuple[tuple[int, float], ...]
 
 
 class _Keys:
     """Identifies conditions that differ only in sign, a factor, or the order of their terms.
 
-    Derivatives of laws write the conditions of the laws in other forms.
+    Derivatives of a law may contain its conditions in other forms.
     """
 
     def __init__(self) -> None:
@@ -480,14 +481,14 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """Rows and symbols collected while branches are numbered."""
+    """The kinks and branch symbols that are collected while branches are numbered."""
 
     rows: list[CornerRow]
     pieces: list[Node]
 
 
 def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]:
-    """Form the replacement of each value that has a kink, from the inside out."""
+    """Return a replacement for each value with a kink, and the kinks; inner kinks come first."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
     keys = _Keys()
@@ -515,9 +516,9 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
         if sides == _BOTH:
-            # Minus the magnitude is nonnegative only at zero.
+            # The condition counts if the symbol is zero: -abs(x) >= 0 only at zero.
             return dag.select(-dag.function("abs", piece), of(condition), own)
-        # The condition itself decides if no branch is frozen, and on sides that are not frozen.
+        # The condition counts if no branch is frozen, and on sides that are not frozen.
         decides = of(condition)
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)
@@ -554,7 +555,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         for i, (at, piece) in enumerate(zip(given, pieces, strict=True)):
             number = piece.data[1]
             if not held.pieces[number].is_zero:
-                continue  # another table has these arguments at the same value
+                continue  # a table with the same axis and argument has defined the kink
             low, high, which = data.ends(i)
             held.pieces[number] = made[which]
             held.rows.append(CornerRow(at - made[low], number, -1))
@@ -576,7 +577,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         elif key and key in found.conditions:
             own = sign(node.args[0], key, scale)
             if not found.conditions[key]:
-                # The step ends at this table, but its values depend on the arguments only.
+                # Steps end at this kink, but the argument always selects the branch.
                 made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
             elif node.op == "select":
                 made = dag.select(own, of(node.args[1]), of(node.args[2]))

@@ -1,7 +1,7 @@
-"""The C text of a program, and the properties of its nodes that calls of kernels need.
+"""The C text of a program, and the properties of the program that kernel calls need.
 
-A text from the cache, or from another process, holds its program as bytes: arenas are large, and
-runs evaluate compiled kernels only.
+A text from the cache or from another process contains the program as bytes, since graphs are large
+and runs evaluate only compiled kernels.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Traits:
-    """Properties of a program's nodes that determine how its kernels are called."""
+    """Properties of a program that determine how its kernels are called."""
 
-    n_results: Mapping[str, int]  # number of results of each kernel in C
-    #: Parameters of sensitivities on which no state or output depends.
+    n_results: Mapping[str, int]  # number of results of each C kernel
+    #: Sensitivity parameters on which no state or output depends.
     unreached: tuple[str, ...]
-    is_rheonomic: bool  # whether conditions on the start depend on time
+    is_rheonomic: bool  # whether conditions on initial states depend on time
     constant_inputs: tuple[str, ...]  # names of inputs that depend on parameters only
     has_constant_start: bool  # whether initial values are independent of all parameters
     has_time_events: bool  # whether inputs or rates have time events
     has_longest_step: bool  # whether there are upper bounds of the step size
 
     def can_extend(self, layout: Layout) -> bool:
-        """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
+        """Return whether algebraic unknowns can be integrated throughout a run."""
         if layout.corners:
             return False  # the rates of algebraic unknowns jump at kinks of the residuals
         name = "extended_augmented_rhs" if layout.sensitivities else "extended_rhs"
@@ -46,19 +46,19 @@ class ModelText:
 
     layout: Layout
     traits: Traits
-    stored: Program | bytes = field(repr=False)  # program after its passes, pickled if bytes
+    stored: Program | bytes = field(repr=False)  # program after its passes, or its pickle
     files: Mapping[str, str] = field(default_factory=dict)  # contents of the C files by name
     declarations: str = ""  # C declarations for cffi
     prefix: str = ""  # prefix of all names in the C text
-    #: Number of operations in the longest C function, and in all.
+    #: Number of operations in the longest C function, and in all functions.
     n_written: int = 0
     n_written_in_all: int = 0
-    slow_causes: str = ""  # sentences on parameter values of the scene that force short steps
-    cautions: tuple[str, ...] = ()  # sentences that each compilation issues as warnings
+    slow_causes: str = ""  # sentences on parameter values of the scene that require short steps
+    cautions: tuple[str, ...] = ()  # warnings that each compilation issues
 
     @classmethod
     def of(cls, program: Program, **text: Any) -> ModelText:
-        """Make the text of a program; without files its kernels are called by other means."""
+        """Build the text of a program; without files, its kernels cannot be compiled."""
         return cls(program.layout, program.traits, program, **text)
 
     @locked_cached_property
