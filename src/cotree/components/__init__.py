@@ -103,10 +103,10 @@ def register_component(
 ) -> Component:
     """Register a component with a user-defined law, for all scenes made afterwards.
 
-    Its sensitivity terminal equations come from the law. Without ``domain`` it is a force element
-    of multibody systems, with parameters as in
-    :func:`cotree.components.register.make_component`. With one it is a component of that graph,
-    with parameters as in :func:`cotree.components.register.make_network_component`.
+    Sensitivity terminal equations are derived from the law. Without ``domain`` the component is a
+    force element of multibody systems, with parameters as in
+    :func:`cotree.components.register.make_component`. With ``domain`` it is a component of that
+    graph, with parameters as in :func:`cotree.components.register.make_network_component`.
 
     Parameters
     ----------

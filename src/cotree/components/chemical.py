@@ -1,9 +1,9 @@
 """Chemical components: concentration is across; molar flow, from plus to minus inside, is through.
 
-A species is an edge from its node to the ground; a reaction has such an edge for each of its
-species, with the flow that the reaction takes from it. If this flow does not depend on the species'
-own concentration (a product of a one-way reaction, a catalyst), the edge is a source: other edges
-determine the concentration.
+A species is an edge from its node to the ground. A reaction has an edge from the node of each of
+its species to the ground, with the flow that the reaction consumes. If this flow does not depend on
+the species' own concentration (products of one-way reactions, catalysts), the edge is a source, and
+other edges determine the concentration.
 """
 
 from __future__ import annotations

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 class Role(Enum):
     """Role that an edge has when equations are formulated."""
 
-    BODY = "body"  # inertia: forces as functions of accelerations
+    BODY = "body"  # inertia, whose forces are functions of accelerations
     ARM = "arm"  # constant transformation between two frames, without a motion space
     JOINT = "joint"  # has a motion space and a reaction space
     LINE = "line"  # a force along an axis or along the line between two nodes
     FORCE = "force"  # a given force vector
     TORQUE = "torque"  # a given torque vector
     BUSHING = "bushing"  # forces and torques along and about three axes
-    LAW = "law"  # a force by a user-defined law
+    LAW = "law"  # a force with a user-defined law
     CONSTRAINT = "constraint"  # a kinematic constraint between two nodes
     TOUCH = "touch"  # contact between the shapes of two bodies; its laws are in a scalar graph
     NETWORK = "network"  # component with ports in scalar graphs, each with a terminal equation
@@ -104,7 +104,7 @@ class Freedom:
 
     @property
     def rates(self) -> tuple[tuple[str, str], ...]:
-        """Name and unit of its rate."""
+        """Name and unit of the coordinate's rate."""
         return ((self.rate or f"{self.name}_dot", f"{self.unit}/s"),)
 
 
@@ -147,7 +147,7 @@ class Component:
     name : str
         The ``type`` in scenes.
     role : Role
-        Role of its edge in the formulation.
+        Role of its edge when equations are formulated.
     doc : str
         One line that describes what it models.
     fields : tuple of Field
@@ -177,7 +177,7 @@ class Component:
     measures : tuple of PortMeasure
         Named sums of port variables of a scalar component.
     demands : tuple of Demand
-        Conditions on its fields together.
+        Conditions that involve several of its fields.
     geometry : Component or None
         For a contact, its part in the multibody system, whose fields define the shapes that may
         touch.
@@ -222,7 +222,7 @@ class Component:
         return None
 
     def field(self, name: str) -> Field | None:
-        """Return the field called ``name``, if it exists."""
+        """Return the field called ``name``, or None if there is none."""
         return next((field for field in self.fields if field.name == name), None)
 
 
@@ -236,7 +236,7 @@ Adapt = Callable[[str, Nodes, Given], Adapted]
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
     """Declare a required field of a law, whose value may depend on any variable.
 
-    ``sign`` is '', 'nonnegative', 'positive' or 'nonzero', if the field is constant.
+    If the field is constant, ``sign`` is '', 'nonnegative', 'positive' or 'nonzero'.
     """
     return Field(name, unit, doc, required=True, constant=False, sign=sign)
 
@@ -244,6 +244,6 @@ def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
     """Declare an optional field of a law; if its default is None, its term is left out.
 
-    ``sign`` is '', 'nonnegative' or 'positive', if the field is constant.
+    If the field is constant, ``sign`` is '', 'nonnegative' or 'positive'.
     """
     return Field(name, unit, doc, default=default, constant=False, sign=sign)

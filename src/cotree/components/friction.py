@@ -1,4 +1,4 @@
-"""Dry friction that sticks and slides, in translation and rotation: guides, clutches, gears.
+"""Dry friction with sticking and sliding: in linear guides, clutches and gears.
 
 Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it sticks, 1 and -1 while
 it slides forwards and backwards, 2 while it is disengaged.

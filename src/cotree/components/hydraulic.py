@@ -157,7 +157,7 @@ PIPE = scalar(
 
 
 def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
-    """Solve the curve ``rise = pressure - resistance q - quadratic q |q|`` for the flow -q."""
+    """Return the flow -q on the curve ``across = pressure - resistance q - quadratic q |q|``."""
     import sympy
 
     # This form of the root avoids cancellation and also holds for quadratic = 0.

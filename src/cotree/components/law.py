@@ -101,7 +101,7 @@ class Law:
     def partials(self) -> dict[str, Any]:
         """Partial derivatives that are not zero, by argument; formed once.
 
-        The derivatives of a sign and of a floor are zero.
+        The functions sign and floor count as constant.
         """
         import sympy
 

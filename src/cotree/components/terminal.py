@@ -94,7 +94,7 @@ class Friction:
     #: Port of the same component whose rigid stop provides the normal force; empty if there is
     #: none. Friction is disengaged while the stop is open, and also acts in impacts at the stop.
     presser: str = ""
-    suffix: str = ""  # suffix of its modes among the fields
+    suffix: str = ""  # suffix of its mode fields
     #: For the second friction direction on a plane, the port of the first direction, which has the
     #: common mode. The magnitude of the resulting force is limited.
     leader: str = ""
@@ -124,8 +124,8 @@ class Stop:
     upper_gap: Law | None
     lower_gap: Law | None
     rebound: Law  # change of across in an impact
-    excess: Law  # rebound speed minus the rest threshold
-    suffix: str = ""  # suffix of its modes among the fields
+    excess: Law  # rebound speed minus that below which the stop stays closed
+    suffix: str = ""  # suffix of its mode fields
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ def _time(tree: ast.expr, where: str) -> float:
         raise ExpressionError(f"{where}the time of at(...) must be a number")
     dag = Dag()
     found = expression.lower(dag, lambda name: dag.zero).value
-    assert found is not None  # constant expressions have been folded to numbers
+    assert found is not None  # constant expressions are already numbers
     return float(found)
 
 
@@ -294,7 +294,7 @@ def variant_of(
 
 
 def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
-    """Compile the variant with the options of the given model, if it is one."""
+    """Compile a changed scene, with the compiler options of the given model if there is one."""
     if isinstance(source, Model):
         return compile_spec(source.spec.of(changed, over))
     assert isinstance(changed, Scene)

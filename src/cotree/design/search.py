@@ -86,7 +86,7 @@ class Search:
         return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
     def point(self, v: Array) -> Point | Error:
-        """Evaluate a point, with gradients with respect to the scaled coordinates."""
+        """Evaluate a point and its gradients by the scaled coordinates, or return an Error."""
         key = np.asarray(v, dtype=float).tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -403,7 +403,7 @@ class Design(Reported):
 
     @property
     def settings(self) -> dict[str, dict[str, float]]:
-        """Arguments for any model of the scene: ``simulate((0, 1), **design.settings)``."""
+        """Arguments with the optimal values: ``model.simulate((0, 1), **design.settings)``."""
         names = self.model.parameters
         return {
             "parameters": {n: v for n, v in self.parameters.items() if n in names},

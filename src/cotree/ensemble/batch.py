@@ -81,7 +81,7 @@ def load_batch() -> LoadedLibrary:
 
 
 class BlockInC(CObjects):
-    """The members of a block, shared by the workers that run it.
+    """The members of a block as a C structure that its workers share.
 
     ``ended`` contains the outcome of each member in C. ``lanes`` is the library of SIMD lanes, or
     the reason why members run without them.
@@ -451,7 +451,7 @@ class Worker:
         return self._ffi.from_buffer("double[]", array)
 
 
-# Interval between checks whether the ensemble is stopped, [s].
+# Interval at which workers check whether the ensemble is stopped, [s].
 _INTERVAL = 0.05
 
 # Patterns by plan, determined when the first block of a plan is run.

@@ -326,7 +326,7 @@ def _load(
     """Build and load SIMD lanes, or return the reason why that failed."""
     if find_toolchain() is None:
         return "no compiler is found"
-    # Unrolled columns of maps become new nodes of the model's arena.
+    # Rendering may add nodes to the model's graph, which only one thread may do at a time.
     with forming:
         program = pattern.plan.model.program
         model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)

@@ -131,7 +131,7 @@ _UNDER_WAY = 2**29
 
 
 class MemberError(SolveError):
-    """A member failed in an ensemble with ``on_error="raise"``."""
+    """Error for a failed member in an ensemble with ``on_error="raise"``."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Condition:
     Attributes
     ----------
     name : str
-        Its name in messages and results.
+        Name in messages and results.
     model : Model
         Model, compiled with sensitivities to all estimated parameters and initial values.
     parameters : mapping of str to str or float
@@ -66,7 +66,8 @@ class Condition:
 
     def quantity(self, name: str) -> str:
         """Return the state or output for the name of a measured column, or for its own name."""
-        # A column that measures a state may have an output of its own.
+        # Columns are looked up first, since one with the name of a state may measure an added
+        # output.
         if name in self.columns:
             return self.columns[name]
         known = {*self.model.states, *self.model.outputs}

@@ -174,7 +174,7 @@ class _Walk:
         # Undetermined parameters have infinite standard errors, so that the first step is relative.
         self._first = error * math.sqrt(_STEP * self._limit) if math.isfinite(error) else 0.2 * size
         reach = _FARTHEST * (error if math.isfinite(error) else size)
-        # A lower bound of zero is minus infinity on a logarithmic scale.
+        # On a logarithmic scale a lower bound of zero is minus infinity, which counts as no bound.
         self._bound = bound if math.isfinite(bound) else float(theta[index]) + side * reach
         self.is_bounded = math.isfinite(bound)
         self._along = np.zeros(len(theta))

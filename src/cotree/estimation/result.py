@@ -163,8 +163,8 @@ class FitResult(Reported):
     def eigenvalues(self) -> Array:
         """Eigenvalues of the Fisher information for relative changes, ascending, (n_estimated,).
 
-        The inverse square root of each is the relative standard error of a combination of
-        parameters; for undetermined combinations the eigenvalue is zero up to rounding.
+        The inverse square root of each eigenvalue is the relative standard error of a combination
+        of parameters. For undetermined combinations the eigenvalue is zero up to rounding.
         """
         return np.asarray(np.linalg.eigvalsh(self._relative_fisher()))
 
@@ -393,7 +393,7 @@ class FitResult(Reported):
 
     @property
     def optimality(self) -> float:
-        """The optimality of the best start; see :class:`~cotree.estimation.multistart`."""
+        """Optimality of the best start; see :class:`~cotree.estimation.multistart.StartRecord`."""
         return self.starts[0].optimality
 
     def to_dict(self) -> dict[str, Any]:

@@ -236,15 +236,15 @@ class BenchRow:
     first : float
         Elapsed time of the first run, [s].
     error_states, error_sensitivities : float
-        See :data:`cotree.studies.accuracy.ERROR`; nan if there are none.
+        Errors as defined by :data:`cotree.studies.accuracy.ERROR`; nan if there are none.
     own_error_states, own_error_sensitivities : float
-        See :data:`cotree.studies.accuracy.OWN_ERROR`.
+        Errors as defined by :data:`cotree.studies.accuracy.OWN_ERROR`.
     statistics : Statistics or None
         Numbers of steps and evaluations; None if the run could not start.
     status : int
         0 for success, else negative, as in results of runs.
     message : str
-        The solver's report, or the reason why there is no run.
+        Message of the solver, or the reason why there was no run.
     """
 
     method: str

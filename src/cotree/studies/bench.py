@@ -72,7 +72,7 @@ def time_in_rounds(
 
 
 def machine(backend: str) -> dict[str, str]:
-    """Return processor, compiler and versions by name; ``backend`` is that of the kernels."""
+    """Return processor, compiler, versions and the ``backend`` of kernels by name."""
     import scipy
 
     toolchain = find_toolchain()

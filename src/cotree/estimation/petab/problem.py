@@ -355,8 +355,8 @@ class PetabProblem(Problem):
     def log_prior(self, parameters: Any = None) -> float:
         """Compute the sum of the log densities of the objective priors.
 
-        Priors on the parameter's scale are densities on that scale, all others are densities of its
-        value; they are not truncated at bounds. Parameters and errors are those of
+        Priors on a parameter's scale are densities on that scale; all others are densities of its
+        value. They are not truncated at bounds. Parameters and errors are those of
         :meth:`log_likelihood`.
         """
         return self.priors.log_density(self.theta(parameters))

@@ -223,7 +223,7 @@ def as_number(text: str) -> float | None:
 
 
 def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> dict[str, _Named]:
-    """Read rows whose names must be unique."""
+    """Read rows to a mapping by name; raise an error if a name is not unique."""
     known: dict[str, _Named] = {}
     for row in rows:
         found = read(row)

@@ -3,8 +3,8 @@
 A part of a formula that is too long for one expression becomes a separate quantity of the scene,
 whose name replaces the part.
 
-Nothing is evaluated. Functions of the model are expanded at each call; a piecewise function becomes
-``where``. docs/sbml.md says which operations are supported.
+Nothing is evaluated. Functions of the model are expanded at each call, and a piecewise function
+becomes ``where``. docs/sbml.md lists the supported operations.
 """
 
 from __future__ import annotations

@@ -355,7 +355,7 @@ def _valued(
     """Return words, settings and value (a word, or ``R=``, ``C=``, ``L=``) of an element."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
-    # Exactly one of the two forms is required.
+    # Exactly one of the two forms of the value is required.
     if (len(words) == 3) == (key in given):
         raise line.at.error(f"{line.name} needs one value")
     word = words[2] if len(words) == 3 else given[key]
@@ -537,7 +537,7 @@ def _by_current(place: Instance, line: Line) -> None:
     current = current_of(place, line, words[2])
     nodes = [place.node(word) for word in words[:2]]
     kind, unit = ("voltage", "ohm") if line.key[0] == "h" else ("current", "1")
-    # The controlling current is that of a voltage source.
+    # The controlling current flows through a voltage source.
     law = f"{text_of(place.principal(line, words[3], unit))}*{current}"
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 

@@ -184,7 +184,7 @@ class Writer(Sheet[_Scene]):
             if line.key[0] == "x":
                 self._instance(line, place, depth)
         rest = [line for line in circuit.elements if line.key[0] != "x"]
-        # The K statement adds coupled inductors.
+        # Coupled inductors are added by their K statement.
         find_couplings(place, rest)
         for line in sorted(rest, key=_turn):
             place.check_name(line)

@@ -33,7 +33,7 @@ class Sheet(Generic[_Scene]):
         self.scene, self.file, self.times = scene, file, Times()
         self.uses_initial = False  # ``uic``: whether the run starts at given initial values
         self.gmin = _GMIN  # conductance parallel to each p-n junction, [S]
-        # An element and a parameter may have the same name.
+        # Separate namers, because an element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}  # voltages in ``.ic`` by node
