@@ -1,4 +1,4 @@
-"""Building blocks of scalar components: sources, storages, resistances, couplings, heat."""
+"""Building blocks of scalar components, such as sources, storages and couplings."""
 
 from __future__ import annotations
 

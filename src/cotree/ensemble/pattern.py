@@ -331,7 +331,7 @@ def _load(
         program = pattern.plan.model.program
         model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)
         files = render_lanes(model, method)
-    # This optimisation level merges common work of kernels and steps.
+    # At this optimisation level the compiler shares computations between kernels and steps.
     library = load_kernels(model, files, lanes_declarations(model), BuildOptions("-O3"))
     if library is None:
         return "the compiler has no vectors"

@@ -83,7 +83,7 @@ class ConditionReader:
         first = (self._link(before, before),) if before else ()
         name = f"{condition} after {before}" if before else condition
         own = self._link(condition, name, *first)
-        # Values at a steady state are obtained from the start of a run that begins there.
+        # Values at a steady state are those at the start of a run that begins there.
         last = (Link(f"{name} at rest", own.parameters, {}),) if is_at_rest else ()
         return (*first, own, *last)
 

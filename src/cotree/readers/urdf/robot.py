@@ -111,7 +111,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
             follower = None if mimic is None else by_name[mimic.joint]
-        # Each joint is visited once.
+        # These joints need not be checked again.
         settled |= trail
 
 
