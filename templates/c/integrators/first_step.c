@@ -15,7 +15,7 @@ static cotree_status first_step(integrator *d, const REAL *y, const REAL *rate, 
     if (status == COTREE_RATE_STOPPED) return status;
     if (status == COTREE_OK) {
         for (i = 0; i < N; ++i) d->trial[i] = there[i] - rate[i];
-        slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* estimate of the second derivative */
+        slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* second derivative */
         better = cotree_choose(slope <= COTREE_F(1e-15),
                                cotree_larger(ALL(COTREE_F(1e-6)), COTREE_F(1e-3) * step),
                                cotree_exp(EXPONENT * cotree_log(COTREE_F(0.01) / slope)));

@@ -100,7 +100,7 @@ cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void
 }
 #endif
 
-#define FAILURE_FACTOR COTREE_F(0.25) /* factor of the step size after a failure of the right-hand side */
+#define FAILURE_FACTOR COTREE_F(0.25) /* step size factor after a failed right-hand side */
 
 /* Set the end time and the direction of integration. */
 static void set_goal(integrator *d, cotree_real t_stop)
