@@ -1,1 +1,1 @@
-"""The scalar language: interned nodes, their derivatives and their evaluation."""
+"""Scalar expression graphs: interned nodes, their derivatives and their evaluation."""

@@ -1,8 +1,8 @@
-"""Detection of jumps, from the limits of values on both sides.
+"""Detection of jumps by comparing values on both sides of a point.
 
-In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
-(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps; for other
-conditions, whether it jumps along random motions, at random values of the parameters; and for one
+In: a node that depends on time, parameters and further symbols. Out: for time events
+(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps at these; for other
+conditions, whether the value jumps along random motions with random parameters; for a single
 condition, whether both branches agree at all of its zeros.
 """
 
@@ -26,37 +26,37 @@ if TYPE_CHECKING:
 #: Type of the compared values: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
 
-# Operations that may jump if their argument is zero, or an integer.
+# Operations that may jump where their first argument is zero or an integer.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
-# Distance from a time at which a value is evaluated on both sides, as a fraction of the time: about
-# a thousand roundings, and less than any edge that double precision resolves well; and the distance
-# at time zero, [s].
+# Distance from a time at which values are compared, as a fraction of the time: about a thousand
+# rounding errors, and less than any pulse edge that double precision resolves well; and distance
+# from time zero, [s].
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
-# A change across a time is a jump if it exceeds this multiple of the changes on both sides, which
-# are due to slopes. Changes below this fraction of the value are rounding errors.
+# A change across a time is a jump if it exceeds the first number times the changes on both sides,
+# which are due to slopes, and the second number times the value, which is due to rounding.
 _STEEP, _ROUNDING = 10.0, 1e-10
 
-# Number of random points tried at which a condition is zero, and number of points that must show
-# that both sides agree.
+# Number of random points on a boundary that are examined, and number of points at which both sides
+# must agree.
 _N_TRIALS, _N_SHOWN = 600, 12
 
-# Range of magnitudes of random values, as powers of ten. Every third value is close to a constant
-# of the law.
+# Range of magnitudes of random values, as powers of ten. A third of the values is close to a
+# constant of the law instead.
 _SIZES = (-3.0, 1.5)
 
-# Both sides are compared at these distances from the boundary, relative to the value that is moved.
-# The difference must decrease with each distance by at least this factor, or fall to this fraction
-# of the largest value, which is rounding. A fifth root of the distance decreases fast enough; a
-# jump does not decrease.
+# Distances from a boundary at which both sides are compared, relative to the value that is moved.
+# The difference must decrease at each distance by at least the factor _FALLS, or fall to the
+# fraction _FLOOR of the largest value, which is rounding. The fifth root of the distance decreases
+# fast enough, while a jump does not decrease.
 _DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 _FALLS, _FLOOR = 0.5, 1e-12
 
 _MOST_SECANTS = 30
 
-# Times are sampled on both sides of zero between these two, [s], each a sixth longer than the
-# previous one. Then the number of times, and the number of motions examined.
+# Shortest and longest sampled time on both sides of zero, [s]; number of times, each a sixth longer
+# than the previous one; and number of motions.
 _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
@@ -66,11 +66,11 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
     for stop in find_time_events(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
-            # The first time may be special, such as the start of a source.
+            # The first time may be a special one, such as the start of a source.
             times.append(stop.first + stop.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
-            # Two values on each side: their difference is the slope that a jump must exceed.
+            # The difference between the two values on a side is due to a slope.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             values = [substitute([value], {time: side})[0] for side in sides]
             # A dictionary is used as an ordered set: equal margins are one node.
@@ -79,41 +79,41 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
 
 
 def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
-    """Return the largest change that is not a jump, minus the middle change of four values."""
+    """Return the largest change that is not a jump, minus the change between the middle values."""
     a, b, c, d = values
     allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
 
 
 def have_time_events(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
-    """Return whether all conditions at which a value may jump have time events."""
+    """Return whether time events are known for all conditions at which a value may jump."""
     known = time_events_within(dag, [value])
     return all(known.get(node) for node in _conditions(value, moving))
 
 
 def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
-    """Return whether a value jumps at one of its time events, or has no value there.
+    """Return whether a value jumps, or is undefined, at one of its time events.
 
-    Its symbols are continuous in time; random values are tried.
+    Other symbols are continuous in time; they have random values.
     """
-    # A fixed seed gives the same answer at each run.
+    # With a fixed seed, the result is the same in each run.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
         place = _motion(found, (), time, numbers)
-        # Written so that nan, an undefined value, counts as a jump.
+        # The negation ensures that nan, an undefined value, counts as a jump.
         if not all(_value(margin, place, 0.0) >= 0.0 for margin in found):
             return True
     return False
 
 
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
-    """List the conditions at which a value may jump and that depend on variables."""
+    """Return the conditions that depend on symbols ``moving``, and at which a value may jump."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]
     return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Return whether a value jumps along a motion, or has a condition that none crosses."""
+    """Return whether a value jumps along a random motion, or a condition is never crossed."""
     conditions = _conditions(value, moving)
     numbers = random.Random(1)
     met: set[Node] = set()
@@ -124,14 +124,14 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
                 met.add(condition)
                 if _jumps(value, motion, t):
                     return True
-    # A condition that no sampled motion crosses cannot be assessed, and counts as a jump.
+    # A condition that no motion crosses cannot be assessed and counts as a jump.
     return len(met) < len(conditions)
 
 
 def _motion(
     roots: Sequence[Node], moving: Sequence[Node], time: Node, numbers: random.Random
 ) -> Callable[[float], Mapping[Node, float]]:
-    """Make random straight motions of the varying symbols, and random values of parameters."""
+    """Return a random motion, linear in time, of the symbols ``moving``; others are constant."""
     symbols = [symbol for symbol in symbols_in(roots) if symbol is not time]
     starts = {symbol: numbers.uniform(0.3, 2.0) for symbol in symbols}
     rates = {
@@ -145,7 +145,7 @@ def _motion(
 
 
 def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> float:
-    """Evaluate a node along a motion; nan if it has no value."""
+    """Evaluate a node along a motion; return nan if it is undefined."""
     try:
         return float(evaluate([node], motion(t))[0])
     except (ArithmeticError, ValueError):
@@ -155,7 +155,7 @@ def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float
 def _crossings(
     condition: Node, motion: Callable[[float], Mapping[Node, float]], most: int = 4
 ) -> list[float]:
-    """Find times at which a condition changes, to rounding; only the first few."""
+    """Return the first times at which a condition changes along a motion, exact to rounding."""
     looked = condition.args[0]
 
     def side(t: float) -> float:
@@ -164,7 +164,7 @@ def _crossings(
             return value
         return floor(value) if condition.op == "floor" else math.copysign(1.0, value)
 
-    # Geometric spacing, since the time scale of a scene is unknown here.
+    # The spacing of times is geometric, since the time scale of the scene is unknown.
     ratio = (_LONGEST / _SHORTEST) ** (1.0 / _N_TIMES)
     ahead = [_SHORTEST * ratio**k for k in range(_N_TIMES)]
     times = [*(-t for t in reversed(ahead)), 0.0, *ahead]
@@ -174,10 +174,10 @@ def _crossings(
         a, b, before = times[i], times[i + 1], sides[i]
         if len(found) == most:
             break
-        # Without a value on one side there is nothing to compare.
+        # If a side is undefined, there is no change.
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
-        # Bisection to neighbouring doubles.
+        # Bisect until a and b are neighbouring doubles.
         while a < (middle := 0.5 * (a + b)) < b:
             a, b = (middle, b) if side(middle) == before else (a, middle)
         found.append(b)
@@ -185,15 +185,15 @@ def _crossings(
 
 
 def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> bool:
-    """Compare the values on both sides of a time; see :func:`margins`."""
+    """Return whether a value jumps at a time; see :func:`margins`."""
     way = _NEAR * abs(t) + _NEAR_ZERO
     values = [_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0)]
-    # Written so that nan counts as a jump.
+    # The negation ensures that nan counts as a jump.
     return not _margin(values, abs) >= 0.0
 
 
 def kink_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
-    """List the symbols of ``moving`` on which the kinks of a continuous value depend."""
+    """Return the symbols in ``moving`` on which the kinks of a continuous value depend."""
     order = reachable([node])
     changing = dependent(order, moving)
     looked_at = [
@@ -205,26 +205,26 @@ def kink_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
 
 
 def agree_at(above: Node, below: Node, boundary: Node) -> bool:
-    """Return whether both branches at a boundary agree at all zeros of the boundary.
+    """Return whether two branches agree at all zeros of a boundary.
 
-    If substituting zero for the boundary, or one of its terms by the others, does not make the
-    branches one node, they are compared at random points on the boundary. A point at which they
-    differ disproves continuity. So does a further condition of theirs of which one side was never
-    reached, unless it has the same value at all points.
+    They do if they become the same node when zero is substituted for the boundary, or one of its
+    terms is replaced by the others. Otherwise they are compared at random points on the boundary.
+    The result is false if they differ at one point, or if the points cover only one side of a
+    further condition in them, unless this condition has the same value at all points.
     """
     return _folds(above - below, boundary) or _Boundary(above, below, boundary).is_continuous()
 
 
 def _folds(difference: Node, boundary: Node) -> bool:
-    """Return whether a difference folds to zero if a boundary is zero."""
+    """Return whether a difference folds to the constant zero where a boundary is zero."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
-    except (ArithmeticError, ValueError):  # the expression is undefined there
+    except (ArithmeticError, ValueError):  # undefined at the boundary
         return False
 
 
 def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
-    """List different substitutions, each of which makes a value zero."""
+    """Return different substitutions, each of which makes a value zero."""
     dag = value.dag
     ways: list[dict[Node, Node]] = [{value: dag.zero}]
     while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
@@ -233,7 +233,7 @@ def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
     if value.op in ("add", "sub"):
         a, b = value.args
         for one, other in ((a, b), (b, a)):
-            # A term may be replaced by the other one if it does not occur in it.
+            # A term may be replaced by the other one unless it occurs in it.
             if one.value is None and one not in reachable([other]):
                 ways.append({value: dag.zero, one: -other if value.op == "add" else other})
     return ways
@@ -245,8 +245,7 @@ class _Boundary:
     def __init__(self, above: Node, below: Node, boundary: Node) -> None:
         order = reachable([boundary, above, below])
         self._symbols = symbols_in(order)
-        # Parameters are constant during a run: if the boundary is zero only for a special parameter
-        # value, it need not be tested.
+        # Parameters are constant during a run, so they are moved only if there are no variables.
         looked_at = symbols_in([boundary])
         self._moved = [symbol for symbol in looked_at if symbol.data[0] != PARAMETER] or looked_at
         own = _argument(boundary)
@@ -259,7 +258,7 @@ class _Boundary:
         self._numbers = random.Random(1)
 
     def is_continuous(self) -> bool:
-        """Return whether no point shows a jump, and enough of them show continuity."""
+        """Return whether both branches agree at all points on the boundary, and these suffice."""
         n_shown, met = 0, [set[float]() for _ in self._conditions]
         for trial in range(_N_TRIALS if self._moved else 0):
             moved = self._moved[trial % len(self._moved)]
@@ -290,9 +289,10 @@ class _Boundary:
             return [math.nan] * len(self._roots)
 
     def _compare(self, place: dict[Node, float], moved: Node) -> tuple[bool, list[float]] | None:
-        """Compare both branches near the boundary, and list the other conditions there.
+        """Return whether both branches agree near the boundary, and the values of other conditions.
 
-        None: moving this symbol does not reach the boundary, or a branch has no value near it.
+        Returns None if the boundary is not reached by moving this symbol, or if a branch is
+        undefined near it.
         """
         scale, at = abs(place[moved]), self._solve(place, moved)
         if at is None:
@@ -316,7 +316,7 @@ class _Boundary:
         return is_met, values
 
     def _solve(self, place: dict[Node, float], moved: Node) -> float | None:
-        """Find a zero of the boundary along one symbol by the secant method."""
+        """Search for a zero of the boundary along one symbol by the secant method."""
 
         def boundary(at: float) -> float:
             return self._evaluated({**place, moved: at})[0]
@@ -336,13 +336,13 @@ class _Boundary:
 
 
 def _argument(node: Node) -> Node:
-    """Return a condition without its sign and its factor."""
+    """Return a condition without its sign and constant factor."""
     while node.op == "neg" or (node.op == "mul" and node.args[0].value is not None):
         node = node.args[-1]
     return node
 
 
 def _is_covered(values: set[float]) -> bool:
-    """Return whether a condition was evaluated on both sides of zero, or is constant."""
+    """Return whether the values of a condition are on both sides of zero, or are constant."""
     low, high = min(values), max(values)
     return low < 0.0 < high or high - low <= _FLOOR * max(abs(low), abs(high))

@@ -1,4 +1,4 @@
-"""Times at which integration restarts, as numbers; :mod:`cotree.dag.time_events` finds them."""
+"""Times at which integration restarts, which :mod:`cotree.dag.time_events` finds."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RestartTimes:
-    """Times at which integration restarts, ascending, with their derivatives along m directions."""
+    """Ascending times at which integration restarts, with derivatives along m directions."""
 
     times: FloatArray
     slopes: FloatArray  # derivatives of the times along each direction
-    #: Largest difference of the derivatives among coinciding time events.
+    #: Largest difference between the derivatives of coinciding time events.
     spreads: FloatArray
-    #: Largest magnitude of the first time of a periodic event, [s]; it determines the rounding
+    #: Largest magnitude of the first times of periodic events, [s], which determines the rounding
     #: errors.
     scale: float = 0.0
 
@@ -30,17 +30,17 @@ class RestartTimes:
 
     @classmethod
     def none(cls) -> RestartTimes:
-        """Return an empty list."""
+        """Return an object without times."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
 
     @property
     def moved(self) -> RestartTimes:
-        """The time events whose time, or that of a coinciding one, moves along some direction."""
+        """The time events that have a nonzero derivative, or coincide with one that has."""
         moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
         return RestartTimes(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 
     def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return which times are time events, with slopes and spreads (zero for others)."""
+        """Return a mask of the times that are time events, and slopes and spreads of all times."""
         shape = (len(times), self.slopes.shape[1])
         slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
         if len(self):

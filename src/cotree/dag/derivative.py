@@ -1,12 +1,12 @@
-"""Derivatives of a program: forward (tangents) and reverse (adjoints) over its nodes.
+"""Derivatives of nodes: forward (tangents) and reverse (adjoints).
 
-They are used for component laws, expressions, and the independent check of the sensitivity graphs;
-the sensitivity equations themselves come from the graphs (:mod:`cotree.sensitivity`).
+They are used for component laws, expressions, and an independent check of the sensitivity graphs,
+from which the sensitivity equations follow (:mod:`cotree.sensitivity`).
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
 in one branch, in which the chain rule multiplies an infinite slope by zero. The derivative is zero
-there, the end of the branch included. At the zero of its condition, a selection has the derivative
-of the side without a root that ends there, as in ``where(x < 0, 0, x*sqrt(x))``.
+in such a branch, including its end. If a root ends at the zero of a selection's condition, as in
+``where(x < 0, 0, x*sqrt(x))``, the derivative at this zero is that of the other side.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from cotree.dag.operations import OPERATIONS
 
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Maximum number of branches of a value that are kept, constants first.
+#: Maximum number of branches of a value that are stored, constants first.
 _MOST_BRANCHES = 16
 
-#: Number of random points at which sums are evaluated. A sum that is below this fraction of its
-#: terms at all points counts as zero.
+#: Number of random points at which sums are evaluated, and the fraction of its terms below which a
+#: sum counts as zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
@@ -41,8 +41,8 @@ def _excess_of_arcsine(x: Node) -> Node:
     return x.dag.function("abs", x) - 1.0
 
 
-#: Operations that have a value but no finite derivative at some arguments. Each function forms an
-#: expression that is nonnegative at these.
+#: Operations with a value but without a finite derivative at certain arguments. Each function forms
+#: an expression that is nonnegative at these arguments.
 SINGULAR: dict[str, Callable[..., Node | None]] = {
     "sqrt": lambda x: -x,
     "log": lambda x: -x,
@@ -58,9 +58,9 @@ _OF_POSITIVE = frozenset({"sqrt", "log", "pow"})
 
 
 def _is_nonnegative(node: Node, *, is_strict: bool = False) -> bool:
-    """Return whether a value is a sum of squares and of constants above zero.
+    """Return whether a value is a sum of squares and nonnegative constants.
 
-    ``is_strict``: one of these constants is positive.
+    If ``is_strict``, one of the constants must be positive.
     """
     if node.value is not None:
         return node.value > 0.0 or (node.value == 0.0 and not is_strict)
@@ -82,23 +82,23 @@ def is_singular(op: str, args: Sequence[Node]) -> bool:
 
 
 class Clips:
-    """Terms of the chain rule for operations whose arguments are constant in some branch.
+    """Terms of the chain rule for operations whose arguments are constant in one of their branches.
 
-    One object serves one traversal of a program. Terms of all other operations are plain products.
-    ``replacements`` are nodes that later replace symbols and may have branches, too.
+    An object is used for one traversal. Terms of all other operations are plain products.
+    ``replacements`` are nodes that will replace symbols and may also have branches.
     """
 
     def __init__(self, replacements: Mapping[Node, Node]) -> None:
         self._replacements = replacements
-        # Branches are formed in a separate arena, so that node numbers do not change.
+        # Branches are formed in a separate graph, so that node numbers do not change.
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
         self._has_ends: dict[Node, bool] = {}
-        self._random = random.Random(1)  # fixed seed: the same points in each run
+        self._random = random.Random(1)  # the fixed seed ensures the same points in each run
 
     def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
-        """Form a partial derivative of an operation times the derivative of its argument."""
+        """Form the product of a partial derivative and the derivative of the argument."""
         term, dag = partial * d_arg, node.dag
         if node.op not in SINGULAR or term.is_zero:
             return term
@@ -108,7 +108,7 @@ class Clips:
         return term if condition is None else dag.select(condition, dag.zero, term)
 
     def reverse(self, node: Node, partial: Node, weight: Node) -> Node:
-        """Form a partial derivative of an operation times the adjoint of its value."""
+        """Form the product of a partial derivative and the adjoint of the operation."""
         term, dag = partial * weight, node.dag
         if (node.op not in SINGULAR and node.op != "div") or term.is_zero:
             return term
@@ -119,9 +119,9 @@ class Clips:
         return term if condition is None else dag.select(condition, dag.zero, term)
 
     def select(self, node: Node, above: Node, below: Node) -> Node:
-        """Form the result of a selection between values that belong to its sides.
+        """Form a selection between derivatives of the two sides of the selection ``node``.
 
-        At the zero of the condition it is the value of the side whose domain does not end there.
+        At the zero of the condition, the side whose domain does not end there is selected.
         """
         condition, *sides = node.args
         ends = above is not below and self._ends_at(condition, sides[0])
@@ -130,13 +130,13 @@ class Clips:
         return node.dag.select(condition, above, below)
 
     def reaches(self, node: Node) -> bool:
-        """Return whether the chain rule has no derivative at the end of a branch of a value."""
+        """Return whether the chain rule fails at the end of a branch of a value."""
         if node.op == "select":
             return self._ends_at(*node.args[:2])
         return node.op in SINGULAR and self._reached(node) is not None
 
     def _ends_at(self, condition: Node, side: Node) -> bool:
-        """Return whether the domain of a root, or the like, in a branch ends at a boundary."""
+        """Return whether the domain of a singular operation in a branch ends at a boundary."""
         known = self._has_ends
         for node in reachable([side], stop=known):
             known.setdefault(node, node.op in SINGULAR or any(known[arg] for arg in node.args))
@@ -148,7 +148,7 @@ class Clips:
             try:
                 if is_singular(node.op, substitute(node.args, way)):
                     return True
-            except (ArithmeticError, ValueError):  # the expression is undefined there
+            except (ArithmeticError, ValueError):  # undefined at the boundary
                 continue
         return False
 
@@ -164,7 +164,7 @@ class Clips:
         return form(*node.args) if found else None
 
     def _may_be_constant(self, node: Node) -> bool:
-        """Return whether a branch that may be singular lacks a symbol that another one has."""
+        """Return whether a branch that may be singular lacks a symbol of another branch."""
         if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
             return False
         branches = [self._of(arg) for arg in node.args]
@@ -172,16 +172,16 @@ class Clips:
             return False
         formed = [SINGULAR[node.op](*args) for args in product(*branches)]
         sets = [set(symbols_in([excess])) for excess in formed if excess is not None]
-        # Constants without symbols are certainly not singular here.
+        # Branches without symbols are constants, which are not singular.
         return any(own and own != set().union(*sets) for own in sets)
 
     def _of(self, root: Node) -> tuple[Node, ...]:
-        """List the branches of a value, in the separate arena."""
+        """Return the branches of a value in the separate graph."""
         known = self._branches
         if root not in known:
             for node in reachable([root], stop=known):
                 if node not in known:
-                    # The symbol's replacement may be this node itself.
+                    # A symbol may be replaced by this node itself.
                     found = self._formed(node)
                     known.setdefault(node, found)
         return known[root]
@@ -204,14 +204,14 @@ class Clips:
         for args in product(*given):
             try:
                 branch = own.rebuild(node, args)
-            except (ArithmeticError, ValueError):  # these branches have no value
+            except (ArithmeticError, ValueError):  # these branches are undefined
                 continue
             is_sum = node.op in ("add", "sub") and len(given[0]) + len(given[1]) > 2
             made.append(own.zero if is_sum and self._cancels(branch) else branch)
         return _kept(made) or (own.symbol("undefined", node.index),)
 
     def _cancels(self, total: Node) -> bool:
-        """Return whether the two terms of a sum are opposite at random places."""
+        """Return whether the two terms of a sum cancel at all random points."""
         if total.op not in ("add", "sub"):
             return False
         terms = [self._valued(arg) for arg in total.args]
@@ -219,7 +219,7 @@ class Clips:
         return all(abs(c) <= _ROUNDING * (abs(a) + abs(b)) for c, a, b in sums)
 
     def _valued(self, root: Node) -> tuple[float, ...]:
-        """Evaluate a branch at random points; nan if it has no value."""
+        """Evaluate a branch at random points; results are nan where it is undefined."""
         known = self._values
         for node in reachable([root], stop=known):
             if node in known:
@@ -251,7 +251,7 @@ def _d_abs(node: Node) -> Node:
 
 
 def _d_tan(node: Node) -> Node:
-    # 1 + tan^2, from the value itself, without another call.
+    # 1 + tan^2 uses the value and needs no other function.
     return node * node + 1.0
 
 
@@ -262,14 +262,14 @@ def _d_asin(node: Node) -> Node:
 
 def _d_pow_base(node: Node) -> Node:
     base, exponent = node.args
-    # Not exponent * node / base, which is undefined at a base of zero.
+    # exponent * node / base would be undefined at a base of zero.
     return exponent * node.dag.pow(base, exponent - 1.0)
 
 
 def _d_pow_exponent(node: Node) -> Node:
     dag = node.dag
-    # Zero to a positive power is zero, although the logarithm has no value: a species that is
-    # absent at the start occurs in Hill's law. Zero to the power of zero is one.
+    # At a base of zero the derivative is zero for positive exponents, although the logarithm is
+    # undefined: in Hill's law, a species may be absent at the start. (Zero to the power 0 is one.)
     is_zero = -dag.function("abs", node)
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
@@ -284,8 +284,8 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives by operation, one for each argument; None if it is zero. A selection has the
-#: derivative of the selected branch; events handle jumps of its condition.
+#: Partial derivatives of each operation by its arguments; None if they are zero. The derivative of
+#: a selection is that of the selected branch; events handle jumps at the zero of its condition.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -314,7 +314,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
 
 
 def _of_table(node: Node) -> Jacobian:
-    return [{0: results(node, 2)[1]}, {}]  # the derivative of the slope is zero almost everywhere
+    return [{0: results(node, 2)[1]}, {}]  # the slope is piecewise constant
 
 
 def _of_lookup(node: Node) -> Jacobian:
@@ -323,7 +323,7 @@ def _of_lookup(node: Node) -> Jacobian:
 
 
 def _of_sines(node: Node) -> Jacobian:
-    # The results are the sines, then the cosines: d sin = cos, d cos = -sin.
+    # The results are the sines, then the cosines.
     n = len(node.args)
     values = results(node, 2 * n)
     return [*({i: values[n + i]} for i in range(n)), *({i: -values[i]} for i in range(n))]
@@ -333,14 +333,14 @@ def _of_call(node: Node) -> Jacobian:
     function: Function = node.data
     if function.partials is None:
         raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
-    # The matrix of partials is flat: one row of n_arguments entries for each result.
+    # The results of ``partials`` are the rows of the Jacobian, one for each result of the function.
     flat, width = call(node.dag, function.partials, node.args), len(node.args)
     rows = (flat[width * i : width * (i + 1)] for i in range(function.n_results))
     return [dict(enumerate(row)) for row in rows]
 
 
-#: Partial derivatives of operations with several results. Those of linear systems and of maps are
-#: never formed: these are solved and applied again.
+#: Partial derivatives of operations with several results. Linear systems and maps are not among
+#: them, since they are solved or applied again instead.
 _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
     "table": _of_table,
     "lookup": _of_lookup,
@@ -350,7 +350,7 @@ _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
 
 
 def _tangents_of_several(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Differentiate all results of a node forward, from the tangents of its arguments."""
+    """Return the tangents of all results of a node, given the tangents of its arguments."""
     if node.op == "solve":
         return _tangents_of_solution(node, along)
     if node.op == "map":
@@ -363,7 +363,7 @@ def _tangents_of_several(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Differentiate all results of a node in reverse: by its arguments, from their weights."""
+    """Return the adjoints of the arguments of a node, given the weights of its results."""
     if node.op == "solve":
         return _adjoints_of_solution(node, weights)
     if node.op == "map":
@@ -378,22 +378,22 @@ def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
 def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     """Solve A dx = db - dA x, with the matrix of the node itself."""
     dag, n = node.dag, node.data.size
-    # The arguments are the matrix row by row, the right-hand side, sizes if any, and the reference;
-    # see cotree.dag.multi_output.solve.
+    # The arguments are the rows of the matrix, the right-hand side, sizes if any, and the reference
+    # (cotree.dag.multi_output.solve).
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
     right = list(along[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - along[n * i + j] * x[j]
-    # Matrix, sizes and reference are the node's own: C then factorises once for the value and all
-    # its derivatives, and they agree on the rank.
+    # Matrix, sizes and reference are those of the node, so that C factorises once for the value and
+    # its derivatives, with the same rank.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return [*solved[:n], dag.zero, dag.zero]  # derivatives of rank and acceptance
 
 
 def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Solve the transposed system: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
+    """Solve the transposed system for the adjoints: b_bar = A^-T x_bar, A_bar = -b_bar x^T."""
     dag, n = node.dag, node.data.size
     transposed = [[node.args[n * j + i] for j in range(n)] for i in range(n)]
     b_bar = solve(dag, transposed, weights[:n], node.args[-1], node.data, sizes_of(node))[:n]
@@ -403,10 +403,10 @@ def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
 
 
 def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of one column, and substitute the values of each column."""
+    """Differentiate the statements of a map, and substitute the values of each column."""
     linear: LinearMap = node.data
     changes = [node.dag.symbol(CHANGE, i) for i in range(len(linear.inputs))]
-    # The statements of one column are differentiated once, for any number of columns.
+    # The statements are differentiated once for all columns.
     once = tangents(linear.results, dict(zip(linear.inputs, changes, strict=True)))
     symbols, found = [*linear.inputs, *changes], []
     for own, d in zip(linear.given_to(node.args), linear.given_to(along), strict=True):
@@ -415,7 +415,7 @@ def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Differentiate the statements of one column in reverse, and substitute those of each."""
+    """Differentiate the statements of a map in reverse, and substitute each column's values."""
     linear: LinearMap = node.data
     n, n_shared = len(linear.results), linear.n_shared
     changes = [node.dag.symbol(CHANGE, i) for i in range(n)]
@@ -424,7 +424,7 @@ def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
     for j, own in enumerate(linear.given_to(node.args)):
         given = [*own, *weights[n * j : n * (j + 1)]]
         back = substitute(once, dict(zip(symbols, given, strict=True)))
-        # Shared values receive the sum of the adjoints of the columns.
+        # The adjoint of a shared value is the sum over all columns.
         shared = [a + b for a, b in zip(shared, back[:n_shared], strict=True)]
         rest += back[n_shared:]
     return [*shared, *rest]
@@ -435,18 +435,18 @@ def tangents(
     seed: Mapping[Node, Node],
     replacements: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[Node]:
-    """Differentiate forward: the derivative of each root in the direction of the seed.
+    """Return the derivative of each root along the direction ``seed``.
 
     Parameters
     ----------
     roots : sequence of Node
         The values to differentiate.
     seed : mapping of Node to Node
-        Derivative of each symbol; symbols that are absent are constant. Other values may be
-        seeded too: their own arguments are then not followed.
+        Derivatives of symbols, or of other nodes, whose arguments are then ignored. Absent symbols
+        are constant.
     replacements : mapping of Node to Node
-        What will be substituted for some symbols in the derivatives, so that roots of what is
-        clipped there are known (:mod:`cotree.dag.derivative`).
+        Nodes that will be substituted for symbols in the derivatives, and may have constant
+        branches (:mod:`cotree.dag.derivative`).
 
     Returns
     -------
@@ -469,14 +469,12 @@ def tangents_along(
     seeds: Sequence[Mapping[Node, Node]],
     replacements: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[dict[int, Node]]:
-    """Differentiate forward along several directions at once; return nonzero derivatives.
+    """Return the nonzero derivatives of each root along several directions, by direction index.
 
-    The result has for each root its derivatives by number of the direction. For seeds and
-    ``replacements`` see :func:`tangents`; a value seeded by one direction is constant along the
-    others unless they seed it, too.
+    See :func:`tangents` for the parameters. A node in the seed of one direction is constant along
+    the directions whose seeds do not contain it.
     """
-    # A value with a zero seed still gets a row: it is constant along every direction, and its
-    # arguments are not visited.
+    # A node with a zero seed also has a row, so that its arguments are not visited.
     seeded: dict[Node, dict[int, Node]] = {}
     for i, seed in enumerate(seeds):
         for node, d in seed.items():
@@ -527,12 +525,12 @@ def _tangent(node: Node, d_args: Sequence[Node], clips: Clips) -> Node:
 
 
 def tangent(root: Node, seed: Mapping[Node, Node]) -> Node:
-    """Differentiate one value forward; see :func:`tangents`."""
+    """Return the derivative of one root along a direction; see :func:`tangents`."""
     return tangents([root], seed)[0]
 
 
 def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]) -> list[Node]:
-    """Differentiate ``sum(weights * roots)`` in reverse, by each of ``wanted``."""
+    """Return the derivatives of ``sum(weights * roots)`` by ``wanted``, in reverse mode."""
     if not roots:
         return []
     zero = roots[0].dag.zero
@@ -543,7 +541,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
     # In reverse order of evaluation, all users of a value have added to its adjoint before it is
-    # passed on. A node with several results follows all of them, so it is passed on once.
+    # used. A node with several results is visited after all of its results.
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:
@@ -561,7 +559,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                 several[target] = [zero] * n_results
             several[target][node.data] = several[target][node.data] + own
             continue
-        if node.op == "select":  # no product: the other branch may have no value
+        if node.op == "select":  # not a product, since the other branch may be undefined
             _, accepted, refused = node.args
             bar[accepted] = bar.get(accepted, zero) + clips.select(node, own, zero)
             bar[refused] = bar.get(refused, zero) + clips.select(node, zero, own)

@@ -1,9 +1,9 @@
 """Dual numbers: a value with its derivative along one direction.
 
-One formula computes values and derivatives: with nodes it returns values, with duals both. The
-value of a dual may be a node, a vector or a matrix. Values that are constant along the direction
-stay plain, so that no derivatives are formed for them; static types are those of the values that
-duals replace.
+The same formula computes values if its arguments are nodes, and also derivatives if they are duals.
+The value of a dual may be a node, a vector or a matrix. Values that are constant along the
+direction are not duals, so no derivatives are formed for them. Static types are those of the values
+that duals replace.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Form = TypeVar("Form", bound="Callable[..., Any]")
 
 
 class Dual(Node):
-    """A value and its derivative: nodes, vectors or matrices of nodes.
+    """A value and its derivative: nodes, or vectors or matrices of nodes.
 
-    Operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices. It
-    is a subclass of node, so that Python calls its operators first in expressions of nodes and
-    duals.
+    The operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices.
+    The class is derived from Node, so that Python calls its operators first in expressions of nodes
+    and duals.
     """
 
     __slots__ = ("d",)
@@ -37,7 +37,7 @@ class Dual(Node):
 
     def __init__(self, value: Any, d: Any) -> None:
         self.value = value
-        self.d = d  # The dual itself is not in an arena, only its parts are.
+        self.d = d  # a dual is not in a graph, only its parts are
 
     def __getitem__(self, i: int) -> Any:
         return varied(self.value[i], self.d[i])
@@ -47,14 +47,13 @@ class Dual(Node):
 
     @property
     def is_zero(self) -> bool:
-        """Return whether it is the constant zero; a dual is not."""
+        """Whether this is the constant zero, which duals are not."""
         return False
 
     def __add__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value + other.value, self.d + other.d)
-        # A dual's derivative is never structurally zero. Adding a plain value does not change that,
-        # so no test is needed.
+        # No test is needed: the derivative of a dual is never structurally zero.
         return Dual(self.value + other, self.d)
 
     def __radd__(self, other: Any) -> Any:
@@ -71,7 +70,7 @@ class Dual(Node):
     def __mul__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value * other.value, self.d * other.value + self.value * other.d)
-        # Products are tested: a zero factor makes the derivative vanish.
+        # Products are tested, since the derivative vanishes with a zero factor.
         return varied(self.value * other, self.d * other)
 
     def __rmul__(self, other: Any) -> Any:
@@ -80,7 +79,7 @@ class Dual(Node):
     def __truediv__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             value = self.value / other.value
-            # (u/w)' = (u' - (u/w) w') / w, which reuses the quotient.
+            # (u/w)' = (u' - (u/w) w') / w reuses the quotient.
             return varied(value, (self.d - value * other.d) / other.value)
         return Dual(self.value / other, self.d / other)
 
@@ -93,24 +92,24 @@ class Dual(Node):
 
 
 def varied(value: T, d: T) -> T:
-    """Return a dual, or the plain value if the derivative is zero."""
+    """Return a dual, or only the value if the derivative is zero."""
     return value if _is_zero(d) else Dual(value, d)  # type: ignore[return-value]
 
 
 def is_varied(*parts: Any) -> bool:
     """Return whether any part is a dual."""
-    # A list, since a generator costs more than these few comparisons.
+    # A generator would cost more than these few comparisons.
     return any([part.__class__ is Dual for part in parts])
 
 
 def value_of(a: T) -> T:
-    """Return the value without its derivative."""
+    """Return the value of a dual, or any other value unchanged."""
     value: T = a.value if isinstance(a, Dual) else a
     return value
 
 
 def tangent_of(a: T) -> T:
-    """Return the derivative only; zeros if the value is constant."""
+    """Return the derivative of a dual, or zeros of the same shape for other values."""
     d: T = a.d if isinstance(a, Dual) else _zeros(a)
     return d
 
@@ -118,7 +117,7 @@ def tangent_of(a: T) -> T:
 def _is_zero(d: Any) -> bool:
     if d.__class__ is Node:
         return bool(d is d.dag.zero)
-    for part in d:  # A loop instead of a generator: this is called for every derivative.
+    for part in d:  # faster than a generator, since this is called for every derivative
         if part is not part.dag.zero if part.__class__ is Node else not _is_zero(part):
             return False
     return True
@@ -138,10 +137,10 @@ def _zeros(value: Any) -> Any:
 
 
 def formed(form: Callable[..., T], a: Any, b: Any) -> T:
-    """Form a value from two others, or return it if it has been formed before.
+    """Return ``form(a, b)``, cached in the graph of ``a``.
 
-    Sensitivity graphs need the same products of values for every direction. ``form`` is part of the
-    key, and the arguments are hashable; ``a`` belongs to the arena.
+    Sensitivity graphs need the same products of values for every direction. The arguments are
+    hashable.
     """
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
@@ -174,7 +173,7 @@ def additive(form: Form) -> Form:
                 return varied(formed(form, a.value, b.value), form(a.d, b.d))
             return Dual(formed(form, a.value, b), a.d)
         if b.__class__ is Dual:
-            # The form may be a difference and handles the sign of b' itself.
+            # If the form is a difference, it changes the sign of b'.
             return Dual(formed(form, a, b.value), form(_zeros(a), b.d))
         return form(a, b)
 
@@ -205,23 +204,23 @@ def _plus(a: Any, b: Any) -> Any:
 
 
 def function(name: str, *args: Node) -> Node:
-    """Form a function of nodes or of duals."""
+    """Form a function of nodes or duals."""
     dag = _dag_of(value_of(args[0]))
     if not is_varied(*args):
         return dag.function(name, *args)
-    # The function is differentiated in terms of placeholders, so that one table of partial
-    # derivatives serves nodes and duals; the arguments are then substituted.
+    # The function is differentiated by placeholders, for which the arguments are then substituted,
+    # so that nodes and duals use the same table of partial derivatives.
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
     return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 
 
 def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
-    """Substitute nodes or duals for a formula's arguments.
+    """Substitute nodes or duals for the arguments of a formula.
 
-    ``seed`` has the derivatives of the symbols that are not substituted.
+    ``seed`` contains the derivatives of symbols that are not substituted.
     """
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}
-    # Value and derivative are substituted together: they share most of their nodes.
+    # Value and derivative are substituted together, since they share most of their nodes.
     value, d = substitute([node, tangents([node], along)[0]], values)
     return varied(value, d)

@@ -1,4 +1,4 @@
-"""Evaluation of nodes in Python: on floats, complex numbers or arrays."""
+"""Evaluation of nodes in Python for floats, complex numbers or arrays."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def evaluate(
     roots : sequence of Node
         The nodes to evaluate.
     values : mapping of Node to number
-        The symbols' values; other nodes may be given too, and are then not computed.
+        Values of symbols, and of other nodes that are then not computed.
     numbers : {'real', 'complex_', 'array'}
-        Kind of the values; 'complex_' follows the real part at every branch, for the complex step.
+        Kind of the values; with 'complex_', for complex steps, real parts select branches.
     order : sequence of Node, optional
-        :func:`~cotree.dag.nodes.reachable` of the roots, where it is known already.
+        The result of :func:`~cotree.dag.nodes.reachable` for the roots, if it is known.
 
     Returns
     -------
@@ -45,13 +45,13 @@ def evaluate(
     KeyError
         If a symbol has no value.
     ArithmeticError, ValueError
-        If an operation on complex numbers is undefined at these values. Those on floats give
-        infinities and nan, as C does.
+        If an operation on complex numbers is undefined. Operations on floats return infinities and
+        nan, as in C.
     """
-    # Looked up once, since kernels have thousands of nodes.
+    # The functions are looked up once, since kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
-    # Nothing that a given value depends on is computed.
+    # The arguments of given values are not computed.
     for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
         # A given value may be any node, so it is looked up before the operation is evaluated.
@@ -62,7 +62,7 @@ def evaluate(
         elif op == "symbol":
             if node.data[0] != PIECE:
                 raise KeyError(node.data)
-            known[node] = 0.0  # the flags of frozen branches are zero: no branch is frozen
+            known[node] = 0.0  # no branch is frozen
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

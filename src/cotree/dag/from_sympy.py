@@ -1,4 +1,4 @@
-"""From SymPy to nodes: component laws enter here."""
+"""Conversion of SymPy expressions, such as component laws, to nodes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
-#: A function that forms the node of an expression from those of its symbols.
+#: A function that forms the node of an expression, given the nodes of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 _Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
@@ -21,10 +21,10 @@ _FUNCTIONS = {
 
 
 def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node:
-    """Return a SymPy expression, a law or its derivative, as a node; symbols are ``arguments``.
+    """Return a SymPy expression, a law or its derivative, as a node.
 
-    Raises ValueError if it holds a function that the program has no operation for, or another
-    symbol.
+    ``arguments`` maps its symbols to nodes. Raises ValueError if the expression contains another
+    symbol, or a function without a corresponding operation.
     """
     return _maker(expression)(dag, arguments)
 
@@ -44,7 +44,7 @@ def _maker(expression: Any) -> _Maker:
     if expression.is_Add:
         return lambda dag, arguments: _sum([part(dag, arguments) for part in parts])
     if expression.is_Mul:
-        # SymPy writes a/b as a*b**-1; a division rounds once, a reciprocal and a product twice.
+        # SymPy writes a/b as a*b**-1; a division rounds once, a product with a reciprocal twice.
         inverted = [factor.is_Pow and factor.exp == -1 for factor in expression.args]
         return lambda dag, arguments: _product(
             dag, inverted, [part(dag, arguments) for part in parts]
@@ -87,8 +87,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
-            # A power of -1 was formed as 1/x: use its divisor. If it was folded, it is no longer a
-            # division.
+            # x**-1 was formed as 1/x, whose divisor is used; if it was folded, it is no division.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -96,7 +95,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
 
 
 def _remainder(a: Node, b: Node) -> Node:
-    # The remainder has the sign of b, as in SymPy and in Python; fmod of C has that of a.
+    # The remainder has the sign of b, as in SymPy and Python; that of fmod in C has the sign of a.
     return a - b * a.dag.function("floor", a / b)
 
 
@@ -109,7 +108,7 @@ def _extreme(name: str, args: list[Node], dag: Dag) -> Node:
 
 
 def _piecewise(expression: Any) -> _Maker:
-    """Turn branches on comparisons into selections, last branch first."""
+    """Convert a piecewise expression, whose conditions are comparisons, to nested selections."""
     import sympy
 
     pairs = list(expression.args)
@@ -119,7 +118,8 @@ def _piecewise(expression: Any) -> _Maker:
             "the law has a Piecewise that is undefined elsewhere: "
             "end it with a branch (value, True)"
         )
-    # Branches are tried in order, so selections nest from the last to the first.
+    # The first branch whose condition holds is selected, so selections are nested from the last to
+    # the first branch.
     last = _maker(value)
     branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):
@@ -135,7 +135,7 @@ def _piecewise(expression: Any) -> _Maker:
 
 
 def _chooser(condition: Any) -> _Chooser:
-    """Select by a comparison, or by several that SymPy has joined."""
+    """Return a function that forms a selection by a comparison, or by a logical combination."""
     import sympy
 
     if isinstance(condition, (sympy.Or, sympy.And)):
@@ -157,8 +157,8 @@ def _chooser(condition: Any) -> _Chooser:
 
 
 def _joined(parts: list[_Chooser], is_any: bool) -> _Chooser:
-    # In a chain, each condition is nested in that branch of the previous one which leaves the
-    # result open: in the false branch for "or", in the true branch for "and".
+    # Each condition is nested in the branch of the previous one in which the result is still open:
+    # the false branch for "or", the true branch for "and".
     def choose(dag: Dag, arguments: Mapping[str, Node], accepted: Node, refused: Node) -> Node:
         for part in reversed(parts):
             if is_any:

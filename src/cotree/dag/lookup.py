@@ -1,8 +1,8 @@
-"""Lookup tables: piecewise linear, cubic along one axis, bilinear along two.
+"""Lookup tables: piecewise linear or cubic along one axis, bilinear along two axes.
 
 Each piece of a cubic or bilinear table is a polynomial, and the outermost pieces continue beyond
-the ends. Results are the value and its derivatives, so that a derivative of a result is another
-result of the same node.
+the ends. Results are the value and its derivatives, so a derivative of a result is another result
+of the same node.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Table:
-    """A piecewise linear function, constant outside its range."""
+    """A piecewise linear function that is constant outside its range."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
     y: tuple[float, ...]  # table values at ``x``
@@ -29,23 +29,23 @@ class Table:
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by the name of each row."""
+        """Arrays that C reads, by name."""
         return {"x": self.x, "y": self.y}
 
 
 @dataclass(frozen=True)
 class CubicTable:
-    """A piecewise cubic Hermite function. Results: value, first to third derivative."""
+    """A piecewise cubic Hermite function. Results: value, first to third derivatives."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
     #: Values and first derivatives at ``x``.
     y: tuple[float, ...]
     slopes: tuple[float, ...]
 
-    #: Name of the function in C, and names of its results.
+    #: Name of the C function, and names of its results.
     function = "cotree_cubic"
     results = ("", "slope", "curvature", "third")
-    #: For each result: partial derivatives, which are also results, by index of the argument.
+    #: For each result, the index of the result that is its derivative, by index of the argument.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {0: 2}, {0: 3}, {})
 
     @property
@@ -55,7 +55,7 @@ class CubicTable:
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by the name of each row, those of the axes first."""
+        """Arrays that C reads, by name, those of the axes first."""
         return {"x": self.x, "y": self.y, "slopes": self.slopes}
 
     @np.errstate(all="ignore")
@@ -77,7 +77,7 @@ class CubicTable:
 
 @dataclass(frozen=True)
 class PlaneTable:
-    """A bilinear function of two arguments. Results: value, by x, by y, and by both."""
+    """A bilinear function of two arguments. Results: value, derivatives by x, y and both."""
 
     #: Ascending arguments of both axes, at least two each.
     x: tuple[float, ...]
@@ -95,7 +95,7 @@ class PlaneTable:
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by the name of each row, those of the axes first."""
+        """Arrays that C reads, by name, those of the axes first."""
         return {"x": self.x, "y": self.y, "z": self.z}
 
     @np.errstate(all="ignore")
@@ -110,17 +110,17 @@ class PlaneTable:
 
 @dataclass(frozen=True)
 class HeldTable(Table):
-    """A table whose active interval may be frozen.
+    """A piecewise linear function whose interval may be frozen.
 
-    Arguments: the argument of the table, and the number of the interval, zero if the argument
-    decides. The first interval lies below all points, the last one beyond. Results: value and
-    slope, both ends of the interval, and its number. An infinite end is replaced by one a unit
-    away.
+    Arguments: the argument of the table, and the number of the frozen interval, or zero if the
+    argument selects the interval. The first interval is below all points, the last one above.
+    Results: value and slope, both ends of the interval, and its number. An infinite end is replaced
+    by a point at a distance of one from the argument.
     """
 
     function = "cotree_held_table"
     results = ("", "slope", "low", "high", "piece")
-    # Both ends at a distance of one unit from the argument move with it, and are never reached.
+    # An end at a distance of one moves with the argument and is never reached.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {}, {}, {}, {})
 
     @property
@@ -129,7 +129,7 @@ class HeldTable(Table):
         return (self.x,)
 
     def ends(self, _: int) -> tuple[int, int, int]:
-        """Return the places of both ends and of the interval's number among the results."""
+        """Return the indices of the results that are both ends and the number of the interval."""
         return 2, 3, 4
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
@@ -153,11 +153,11 @@ class HeldTable(Table):
 
 @dataclass(frozen=True)
 class HeldPlane(PlaneTable):
-    """A bilinear function whose active interval along each axis may be frozen.
+    """A bilinear function whose interval along each axis may be frozen.
 
-    Arguments: those of the table, then the numbers of the intervals, zero if the arguments decide.
-    Results: those of :class:`PlaneTable`, then along both axes the ends of the interval, and their
-    numbers.
+    Arguments: those of the table, then the numbers of the frozen intervals, or zero if the argument
+    selects the interval. Results: those of :class:`PlaneTable`, then the ends and the number of the
+    interval along each axis.
     """
 
     function = "cotree_held_plane"
@@ -168,7 +168,7 @@ class HeldPlane(PlaneTable):
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
-        """Return the places of both ends and of the interval's number among the results."""
+        """Return the indices of the results that are both ends and the number of an interval."""
         first = 4 + 3 * axis
         return first, first + 1, first + 2
 
@@ -192,7 +192,7 @@ LookupData = CubicTable | PlaneTable | HeldTable | HeldPlane
 
 
 def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
-    """Evaluate a bilinear piece from the points, the interval and the position on each axis."""
+    """Evaluate a bilinear piece, given the points, interval and position along each axis."""
     (x, i, s), (y, j, u) = given
     z = numbers.reshape(len(x), len(y))
     width, height = x[i + 1] - x[i], y[j + 1] - y[j]
@@ -208,21 +208,21 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 
 def _held(number: Any, own: Any) -> Any:
-    """Return the frozen interval, numbered from one; if it is zero, that of the argument."""
+    """Return the index of the frozen interval, or of that of the argument if none is frozen."""
     held = np.asarray(np.real(number))  # also turns a single number into an array
     return np.where(held == 0.0, own, held.astype(int) - 1)
 
 
 def _piece(x: Any, at: Any) -> Any:
-    """Return the interval that contains an argument; the outermost ones extend to infinity."""
-    # The interval is that of the real part, so that a complex step stays in it.
+    """Return the index of the interval of an argument; the outermost extend to infinity."""
+    # The real part determines the interval, so that complex steps remain in it.
     place = np.real(at)
     piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
     return np.where(np.isnan(place), 0, piece)  # nan is returned, as in C
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
-    """Form the value of a table at a node for each axis."""
+    """Form the value of a table, given a node for each axis."""
     numbers = [arg.value for arg in args]
     if None not in numbers:  # a table with constant arguments is a constant
         return dag.constant(float(data.evaluate(numbers)[0]))

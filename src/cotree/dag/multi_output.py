@@ -1,14 +1,14 @@
 """Nodes with several results: ``solve``, ``table``, ``lookup``, ``call``, ``map``, ``sines``.
 
-Sensitivities to many parameters differ in their input values, not in the operations on them. Such
-statements are stored once, and C applies them to several columns at a time. The arguments of the
-node are the values that all columns share, then the columns one by one; its results are those of
-the first column, those of the second, and so on. If all inputs on which a value depends are zero in
-a column, so is the value, which is then left out.
+A ``map`` applies the same statements to many columns: sensitivities to many parameters differ in
+their input values, not in the operations on these. C processes several columns at a time. The
+arguments of the node are the values that all columns share, then the values of each column; its
+results are those of the first column, then those of the second, and so on. If all inputs on which a
+value depends are zero in a column, the value is zero, too, and is not computed.
 
-Each has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
-:mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. The results
-are read with ``result`` nodes.
+Each operation has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
+:mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. A ``result``
+node reads one of the results.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from cotree.dag.lookup import Table
 
 
-#: Operations allowed in columns; divisions by shared values become products.
+#: Operations that maps consist of; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
-#: Operations that are finite for all finite arguments except for overflow.
+#: Operations that are finite for all finite arguments, apart from overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
-#: Number of columns that C processes together on most machines. Values that are zero in all of
-#: them are omitted.
+#: Number of columns in a block, which C processes together on most machines. Values that are zero
+#: in all columns of a block are not computed.
 BLOCK = 4
 
 
@@ -55,12 +55,11 @@ BLOCK = 4
 class LinearMap:
     """Linear operations that are applied to each column of a matrix."""
 
-    results: tuple[Node, ...]  # functions of the symbols ``(SHARED, i)``, ``(COLUMN, i)``
-    #: Number of values that all columns share, and length of each column.
+    results: tuple[Node, ...]  # functions of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``
+    #: Number of values that all columns share, and number of values in each column.
     n_shared: int
     n_inputs: int
-    #: For each column, the inputs that may be nonzero, as a bit mask with the first input in the
-    #: lowest bit.
+    #: For each column, a bit mask of the inputs that may be nonzero, the first in the lowest bit.
     given: tuple[int, ...]
 
     @property
@@ -70,27 +69,27 @@ class LinearMap:
 
     @cached_property
     def order(self) -> list[Node]:
-        """Every value of one column, in order of evaluation."""
+        """All nodes for one column, in order of evaluation."""
         return reachable(self.results)
 
     @cached_property
     def supports(self) -> dict[Node, int]:
-        """Columns in which each value may be nonzero: as bits, the first lowest.
+        """For each node, a bit mask of the columns in which it may be nonzero, first bit lowest.
 
-        Values that do not depend on a column have none.
+        It is zero for nodes that do not depend on columns.
         """
         own = {
             node: sum(1 << j for j, given in enumerate(self.given) if given >> node.data[1] & 1)
             for node in self.order
             if node.op == "symbol" and node.data[0] == COLUMN
         }
-        # The union over all arguments is conservative: it may include values that are zero, but
-        # never omits nonzero ones.
+        # The union over all arguments is conservative: it may contain columns in which a value is
+        # zero, but lacks none in which it is not.
         return supports_of(self.order, own)
 
     @cached_property
     def counts(self) -> Counter[str]:
-        """Operations of all columns, by kind: each counts in columns with a nonzero result."""
+        """Numbers of operations by kind, each counted once for each column with a nonzero value."""
         counts: Counter[str] = Counter()
         for node in self.statements:
             counts[node.op] += self.supports[node].bit_count()
@@ -98,46 +97,45 @@ class LinearMap:
 
     @cached_property
     def statements(self) -> list[Node]:
-        """Values that are computed for one column."""
+        """The nodes that are computed for each column."""
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
-        """Return the blocks of columns in which a value may be nonzero, as a bit mask."""
+        """Return a bit mask of the blocks of columns in which a node may be nonzero."""
         support, all_of_one = self.supports[node], (1 << BLOCK) - 1
         places = range(0, self.n_columns, BLOCK)
         return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
 
     @cached_property
     def n_times(self) -> int:
-        """Number of times that statements are run, summed over all blocks."""
+        """Total number of statements that are executed for all blocks."""
         return sum(self.blocks(node).bit_count() for node in self.statements)
 
     @property
     def n_results(self) -> int:
-        """Number of results of all columns together."""
+        """Total number of results of all columns."""
         return len(self.results) * self.n_columns
 
     def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:
-        """Return the columns among the arguments of a node."""
+        """Return the columns, given the arguments of a ``map`` node."""
         n, first = self.n_inputs, self.n_shared
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
     @cached_property
     def inputs(self) -> list[Node]:
-        """Symbols of which the results consist: shared values, then those of one column."""
+        """Symbols in the results: those of shared values, then those of a column."""
         dag = self.results[0].dag
         shared = [dag.symbol(SHARED, i) for i in range(self.n_shared)]
         return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
 
     def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
-        """Return the values of :attr:`inputs` in each column, from the arguments of a node."""
+        """Return the values of :attr:`inputs` for each column, given the arguments of the node."""
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the leading inputs that form the argument ``s``, one column after another."""
+        """Count the leading inputs that, column by column, are the kernel argument ``s``."""
         columns, n = self.columns(args), 0
-        # C reads such columns in place, from the argument ``s``; all others are gathered row by
-        # row.
+        # C reads such inputs directly from ``s``; all others are gathered in rows.
         while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
             n += 1
         places = range(self.n_columns * n)
@@ -145,7 +143,7 @@ class LinearMap:
         return n if all(a == b for a, b in zip(places, given, strict=True)) else 0
 
     def evaluate(self, values: Sequence[Any]) -> list[Any]:
-        """Apply the map to numbers, or to arrays of them."""
+        """Apply the map to numbers or arrays."""
         found: list[Any] = []
         for given in self.given_to(values):
             known: dict[Node, Any] = dict(zip(self.inputs, given, strict=True))
@@ -159,7 +157,7 @@ class LinearMap:
 
 
 def _sensitivity(node: Node) -> int:
-    """Return the index of a sensitivity in the argument of kernels; -1 for other nodes."""
+    """Return the index of a sensitivity in the kernel argument ``s``, or -1 for other nodes."""
     is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
     return node.data[1] if is_given else -1
 
@@ -167,17 +165,16 @@ def _sensitivity(node: Node) -> int:
 def form_map(
     dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
-    """Form a map from results that are linear and homogeneous in ``inputs``, or None.
+    """Form a map of results that are linear and homogeneous in ``inputs``, and its shared values.
 
-    Also returns the shared values. ``columns`` are those to which it will be applied, which show
-    the values that are zero. None if an operation is neither a sum nor a product: a linear system
-    that is solved at run time, or a selection that excludes undefined values, as ``where(x > 0,
-    sqrt(x), 0)`` does.
+    The map will be applied to ``columns``, whose zeros it exploits. Returns None if an operation is
+    neither a sum nor a product: a linear system that is solved at run time, or a selection that
+    excludes undefined values, such as ``where(x > 0, sqrt(x), 0)``.
     """
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
     )
-    # Inputs that are zero in all columns fold away before the statements are formed.
+    # Inputs that are zero in all columns are first replaced by zero.
     idle = {
         node: dag.zero for i, node in enumerate(inputs) if not any(bits >> i & 1 for bits in given)
     }
@@ -187,7 +184,7 @@ def form_map(
     results = products
     order = reachable(results)
     among = dependent(order, inputs)
-    # Values that depend on a column; all other values are shared.
+    # Values that depend on the column; all others are shared.
     varying = among - set(inputs)
     if not all(_is_linear(node, among) for node in varying):
         return None
@@ -200,7 +197,7 @@ def form_map(
         for node in order
         if node in varying
         for arg in node.args
-        # Constants stay in the statements, as numbers in C; other shared values become arguments.
+        # Constants remain in the statements; other shared values become arguments of the map.
         if arg not in varying and arg not in own and arg.op != "constant"
     }
     own |= {node: dag.symbol(SHARED, i) for i, node in enumerate(shared)}
@@ -209,17 +206,18 @@ def form_map(
 
 
 def _is_linear(node: Node, varying: Container[Node]) -> bool:
-    """Return whether a value is linear in those of its arguments that vary."""
-    # A product is linear if one factor varies, a sum if all terms do: constants would be affine.
+    """Return whether an operation is linear and homogeneous in its arguments that vary."""
+    # A product is linear if one factor varies, a sum if all terms do.
     times = sum(arg in varying for arg in node.args)
     return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
 
 
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
-    """Turn divisions by shared values, and selections with shared conditions, into products.
+    """Convert divisions by shared values and selections with shared conditions to products.
 
-    Solutions of linear systems with shared matrices become sums of those for unit vectors. None if
-    a selection is not such a product: a weight of zero does not exclude infinity or nan.
+    Solutions of linear systems with shared matrices become sums of those for unit vectors. Returns
+    None if a selection excludes values that may be infinite or nan, which a factor of zero does
+    not.
     """
     varying = set(inputs)
     unsafe: set[Node] = set()
@@ -233,12 +231,12 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
         varying.add(node)
         args = [made.get(arg, arg) for arg in node.args]
         if node.op == "div" and node.args[1] not in varying:
-            # The reciprocal is shared by all columns.
+            # All columns share the reciprocal.
             made[node] = args[0] * (1.0 / args[1])
         elif node.op == "select" and node.args[0] not in varying:
             if any(arg in unsafe for arg in node.args[1:]):
                 return None
-            # A selection with a shared condition is a sum with weights one and zero.
+            # The selection becomes a sum with the weights one and zero.
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
         elif node.op == "result" and _has_shared_matrix(node.args[0], varying):
@@ -246,10 +244,10 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
             if system not in inverses:
                 inverses[system] = _for_unit_vectors(system)
             n = system.data.size
-            # x = A^-1 b, from the columns of the inverse, which all columns of the map share.
+            # x = A^-1 b with the columns of the inverse, which all columns of the map share.
             rhs = [made.get(arg, arg) for arg in system.args[n * n : n * n + n]]
             columns = [solution[node.data] for solution in inverses[system]]
-            # The rank, which follows the unknowns, is that of the matrix only.
+            # The results after the unknowns, such as the rank, depend only on the matrix.
             made[node] = columns[0] if node.data >= n else _product(dag, columns, rhs)
         else:
             made[node] = dag.rebuild(node, tuple(args))
@@ -257,7 +255,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
 
 
 def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
-    """Return whether a node is a linear system of which only the right-hand side varies."""
+    """Return whether a node is a linear system in which only the right-hand side varies."""
     if node.op != "solve":
         return False
     n = node.data.size
@@ -265,7 +263,7 @@ def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
 
 
 def _for_unit_vectors(system: Node) -> list[tuple[Node, ...]]:
-    """Solve a linear system for each unit vector instead of its right-hand side."""
+    """Solve a linear system with each unit vector as right-hand side."""
     dag, n = system.dag, system.data.size
     found = []
     for j in range(n):
@@ -282,24 +280,24 @@ def _product(dag: Dag, row: Sequence[Node], column: Sequence[Node]) -> Node:
 def apply_map(
     dag: Dag, linear: LinearMap, shared: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> list[tuple[Node, ...]]:
-    """Return the results of a map for each column; all columns have the arguments ``shared``."""
+    """Form an application of a map, and return the results of each column."""
     args = [*shared, *(value for column in columns for value in column)]
     flat = dag.several("map", args, linear, linear.n_results)
     n = len(linear.results)
     return [flat[n * j : n * (j + 1)] for j in range(linear.n_columns)]
 
 
-#: Pivots below this fraction of the largest entry, or of the reference of the matrix, count as
-#: zero: a few hundred roundings.
+#: Fraction of the largest entry, or of the reference of the matrix, below which pivots count as
+#: zero: a few hundred machine precisions.
 RANK_TOLERANCE = 1e-13
 
-#: Entries of the null space below this are zero: the unknown is then determined.
+#: An unknown is determined if its entries in the basis of the null space are below this.
 NULL_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class SolveShape:
-    """A linear system: its size, and the requirements on its solution."""
+    """The size of a linear system, and the requirements on its solution."""
 
     size: int  # number of unknowns of the solve
     n_determined: int  # number of leading unknowns that must be unique
@@ -309,13 +307,13 @@ class SolveShape:
 
 @dataclass(frozen=True)
 class Function:
-    """An external function of several arguments and results, called by the generated code."""
+    """An external function of several arguments and results, which generated code calls."""
 
-    name: str  # name in C: ``int name(const double *arguments, double *results)``
+    name: str  # name of ``int name(const double *arguments, double *results)`` in C
     n_results: int  # number of results of the function
-    #: The same function in Python: sequence of floats to sequence of floats.
+    #: The same function in Python, from a sequence of floats to a sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
-    #: Function that returns the partial derivatives, row by row (n_results rows of n_arguments).
+    #: Function that returns the Jacobian as n_results rows of n_arguments entries.
     partials: Function | None = None
 
 
@@ -324,8 +322,8 @@ def solve_pivoted(
 ) -> tuple[Any, int, bool]:
     """Solve a dense linear system by Gaussian elimination with complete pivoting.
 
-    If pivots fall below the tolerance times the largest entry, the minimum-norm solution is
-    returned; a row without a pivot is ignored, which is correct for a consistent system.
+    If pivots are below the tolerance times the largest entry, the minimum-norm solution is
+    returned. Rows without a pivot are ignored, which is correct for consistent systems.
 
     Parameters
     ----------
@@ -334,7 +332,7 @@ def solve_pivoted(
     rhs : array_like, shape (n,)
         The right-hand side.
     reference : float
-        Size of the terms of the entries, where these may be the remainder of a cancellation.
+        Magnitude of the terms in the entries before cancellation.
     shape : SolveShape, optional
         Requirements on the solution; by default all unknowns must be unique.
 
@@ -343,7 +341,7 @@ def solve_pivoted(
     solution : ndarray, shape (n,)
         The unknowns.
     rank : int
-        Number of pivots accepted.
+        Number of accepted pivots.
     is_determined : bool
         Whether the leading unknowns have a unique solution.
     """
@@ -351,15 +349,15 @@ def solve_pivoted(
     b = np.array(rhs, dtype=np.result_type(a, rhs))
     n = len(b)
     columns = list(range(n))
-    # Magnitudes are those of real parts, so that complex steps choose the same pivots.
+    # Real parts determine the pivots, so that complex steps do not change them.
     shape = shape or SolveShape(n, n)
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
-        # Complete pivoting makes the rank most reliable.
+        # With complete pivoting, the rank is most reliable.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
-        # Written so that nan ends the elimination.
+        # The negation ensures that nan ends the elimination.
         if not abs(a[row, column].real) > smallest:
             break
         a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
@@ -369,16 +367,16 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
-    # If the system is consistent, the rows after the last pivot are rounding errors, and are
-    # ignored.
+    # The rows after the last pivot are ignored: if the system is consistent, they are rounding
+    # errors.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
     if rank == n:
         return solution, rank, True
-    # The null space, from which the minimum-norm solution is computed.
+    # The null space is needed for the minimum-norm solution: each free unknown is set to one in
+    # turn, and the unknowns with pivots follow from U x = -A_free.
     free = np.zeros((n, n - rank), dtype=a.dtype)
-    # Each free unknown is set to one in turn, and those with pivots follow from U x = -A_free.
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
     basis, _ = np.linalg.qr(free.real)
@@ -395,11 +393,11 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # A row of zeros, such as a constraint that no motion changes at one position, is not scaled.
+    # Rows with size zero, such as a constraint that no motion violates in a position, become zero.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
-    # With S = diag(scales) the system S A S y = S b is solved, and x = S y. Symmetry is preserved;
-    # in a singular system the norm of y is the smallest.
+    # With S = diag(scales), S A S y = S b is solved, and x = S y. Symmetry is preserved; in a
+    # singular system, the norm of y is minimal.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
@@ -407,7 +405,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
-    # Each entry of an array is looked up separately.
+    # The entries of an array are looked up one by one.
     if np.ndim(x):
         rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
         return rows
@@ -416,7 +414,7 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
         return [table.y[0], 0.0]
     if place >= table.x[-1]:
         return [table.y[-1], 0.0]
-    # Like C, nan uses the first interval, which then returns nan.
+    # As in C, the first interval is used for nan, and the result is nan.
     k = 0 if math.isnan(place) else bisect.bisect_right(table.x, place) - 1
     slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
     return [table.y[k] + slope * (x - table.x[k]), slope]
@@ -441,24 +439,24 @@ def solve(
     Parameters
     ----------
     dag : Dag
-        The arena.
+        The graph.
     matrix : sequence of rows of Node
         Coefficients, n by n.
     rhs : sequence of Node
         Right-hand side.
     reference : Node, optional
-        Magnitude of the terms of the entries before cancellation, for the rank decision.
+        Magnitude of the terms in the entries before cancellation, for the rank decision.
     shape : SolveShape, optional
-        Number of leading unknowns that must be unique, or the solution is refused; the others
-        may be redundant. All of them, where absent.
+        Number of leading unknowns that must be unique for the solution to be accepted; others may
+        be redundant. By default all unknowns must be unique.
     sizes : sequence of Node
-        What the diagonal of each row is compared with, if rows and columns are to be divided by
-        the roots of these before anything is decided by the size of an entry.
+        Scale of each diagonal entry, if rows and columns are divided by the square roots of these
+        scales before pivoting.
 
     Returns
     -------
     tuple of Node
-        The n unknowns, then the rank found at run time, and one where the solution is accepted.
+        The n unknowns, the rank found at run time, and one if the solution is accepted.
     """
     n = len(rhs)
     # sizes_of, is_symmetric, the derivatives and the C statements rely on this layout.
@@ -468,7 +466,7 @@ def solve(
 
 
 def sizes_of(node: Node) -> tuple[Node, ...]:
-    """Return the scales for the diagonal of a linear system, if any."""
+    """Return the scales of the diagonal entries of a linear system, if any."""
     n = node.data.size
     return node.args[n * n + n : -1]
 
@@ -499,7 +497,7 @@ def sines(dag: Dag, angles: Sequence[Node]) -> tuple[Node, ...]:
 
 
 def results(node: Node, n_results: int) -> tuple[Node, ...]:
-    """Read the first ``n_results`` results of a node that has several."""
+    """Return the first ``n_results`` results of a node with several."""
     return node.dag.several(node.op, node.args, node.data, n_results)
 
 

@@ -1,13 +1,13 @@
-"""Interned scalar nodes: equal values get one number, and fold when they are formed.
+"""Interned scalar nodes of an expression graph, which are simplified when they are formed.
 
-A :class:`Dag` is an arena. A node is made by an operator on nodes (``a * b + c``) or by a method of
-the arena (``dag.function("sin", a)``); forming the same value twice returns the same node, so
+A :class:`Dag` is a graph. A node is formed by an operator on nodes (``a * b + c``) or by a method
+of the graph (``dag.function("sin", a)``). Forming the same value twice returns the same node, so
 common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
 one, ``x+(y-x)`` is ``y``, negations move towards the result. An argument always has a smaller index
-than the node that uses it, so ascending index is a valid order of evaluation.
+than the nodes that use it, so ascending indices are a valid order of evaluation.
 
-Those of :data:`ARGUMENT_OF` are arguments of kernels. The others are placeholders for values that
-are formed later.
+The symbols of :data:`ARGUMENT_OF` are kernel arguments. All others are placeholders for values that
+are substituted later.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ class Node:
     Attributes
     ----------
     dag : Dag
-        The arena it belongs to.
+        The graph that contains the node.
     index : int
-        Its number; larger than that of every argument.
+        Number of the node, larger than that of every argument.
     op : str
         ``constant``, ``symbol``, a row of :data:`cotree.dag.operations.OPERATIONS`, a node with
         several results (``solve``, ``table``, ``call``), or ``result``, one value of such a node.
     args : tuple of Node
-        The arguments.
+        Arguments of the operation.
     data : object
-        ``(kind, position)`` of a symbol, number of a result, description of a node with several
+        ``(kind, position)`` of a symbol, number of a result, or description of a node with several
         results; None otherwise.
     value : float or None
         The number, if the node is a constant.
     section : str
-        The item that the value belongs to, in words, for comments of the generated code.
+        Label of the node, for comments in the generated code.
     """
 
     __slots__ = ("args", "dag", "data", "index", "op", "section", "value")
@@ -105,7 +105,7 @@ class Node:
 
     @property
     def is_zero(self) -> bool:
-        """Return whether the value is the constant zero."""
+        """Whether this is the constant zero."""
         return self is self.dag.zero
 
     def __repr__(self) -> str:
@@ -117,22 +117,22 @@ class Node:
 
 
 class Dag:
-    """An arena of interned nodes.
+    """An expression graph of interned nodes.
 
     Attributes
     ----------
     nodes : list of Node
-        Every node, by index.
+        All nodes by index.
     zero, one : Node
         The constants 0 and 1.
     section : str
-        Label given to the nodes made from now on; set it with :meth:`labelled`.
+        Label of new nodes, set by :meth:`labelled`.
     suffix : str
-        Added to every label that is set from now on.
+        Text that :meth:`labelled` adds to every label.
     origins : dict of Node to str
-        Where some values come from, as "resistance of edge 'R1'", for messages.
+        Origins of values for messages, such as "resistance of edge 'R1'".
     formed : dict
-        Values by what they were formed of; see :func:`cotree.dag.dual.formed`.
+        Cache of :func:`cotree.dag.dual.formed`.
     """
 
     def __init__(self) -> None:
@@ -158,12 +158,12 @@ class Dag:
             self.section = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
-        """Record the origin of a value, for messages; the first origin is kept."""
-        if node.args:  # constants and symbols have no origin: many edges share them
+        """Record the origin of a value for messages, unless it has one."""
+        if node.args:  # constants and symbols have no origin, since many edges share them
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
-        """Intern a finite number."""
+        """Return the node of a finite number."""
         value = float(value) + 0.0  # turns -0.0 into 0.0, so that zero has one node
         node = self._interned.get(value)
         if node is None:
@@ -173,7 +173,7 @@ class Dag:
         return node
 
     def symbol(self, kind: str, position: int) -> Node:
-        """Intern an argument of the program: number ``position`` of its ``kind``."""
+        """Return the symbol with the number ``position`` of a kind."""
         key = (kind, position)
         node = self._interned.get(key)
         if node is None:
@@ -201,7 +201,7 @@ class Dag:
             return self.sub(b, a.args[0])
         if a is b:
             return self.mul(self.constant(2.0), a)
-        if a.index > b.index:  # sums commute: both orders get the same node
+        if a.index > b.index:  # a + b and b + a are the same node
             a, b = b, a
         if b.op == "sub" and b.args[1] is a:  # a + (c - a) = c
             return b.args[0]
@@ -239,7 +239,7 @@ class Dag:
         return node
 
     def _rest(self, a: Node, b: Node) -> Node | None:
-        """Simplify a - b if one operand is a sum or difference that contains the other."""
+        """Return a - b if one operand is a sum or difference that contains the other, else None."""
         if a.op == "add" and b in a.args:
             return a.args[0] if a.args[1] is b else a.args[1]
         if a.op == "sub" and a.args[0] is b:
@@ -278,7 +278,7 @@ class Dag:
         return node
 
     def _scale(self, factor: float, a: Node, b: Node) -> Node:
-        """Form the product of ``b`` with the constant ``a``, whose value is ``factor``."""
+        """Form the product of ``b`` and the constant ``a``, whose value is ``factor``."""
         if b.value is not None:
             return self.constant(factor * b.value)
         if factor < 0.0:
@@ -316,7 +316,7 @@ class Dag:
         return self._intern("neg", (a,))
 
     def pow(self, a: Node, exponent: Node) -> Node:
-        """Form a**exponent: integer powers as products, a half as a square root."""
+        """Form a**exponent, with products for integers and a square root for one half."""
         power = exponent.value
         if power is not None:
             if a.value is not None:
@@ -340,9 +340,9 @@ class Dag:
         return result
 
     def function(self, name: str, *args: Node) -> Node:
-        """Form a function of :data:`OPERATIONS`, folding constants and signs.
+        """Form a function of :data:`OPERATIONS`, and fold constants and signs.
 
-        Raises ValueError or OverflowError if its value at constants is not a number, or infinite.
+        Raises ValueError or OverflowError if its value at constants is nan or infinite.
         """
         values = [arg.value for arg in args if arg.value is not None]
         if len(values) == len(args):
@@ -363,12 +363,12 @@ class Dag:
         return self._intern("select", (condition, accepted, refused))
 
     def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
-        """Form a node with several results and return these; ``data`` completes its description."""
+        """Form a node with several results, which ``data`` describes, and return the results."""
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
     def rebuild(self, node: Node, args: tuple[Node, ...]) -> Node:
-        """Rebuild ``node`` from other arguments, folding it if possible."""
+        """Form the operation of ``node`` with other arguments."""
         op = node.op
         if op in ("add", "sub", "mul", "div", "pow", "neg", "select"):
             made: Node = getattr(self, op)(*args)
@@ -382,9 +382,9 @@ _by_index = attrgetter("index")
 
 
 def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
-    """List every node on which the roots depend, themselves included, in order of evaluation.
+    """Return the roots and all nodes on which they depend, in order of evaluation.
 
-    Nodes of ``stop`` are listed, but their arguments are not followed.
+    Nodes in ``stop`` are included, but their arguments are not followed.
     """
     found = set(roots)
     stack = list(found)
@@ -396,26 +396,25 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
             if arg not in found:
                 found.add(arg)
                 stack.append(arg)
-    # A node is formed after its arguments, so that indices are an order of evaluation.
+    # A node is formed after its arguments, so indices are in order of evaluation.
     return sorted(found, key=_by_index)
 
 
 def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
-    """Return the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
+    """Return the sources and the nodes that depend on them; ``nodes`` are in evaluation order."""
     marked = set(sources)
     for node in nodes:
-        # In order of evaluation, all arguments have been classified.
         if any(arg in marked for arg in node.args):
             marked.add(node)
     return marked
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Rebuild the roots with some nodes replaced; values that do not depend on them are kept."""
+    """Return the roots with nodes replaced; values that do not depend on these are unchanged."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
-    # The traversal ends at replaced nodes. Their arguments are rebuilt only if another path leads
-    # there.
+    # The traversal ends at replaced nodes, whose arguments are visited only if another path leads
+    # to them.
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
@@ -426,11 +425,10 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
 
 
 def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
-    """Rebuild a value from its replaced arguments; it keeps its origin."""
+    """Return a node with its arguments replaced, and the same origin."""
     args = tuple([new.get(arg, arg) for arg in node.args])
     if args == node.args:
         return node
-    # Rebuilding folds: a replaced argument may simplify the value.
     made = node.dag.rebuild(node, args)
     if node in node.dag.origins:
         node.dag.note_origin(made, node.dag.origins[node])
@@ -438,14 +436,14 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 
 
 def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
-    """Return the union of the bits of each value and of all that it depends on.
+    """Return, for each node, the union of its bits and the bits of all nodes on which it depends.
 
     Parameters
     ----------
     order : iterable of Node
-        Values in order of evaluation.
+        Nodes in order of evaluation.
     own : mapping of Node to int
-        Bits of some values. An integer is a set: a union is one operation for any number of bits.
+        Bit masks of nodes. Integers serve as sets, whose union is one operation.
     """
     found = dict(own)
     for node in order:
@@ -459,7 +457,7 @@ def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, in
 def symbols_of_each(
     roots: Sequence[Node], among: Container[Node] | None = None
 ) -> list[list[Node]]:
-    """List the symbols on which each root depends, of those in ``among`` if given."""
+    """Return the symbols on which each root depends, only those in ``among`` if it is given."""
     walk = reachable(roots)
     symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
     masks = supports_of(walk, {node: 1 << i for i, node in enumerate(symbols)})
@@ -473,7 +471,7 @@ def symbols_of_each(
 
 
 def symbols_in(roots: Iterable[Node]) -> list[Node]:
-    """List the symbols on which the roots depend."""
+    """Return the symbols on which the roots depend."""
     return [node for node in reachable(roots) if node.op == "symbol"]
 
 
@@ -483,20 +481,20 @@ INPUT = "u"
 PARAMETER = "p"
 #: Symbol of the derivative of state i by parameter or initial value j; its index is j n + i.
 SENSITIVITY = "s"
-#: Symbols of the same derivatives without those that always vanish, in the same order.
+#: Symbol of such a derivative if those that always vanish are omitted from the numbering.
 PACKED_SENSITIVITY = "packed"
 #: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
-#: Symbol of a component of the direction along which a kernel differentiates.
+#: Symbol of a component of the direction along which a kernel computes derivatives.
 DIRECTION = "v"
-#: The branch of a piecewise function that is frozen during a step, or zero if none is: a sign, or
-#: the index of an interval of a table. Kernels read it from the prepared values.
+#: Symbol of a branch that is frozen during a step: the sign of a condition, or the number of an
+#: interval in a table; zero if none is frozen. Kernels read it from the prepared values.
 PIECE = "piece"
 
 #: Symbol of a bound of a quantity, or of its rate, over a part of a step.
 RANGE = "range"
 
-#: Kernel argument that contains the values of each kind of symbol.
+#: Name of the kernel argument that contains the values of each kind of symbol.
 ARGUMENT_OF = {
     TIME: "t",
     STATE: "x",
@@ -510,18 +508,18 @@ ARGUMENT_OF = {
     PIECE: "k",
 }
 
-#: Symbol of the change of a state, and of sensitivity parameter j, along a common direction.
+#: Symbol of the change of state i, and of sensitivity parameter j, along any direction.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
 #: Symbol of the change of an input, and of a tunable parameter, in a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: Symbol of the explicit derivative with respect to the parameter, at constant states.
+#: Symbol of an explicit derivative by the parameter, at constant states.
 SOURCE = "source"
 #: Symbol of an acceleration or multiplier, and of its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
-#: An entry of a right-hand side, or a result, for which a map or a sparsity pattern is formed.
+#: Symbol of an entry of a right-hand side, for which a map or a sparsity pattern is formed.
 ENTRY = "own"
 #: Symbol of an argument of a law.
 ARGUMENT = "argument"
@@ -537,12 +535,12 @@ CHANGE = "change"
 
 
 def kinds_in(roots: Iterable[Node]) -> set[str]:
-    """List the kinds of symbols on which some values depend."""
+    """Return the kinds of symbols on which the roots depend."""
     return {symbol.data[0] for symbol in symbols_in(roots)}
 
 
-# A node is pickled as its place in its arena, and an arena as a flat list: pickling nodes one by
-# one would recurse as deep as the arena, beyond the limit of Python's stack.
+# A node is pickled as its index, and a graph as a flat list: the recursion of ordinary pickling
+# would be as deep as the graph and exceed the limit of Python's stack.
 def _node_at(dag: Dag, index: int) -> Node:
     return dag.nodes[index]
 
@@ -558,7 +556,7 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
     # Each node was interned when it was formed, so the keys are in the order of the nodes. The
-    # table ``formed`` is only needed while forming nodes, and is omitted.
+    # cache ``formed`` is omitted.
     return _dag_of, (rows, list(dag._interned), origins)
 
 
@@ -568,7 +566,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # The constants zero and one are attributes of their arena, its first nodes.
+        # The constants zero and one are the first nodes of the graph, and its attributes.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

@@ -1,8 +1,8 @@
-"""The scalar operations, one row each: arguments, evaluation and spelling in C.
+"""Table of the scalar operations: arguments, evaluation and C text of each.
 
-Python's functions raise if there is no result: ``1/0``, ``exp(1000)``, ``log(-1)``. These return
-infinities and nan, with the signs of C, so that an irrelevant overflow, such as the ``exp`` in
-``1/(1 + exp(1000))``, does no harm with or without a compiler.
+Python's functions raise an error if there is no result, as for ``1/0``, ``exp(1000)`` and
+``log(-1)``. The functions in this module return infinities and nan, with the signs of C, so that an
+irrelevant overflow, such as that of ``exp`` in ``1/(1 + exp(1000))``, has no effect.
 
 Sums, differences, products, quotients and negations are arithmetic; all others are function calls.
 Partial derivatives are in :mod:`cotree.dag.derivative`, since they are built from nodes.
@@ -23,33 +23,33 @@ if TYPE_CHECKING:
 
 
 def divide(a: float, b: float) -> float:
-    """Divide; a division by zero gives an infinity, or nan if the dividend is zero, too."""
+    """Return a / b: infinity if only b is zero, nan if both are zero."""
     try:
         return a / b
     except ZeroDivisionError:
         if a == 0.0 or math.isnan(a):
             return math.nan
-        # The sign of a zero counts, as in C: 1/-0.0 is minus infinity.
+        # As in C, the sign of zero matters: 1/-0.0 is minus infinity.
         return math.copysign(math.inf, a) * math.copysign(1.0, b)
 
 
 def power(a: float, b: float) -> float:
-    """Raise to a power; an infinite result has the sign of the base if the power is odd."""
+    """Return a**b; an infinite result has the sign of the base if the exponent is odd."""
     try:
         return math.pow(a, b)
     except OverflowError:
-        # Overflow: the parity of the exponent determines the sign.
+        # The parity of the exponent determines the sign.
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
     except ValueError:
-        # Undefined are a negative base with a fractional exponent, and zero with a negative
-        # exponent. The latter is a pole, whose sign is that of the zero for odd exponents.
+        # A negative base with a fractional exponent is undefined. Zero with a negative exponent is
+        # a pole, which has the sign of the zero for odd exponents.
         if a != 0.0:
             return math.nan
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
 
 
 def logarithm(x: float) -> float:
-    """Return the natural logarithm: minus infinity at zero, nan for negative numbers."""
+    """Return the natural logarithm, which is minus infinity at zero and nan below."""
     try:
         return math.log(x)
     except ValueError:
@@ -57,14 +57,14 @@ def logarithm(x: float) -> float:
 
 
 def floor(x: float) -> float:
-    """Round down; zeros keep their sign, infinities and nan stay."""
+    """Round down; signs of zeros, infinities and nan remain."""
     return float(math.floor(x)) if x and math.isfinite(x) else x
 
 
 def total(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Wrap a function: nan outside its domain, infinity on overflow.
+    """Wrap a function such that it returns nan outside its domain, and infinity if it overflows.
 
-    Overflowing functions are ``exp`` and ``cosh``, upwards, and ``sinh``, towards both sides.
+    ``exp`` and ``cosh`` overflow to plus infinity, ``sinh`` to both infinities.
     """
     upwards = function in (math.exp, math.cosh)
 
@@ -90,10 +90,10 @@ Scalar = Any  # float, complex, or a numpy array of either
 class Operation:
     """A scalar operation."""
 
-    name: str  # name in programs
+    name: str  # name in graphs
     arity: int  # number of arguments of the operation
-    #: Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises: it
-    #: follows C (:mod:`cotree.dag.operations`).
+    #: Evaluation for floats, complex numbers and numpy arrays. For floats it never raises an error,
+    #: but returns the same as C (:mod:`cotree.dag.operations`).
     real: Callable[..., Scalar]
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
@@ -105,8 +105,8 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# Complex numbers are used for the complex step only: the real part selects a branch, so that the
-# imaginary part remains infinitesimal.
+# Complex numbers are only used for complex steps: the real part selects branches, and the imaginary
+# part is infinitesimal.
 def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
 
@@ -117,8 +117,8 @@ def _complex_sign(x: complex) -> float:
 
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
-    # The angle between the perturbed and the real direction is infinitesimal, so that the
-    # arctangent stays on its principal branch.
+    # The angle between the perturbed and the real direction is infinitesimal, so the arctangent
+    # remains on its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 
@@ -127,7 +127,7 @@ def _complex_floor(x: complex) -> float:
 
 
 def _complex_erf(x: complex) -> complex:
-    """Continue erf to first order, which suffices for a complex step."""
+    """Return erf for complex numbers to first order, which suffices for complex steps."""
     x0 = complex(x).real
     slope = 2.0 / math.sqrt(math.pi) * math.exp(-x0 * x0)
     return complex(math.erf(x0), slope * complex(x).imag)
@@ -139,8 +139,7 @@ def _array_erf(x: Scalar) -> Scalar:
 
 
 def _select(condition: float, accepted: float, refused: float) -> float:
-    # If the condition is nan, the second value is returned: comparisons with nan are false, as in
-    # C.
+    # As in C, comparisons with nan are false, so the second value is returned.
     return accepted if condition >= 0.0 else refused
 
 
@@ -153,7 +152,7 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
 
 
 def _array_sign(x: Scalar) -> Scalar:
-    """Return zero for nan, as C does; NumPy returns nan."""
+    """Return the sign; that of nan is zero, as in C but not in NumPy."""
     return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
 
 
@@ -171,7 +170,7 @@ _ROWS = (
     _arithmetic("add", 2, operator.add, "{0} + {1}"),
     _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
     _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
-    # Division is the only arithmetic operator of Python that raises on floats.
+    # Division is the only arithmetic operator of Python that may raise an error for floats.
     Operation("div", 2, divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False),
     _arithmetic("neg", 1, operator.neg, "-{0}"),
     *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
@@ -185,8 +184,7 @@ _ROWS = (
         _sign,
         _complex_sign,
         _array_sign,
-        # The comparisons are spelled as in the Python function, so that nan has the sign zero in
-        # both.
+        # These are the comparisons of the Python function, so that the sign of nan is zero in both.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
     Operation("floor", 1, floor, _complex_floor, np.floor, "floor({0})"),
@@ -206,9 +204,10 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 
 
 def folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants; raise if the result is not finite.
+    """Evaluate an operation on constants.
 
-    Raises ValueError or OverflowError, since the cause is a user's expression.
+    Raises ValueError or OverflowError if the result is not finite, since the user's expression is
+    then invalid.
     """
     found: float = OPERATIONS[name].real(*values)
     if not math.isfinite(found):

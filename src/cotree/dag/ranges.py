@@ -1,9 +1,9 @@
-"""Ranges of values: the interval extension of a program, as nodes.
+"""Ranges of values: interval arithmetic with nodes.
 
-In: values, and the range of each quantity on which they depend. Out: for each value two nodes that
-bound it as long as these quantities are within their ranges. A range may be too wide, since
-arguments are treated as independent of each other, and shrinks to the value with the ranges of the
-quantities. If nothing is known, as for a quotient whose divisor may be zero, its ends are
+In: values, and the range of each quantity on which they depend. Out: for each value, two nodes that
+bound it while the quantities are within their ranges. A range may be too wide, since arguments are
+treated as independent of each other; it shrinks to the value with the ranges of the quantities. If
+a value has no bounds, such as a quotient whose divisor may be zero, the ends of its range are
 :data:`ENDLESS`, or nan, so that no comparison is true.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Bounds of an unbounded range, finite because constants of a program must be finite.
+#: Magnitude of the ends of an unbounded range, which is finite because constants must be finite.
 ENDLESS = 1e300
 
 Range = tuple["Node", "Node"]
@@ -30,16 +30,16 @@ _INCREASING = frozenset({"exp", "sinh", "tanh", "atan", "erf", "sign", "floor"})
 
 
 def is_ranged(node: Node) -> bool:
-    """Return whether the range of a node follows from those of its arguments."""
+    """Return whether the range of a node can be computed from the ranges of its arguments."""
     if node.op == "result":
         return isinstance(node.args[0].data, Table)
     return node.op in _RULES or isinstance(node.data, Table)
 
 
 def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
-    """Return the minimum and maximum of each root, as nodes.
+    """Return a lower and an upper bound of each root as nodes.
 
-    The roots consist of operations that :func:`is_ranged` accepts; ``known`` are the ranges of
+    The roots consist of operations that :func:`is_ranged` accepts; ``known`` has the ranges of
     quantities. Values that depend on no quantity are constant.
     """
     roots = list(roots)
@@ -50,7 +50,7 @@ def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
         if node.op == "result":
             found[node] = _of_table(node, found[node.args[0]])
         elif isinstance(node.data, Table):
-            found[node] = found[node.args[0]]  # range of the argument, until a result is read
+            found[node] = found[node.args[0]]  # range of the argument; results read it
         else:
             found[node] = _RULES[node.op](node, [found.get(arg, (arg, arg)) for arg in node.args])
     return [found.get(root, (root, root)) for root in roots]
@@ -100,13 +100,13 @@ def _of_quotient(node: Node, given: Sequence[Range]) -> Range:
         return _hull([a / c, b / c])
     if c.is_zero or d.is_zero:
         return _endless(node.dag)
-    # The divisor is nonzero if the product of its ends is positive.
+    # The divisor has no zero if the product of its ends is positive.
     corners = _hull([x / y for x in (a, b) for y in (c, d)])
     return _where(-(c * d), _endless(node.dag), corners)
 
 
 def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
-    """Form the range of a function that decreases to zero and then increases."""
+    """Form the range of a function that decreases up to zero and increases beyond."""
     low, high = given
     ends = function(low), function(high)
     least = dag.select(low, ends[0], dag.select(-high, ends[1], function(dag.zero)))
@@ -114,7 +114,7 @@ def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
 
 
 def _of_wave(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of a sine or cosine: 1, or -1, if its phase is within the range."""
+    """Form the range of a sine or cosine, including extrema within the range of its argument."""
     dag, (low, high) = node.dag, given[0]
     ends = [dag.function(node.op, end) for end in (low, high)]
     first = 0.25 if node.op == "sin" else 0.0  # position of the maximum, in periods
@@ -162,7 +162,10 @@ def _of_arc(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_angle(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of atan2 from the corners, unless its jump or the origin may be within."""
+    """Form the range of atan2 from the corners of its arguments' ranges.
+
+    It is -pi to pi if the jump or the origin may be within.
+    """
     dag, (y, x) = node.dag, given
     corners = _hull([dag.function("atan2", a, b) for a in y for b in x])
     anything = dag.constant(-math.pi), dag.constant(math.pi)
@@ -172,7 +175,7 @@ def _of_angle(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_power(node: Node, given: Sequence[Range]) -> Range:
-    # A negative base with an integer exponent is not bounded: nan.
+    # Bounds are nan if the base may be negative, even with an integer exponent.
     return _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]])
 
 
@@ -188,7 +191,7 @@ def _of_sum(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_table(node: Node, given: Range) -> Range:
-    """Form the range of a result of a piecewise linear table, from that of its argument."""
+    """Form the range of a result of a piecewise linear table, given the range of its argument."""
     held, dag = node.args[0], node.dag
     data: Table = held.data
     place: int = node.data
@@ -202,15 +205,16 @@ def _of_table(node: Node, given: Range) -> Range:
         for end in given
     ]
     if place == 1:
-        slopes = [*slopes, 0.0]  # slope outside the table
+        slopes = [*slopes, 0.0]  # the slope is zero outside the table
         of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
         # The slope in a frozen interval is constant.
         return (
             _where(-dag.function("abs", held.args[1]), of_all, _hull(ends)) if is_held else of_all
         )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
-        return _hull(ends)  # range of a monotonic function, from the values at both ends
-    # The value differs from the mean of both ends by at most the distance times the largest slope.
+        return _hull(ends)  # the function is monotonic
+    # The value differs from the mean of both ends by at most half the width times the steepest
+    # slope.
     steepest = max(map(abs, slopes))
     mean = 0.5 * (ends[0] + ends[1])
     reach = 0.5 * steepest * (given[1] - given[0])

@@ -1,13 +1,13 @@
-"""Times at which values jump or have a kink, found from their nodes.
+"""Times at which values jump or have a kink, determined from their nodes.
 
-A condition of time and parameters alone (the argument of a selection, a sign, an absolute value, a
-floor or a table) changes at times that are known before a run, if it is linear in time, or linear
-in time since the last whole period. Integration restarts there, so that no pulse is stepped over
-and no step contains a kink. Kinks of other conditions are located, see
-:mod:`cotree.program.surfaces`.
+A condition that depends only on time and parameters (the argument of a selection, a sign, an
+absolute value, a floor or a table) changes at times that are known before a run if it is linear in
+time, or linear in the time since the last whole period. Integration restarts at these times, so
+that no pulse is skipped and no step contains a kink. Kinks of other conditions are located during
+steps (:mod:`cotree.program.surfaces`).
 
-That method fails if a law acts during a part of each period only, such as a diode driven by a sine:
-a long step may skip all of that part. Steps are then limited to a fraction of the period.
+Locating a kink fails if a law acts only during a part of each period, such as a diode driven by a
+sine: a long step may skip this part. Steps are then limited to a fraction of the period.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Operations that jump or have a kink, depending on their first argument.
+#: Operations that may jump or have a kink at certain values of their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
-#: Operations that may be nearly zero during most of a period. If they depend on states, sines of
-#: time limit the step size.
+#: Operations that may be nearly zero during most of a period. If one of them depends on states,
+#: sines of time limit the step size.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Minimum number of steps per period of a sine of time on which such operations depend. A rectifier
-#: conducts for a twentieth of the period or more.
+#: Minimum number of steps per period of a sine of time if there is such an operation. A rectifier
+#: conducts for at least a twentieth of the period.
 _SHARES = 32.0
 
-#: Maximum number of linear pieces; kinks of values with more are left to the error test.
+#: Maximum number of linear pieces of a value; kinks of other values are left to the error test.
 _MOST_PIECES = 16
 
 
 @dataclass(frozen=True)
 class TimeEvent:
-    """Times ``first + k * period`` with whole k."""
+    """Times ``first + k * period`` for all integers k."""
 
     first: Node  # function of parameters
     period: Node | None = None  # function of parameters; None for a single time
-    starts: bool = False  # whether no event precedes ``first``, so that k starts at zero
-    #: Derivatives of ``first`` and of the period along each of some directions.
+    starts: bool = False  # whether ``first`` is the earliest time, so that k starts at zero
+    #: Derivatives of ``first`` and of the period along each direction.
     along: tuple[tuple[Node, Node], ...] = ()
 
 
 @dataclass(frozen=True)
 class _Count:
-    """A step count: ``floor(offset + rate * t)``; if ``starts`` is set, zero before it starts."""
+    """A number of periods: ``floor(offset + rate * t)``, or zero before its start if ``starts``."""
 
     offset: Node
     rate: Node
@@ -62,9 +62,9 @@ class _Count:
 
 @dataclass(frozen=True)
 class _Line:
-    """``offset + rate * t + step * count``; zero before its root if it ``starts``.
+    """The function ``offset + rate * t + step * count``; if ``starts``, zero before its root.
 
-    For a selection between lines, the time events of all lines are used, which may be too many, but
+    The time events of a selection between lines are those of all lines, which may be too many but
     never too few.
     """
 
@@ -76,12 +76,12 @@ class _Line:
 
 
 def find_time_events(dag: Dag, roots: Iterable[Node]) -> tuple[TimeEvent, ...]:
-    """List the times at which conditions of values change, as determined by time and parameters."""
+    """Return the time events of conditions in the roots that depend on time and parameters only."""
     return tuple(dict.fromkeys(chain.from_iterable(time_events_within(dag, roots).values())))
 
 
 def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[TimeEvent, ...]]:
-    """List the time events of each node that compares or looks up a value."""
+    """Return the time events of each node that may jump or have a kink."""
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
         return {}
@@ -89,7 +89,7 @@ def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Time
     found: dict[Node, tuple[TimeEvent, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
-            # A node that is missing from pieces is no function of time that is known before a run.
+            # Nodes that are missing in ``pieces`` are not known functions of time.
             own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
@@ -98,7 +98,7 @@ def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Time
 def is_cut(node: Node) -> bool:
     """Return whether every time-dependent part of a value is piecewise linear in time.
 
-    Integration then restarts at every change of a function of it.
+    Integration then restarts at every change of a condition that depends on the value.
     """
     order = reachable([node])
     pieces = _all_pieces(node.dag, order)
@@ -107,18 +107,18 @@ def is_cut(node: Node) -> bool:
 
 
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
-    """List the longest step for each sine of time, as nodes of parameters of either sign."""
+    """Return the longest step size for each sine of time, as nodes that may be negative."""
     order = reachable(roots)
     waves = [node for node in order if node.op in ("sin", "cos")]
     pieces = _all_pieces(dag, order) if waves else {}
     lines = (line for node in waves for line in pieces.get(node.args[0], ()))
-    # The argument of the sine increases by 2 pi in one period.
+    # The argument of a sine changes by 2 pi in a period.
     rates = dict.fromkeys(line.rate for line in lines if not line.rate.is_zero)
     return tuple(2.0 * math.pi / _SHARES / rate for rate in rates)
 
 
 def acts_in_part(roots: Iterable[Node]) -> bool:
-    """Return whether a law that may be nearly zero most of the time depends on states."""
+    """Return whether an operation that may be zero most of the time depends on states."""
     moving: set[Node] = set()
     for node in reachable(roots):
         is_state = node.op == "symbol" and node.data[0] == "x"
@@ -130,9 +130,9 @@ def acts_in_part(roots: Iterable[Node]) -> bool:
 
 
 def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
-    """Write all nodes that are piecewise linear in time with few pieces as lines."""
+    """Return the lines of all nodes that are piecewise linear in time with few pieces."""
     pieces: dict[Node, tuple[_Line, ...]] = {}
-    # States, inputs and unknowns are known during a run only.
+    # States, inputs and unknowns are known only during a run.
     others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
     moving = dependent(order, others)
     for node in order:
@@ -145,7 +145,7 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Return the lines of which a node consists piecewise; empty if it is not linear.
+    """Return the lines of which a node consists, or an empty tuple if it is not piecewise linear.
 
     A node that depends on states may still be a line in one branch of a selection.
     """
@@ -159,7 +159,7 @@ def _pieces(
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
-    # A function of parameters only is a constant line.
+    # A node that depends only on parameters is a constant line.
     is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
     if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
@@ -168,15 +168,15 @@ def _pieces(
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":
         return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
-    # Any combination of pieces of the arguments may occur at some time.
+    # Any combination of the arguments' pieces may occur.
     made = [_line(dag, node, choice) for choice in product(*rows)]
     return tuple(dict.fromkeys(line for line in made if line is not None))
 
 
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
-    """Write a selection as the lines of its branches."""
+    """Return the lines of the branches of a selection."""
     condition, accepted, refused = node.args
-    # max(x, 0), as in sources with a delay: the line begins at its root.
+    # max(x, 0), as in sources with a delay, is a line that starts at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
         (clipped,) = pieces[accepted]
         if clipped.count is None and not clipped.starts:
@@ -186,7 +186,7 @@ def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) ->
 
 
 def _line(dag: Dag, node: Node, rows: Sequence[_Line]) -> _Line | None:
-    """Return an operation on lines as a line, if it is one."""
+    """Return an operation on lines as a line, or None if it is not a line."""
     if node.op in ("add", "sub"):
         return _added(rows[0], rows[1], 1.0 if node.op == "add" else -1.0)
     if node.op == "neg":
@@ -209,8 +209,8 @@ def _is_fixed(line: _Line) -> bool:
 
 def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
     counts = {line.count for line in (a, b) if line.count is not None}
-    # Two different periods have no common period, and the sum of a clipped line and another line
-    # has a kink at its start.
+    # Different numbers of periods cannot be combined, and the sum of a clipped line and another
+    # line has a kink at its start.
     if len(counts) > 1 or a.starts or b.starts:
         return None
     return _Line(
@@ -227,31 +227,31 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 
 
 def _stops(node: Node, line: _Line) -> list[TimeEvent]:
-    """Return the times at which a node's argument is zero, integer, or a point of its table."""
+    """Return the time events of a node whose argument is a line."""
     if line.rate.is_zero:
-        return []  # the node only counts periods: the kinks of its floor have been collected
+        return []  # the argument changes only with the number of periods, whose jumps are known
     if node.op == "floor" and line.count is None:
-        # The argument is an integer at its root, and whenever it has increased by one since then.
+        # The argument is an integer at its root and after each change by one.
         return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
         return [TimeEvent(first) for first in firsts]
-    # The step count raises the line at the end of each period: zeros recur with that period.
+    # The number of periods shifts the line at the end of each period, so zeros are periodic.
     period = -line.step / line.rate
     return [TimeEvent(first, period, line.count.starts) for first in firsts]
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
-    """Return the smallest of some limits, which are nodes of parameters; infinity for none."""
-    # A rate of zero gives an infinite limit, an infinite rate gives zero, which would halt a run:
-    # both are ignored, as is nan.
+    """Return the smallest of the given limits of the step size, or infinity if there is none."""
+    # Limits are infinite for a rate of zero, and zero for an infinite rate, which would halt a run.
+    # Zero and nan are ignored.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 
 
 def value_of(node: Node | None, values: Mapping[Node, float]) -> float:
-    """Evaluate a node of parameters; nan if it has no value."""
+    """Evaluate a node that depends only on parameters; return nan if it is undefined."""
     if node is None:
         return math.nan
     if node.value is not None:

@@ -1,8 +1,8 @@
 """Time events: times at which integration restarts, and their dependence on parameters.
 
-In: times as nodes (:mod:`cotree.dag.switching_times`), and values of parameters. Out: those within
-a span, indistinguishable ones merged, with their derivatives. If rates jump by ``f+ - f-`` at a
-time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
+In: times as nodes (:mod:`cotree.dag.switching_times`), and parameter values. Out: the times within
+a span with their derivatives; times that differ only by rounding are merged. If rates jump by
+``f+ - f-`` at a time ``t*``, state sensitivities jump by ``(f- - f+) dt*/dp``.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of time events in a run; more indicate an error in units.
+#: Maximum number of time events in a run; more indicate wrong units.
 _MOST = 10_000_000
 
 
 def time_events_along(
     stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
 ) -> tuple[TimeEvent, ...]:
-    """Differentiate time events along some directions; see :attr:`TimeEvent.along`."""
-    # A time event without a period uses the first time as a placeholder, whose tangent is ignored.
+    """Return time events with derivatives along the given directions (:attr:`TimeEvent.along`)."""
+    # Without a period, the first time is a placeholder, whose tangent is ignored.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
     n = len(stops)
@@ -52,14 +52,14 @@ def find_restart_times(
     high: float,
     others: Sequence[float] = (),
 ) -> RestartTimes:
-    """List the time events within the span from ``low`` to ``high``, both ends included.
+    """Return the times of time events in the span from ``low`` to ``high``, including both ends.
 
-    Times that differ by rounding are merged, with the slopes of the first of them. At an end of the
-    span, whose time is given, slopes are zero; the spreads show how the events there move. The
-    times ``others`` do not change along any direction. Raises ValueError if a period gives too
-    many.
+    Times that differ only by rounding are merged, with the slopes of the first one. At the ends of
+    the span, whose times are fixed, slopes are zero; the slopes of events there are contained in
+    the spreads. The times ``others`` do not change along any direction. Raises ValueError if a
+    period leads to too many times.
     """
-    # A time event within rounding of an end is at the end.
+    # Times that differ from an end only by rounding are at the end.
     margin = SAME * max(abs(low), abs(high))
     m = max((len(stop.along) for stop in stops), default=0)
     found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
@@ -73,8 +73,8 @@ def find_restart_times(
     order = order[np.argsort(t[order], kind="stable")]
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
-    # The ends of a run do not depend on parameters. If an event that does coincides with an end,
-    # its slope becomes the spread there.
+    # The ends of a run do not depend on parameters. If an event at an end does, its slope becomes
+    # the spread at this end.
     at_end = (at_low | at_high)[:, None]
     spreads = np.where(at_end, np.abs(slopes), 0.0)
     slopes = np.where(at_end, 0.0, slopes)
@@ -89,13 +89,13 @@ def find_restart_times(
 
 
 def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
-    """Return whether two times, or slopes, differ by rounding only."""
+    """Return whether two times or slopes differ only by rounding."""
     same: npt.NDArray[np.bool_] = np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))
     return same
 
 
 class _Times(NamedTuple):
-    """Times of one event, with their derivatives and the magnitude of the first one."""
+    """Times of one time event, with their derivatives and the magnitude of its first time."""
 
     t: FloatArray
     slopes: FloatArray
@@ -105,7 +105,7 @@ class _Times(NamedTuple):
 def _times_of(
     stop: TimeEvent, values: Mapping[Node, float], low: float, high: float, m: int
 ) -> _Times:
-    """List the times of one event within a span."""
+    """Return the times of one time event within a span."""
     first, period = value_of(stop.first, values), value_of(stop.period, values)
     if not math.isfinite(first):
         return _Times(np.zeros(0), np.zeros((0, m)), 0.0)
@@ -114,10 +114,10 @@ def _times_of(
         along[:, j] = [value_of(node, values) for node in row]
     if stop.period is None or not math.isfinite(period) or period == 0.0:
         return _Times(np.array([first]), along[:1], 0.0)
-    # The times are first + k period. The period may be negative, so the ends are sorted.
+    # The ends of the span are sorted, since the period may be negative.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
-    # A source that starts at its first time does not repeat before it.
+    # A source that starts at its first time is not periodic before it.
     start = max(start, 0) if stop.starts else start
     if end - start > _MOST:
         raise ValueError(

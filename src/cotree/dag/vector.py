@@ -1,8 +1,8 @@
-"""Three-vectors, matrices and rotations of nodes.
+"""Three-dimensional vectors, matrices and rotations, whose components are nodes.
 
 A vector is a tuple of three nodes, a matrix a tuple of three rows. Structural zeros are the
-constant zero and fold away, so that planar scenes give planar programs. The functions also take
-duals of vectors and matrices (:mod:`cotree.dag.dual`), and then return duals.
+constant zero and fold away, so that planar scenes lead to planar programs. The functions also
+accept duals of vectors and matrices (:mod:`cotree.dag.dual`), and then return duals.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def identity(dag: Dag) -> Matrix:
 
 def is_zero(a: Vector) -> bool:
     """Return whether a vector is structurally zero."""
-    # A dual vector is not zero, even if its value is: its derivative would be lost.
+    # A dual is not zero even if its value is, since its derivative would be lost.
     if is_varied(a):
         return False
     zero = a[0].dag.zero
@@ -131,9 +131,8 @@ def matadd(a: Matrix, b: Matrix) -> Matrix:
 
 
 def congruence(r: Matrix, s: Matrix) -> Matrix:
-    """Form R S R^T of a symmetric S, computing one half of it."""
-    # Entry ij is row i of R S times row j of R; the tensor stays symmetric, so the lower half is
-    # the upper one.
+    """Form R S R^T for a symmetric S, of which only one half is computed."""
+    # Entry ij is the product of row i of R S and row j of R. The result is symmetric.
     rs = matmul(r, s)
     xx, xy, xz = dot(rs[0], r[0]), dot(rs[0], r[1]), dot(rs[0], r[2])
     yy, yz, zz = dot(rs[1], r[1]), dot(rs[1], r[2]), dot(rs[2], r[2])
@@ -141,15 +140,15 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
 
 
 def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
-    """Return length and direction of a vector; messages name a length of zero by its origin.
+    """Return length and direction of a vector; messages on a length of zero use ``origin``.
 
-    With the direction e, the length changes by e . a', and e by (a' - (e . a') e) / length.
+    The rate of the length is e . a' with the direction e, whose rate is (a' - (e . a') e) / length.
     """
     value = value_of(a)
     length = value[0].dag.function("sqrt", dot(value, value))
     if origin:
         length.dag.note_origin(length, origin)
-    # One division serves the direction and its derivative.
+    # The direction and its derivative share one division.
     inverse = 1.0 / length
     direction = scale(inverse, value)
     if not is_varied(a):
@@ -161,15 +160,15 @@ def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
 
 
 def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
-    """Form A = [alpha]x + [omega]x[omega]x, so that A r is the acceleration of a fixed point r."""
+    """Form A = [alpha]x + [omega]x[omega]x; A r is the acceleration of a body-fixed point r."""
     return _spread(_products(omega, omega), alpha)
 
 
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
     """Form the squares and mixed products of the components of two vectors of equal value."""
-    # The mixed products are formed in one order only, since both vectors have the same value. For
-    # duals, the derivative parts cover both orders.
+    # Mixed products are formed in one order, since both vectors have the same value. With duals,
+    # the two derivative terms contain both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
@@ -179,7 +178,7 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
     # [omega]x[omega]x = omega omega^T - |omega|^2 I is symmetric, [alpha]x is skew.
     (xx, yy, zz), (yz, xz, xy) = products
     ax, ay, az = alpha
-    # The diagonal is written as -(yy + zz), never as xx - |omega|^2: nothing cancels.
+    # The diagonal is formed as -(yy + zz) instead of xx - |omega|^2, so that nothing cancels.
     return (
         (-(yy + zz), xy - az, xz + ay),
         (xy + az, -(xx + zz), yz - ax),
@@ -189,17 +188,17 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
 
 @dataclass(frozen=True)
 class Rotation:
-    """The axes of one frame, resolved in another."""
+    """The orientation of a rotated frame relative to a reference frame."""
 
-    matrix: Matrix  # maps components in the rotated frame to components in the other
-    #: A rotation about one axis: successive rotations about the same axis add their angles, which
-    #: costs one sum instead of the product of two matrices.
+    matrix: Matrix  # transforms components from the rotated frame to the reference frame
+    #: Axis and angle if the rotation has a single axis. The angles of successive rotations about
+    #: the same axis are added, which costs less than the product of two matrices.
     axis: Vector | None = None
     angle: Node | None = None
 
     @property
     def is_identity(self) -> bool:
-        """Return whether it is structurally the unit matrix."""
+        """Whether the matrix is structurally the unit matrix."""
         one, zero = self.matrix[0][0].dag.one, self.matrix[0][0].dag.zero
         return all(
             entry is (one if i == j else zero)
@@ -208,21 +207,21 @@ class Rotation:
         )
 
     def then(self, axis: Vector, angle: Node) -> Rotation:
-        """Rotate further, about an axis fixed in the rotated frame."""
+        """Return the rotation followed by one about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
-            # The identity takes any axis, so that further rotations about it add their angles.
+            # After the identity, the result has a single axis.
             if self.is_identity:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):
             return about(axis, self.angle + angle)
-        # Nodes are interned, so equal axes are the same nodes.
+        # Nodes are interned, so the components of equal axes are the same nodes.
         elif all(a is -b for a, b in zip(self.axis, axis, strict=True)):
             return about(self.axis, self.angle - angle)
         return Rotation(matmul(self.matrix, about(axis, angle).matrix))
 
 
 def no_rotation(dag: Dag) -> Rotation:
-    """Return the unit rotation."""
+    """Return the identity rotation."""
     return Rotation(identity(dag))
 
 
@@ -230,12 +229,12 @@ def about(axis: Vector, angle: Node) -> Rotation:
     """Return the rotation about a unit axis."""
     dag = angle.dag
     cosine, sine = dag.function("cos", angle), dag.function("sin", angle)
-    # Rodrigues: R = cos I + (1 - cos) e e^T + sin [e]x.
+    # Rodrigues' formula: R = cos I + (1 - cos) e e^T + sin [e]x.
     versine = 1.0 - cosine
     x, y, z = axis
 
     def diagonal(e: Node) -> Node:
-        # e^2 + (1 - e^2) cos, which folds to 1 or cos if the axis is a coordinate axis
+        # e^2 + (1 - e^2) cos folds to 1 or cos if the axis is a coordinate axis.
         return e * e + (1.0 - e * e) * cosine
 
     def off(a: Node, b: Node, c: Node) -> Node:
@@ -250,10 +249,10 @@ def about(axis: Vector, angle: Node) -> Rotation:
 
 
 def of_quaternion(q: Sequence[Node]) -> Matrix:
-    """Form R(q) / (q.q), a rotation for a quaternion of any length.
+    """Form the matrix R(q) / (q.q), which is a rotation for a quaternion of any length.
 
-    With the division every derivative of the matrix is a rotation vector; with the polynomial
-    R(q) alone dR/dq R^T is not skew.
+    With the division, dR/dq R^T is skew, so every derivative corresponds to a rotation vector; with
+    the polynomial R(q) alone, it is not.
     """
     q0, q1, q2, q3 = q
     dag = q0.dag
@@ -270,9 +269,9 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
 
 
 def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
-    """Form the rates of a quaternion from the angular velocity in the turned frame's axes.
+    """Form the rates of a quaternion, given the angular velocity w in the rotated frame.
 
-    Of nodes, or of numbers.
+    The arguments are nodes or numbers.
     """
     # q' = q o (0, w) / 2, real part first.
     q0, q1, q2, q3 = (0.5 * entry for entry in q)
@@ -288,14 +287,14 @@ def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
 def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vector:
     """Form the rotation vector, [rad], of a change d of a quaternion q, real part first.
 
-    The norm of q need not be one. With ``is_own`` it is resolved in the axes of the rotated frame,
-    2 Im(conj(q) d) / |q|^2, otherwise in those of the reference frame, 2 Im(d conj(q)) / |q|^2.
+    The norm of q need not be one. With ``is_own``, the vector is resolved in the rotated frame,
+    2 Im(conj(q) d) / |q|^2, otherwise in the reference frame, 2 Im(d conj(q)) / |q|^2.
     """
     q0, q1, q2, q3 = q
     d0, d1, d2, d3 = d
     double = q0.dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     imaginary, along = (q1, q2, q3), (d1, d2, d3)
-    # Im(conj(q) d) = q0 d - d0 q - q x d, of the imaginary parts q and d. The other order of
+    # Im(conj(q) d) = q0 d - d0 q - q x d with the imaginary parts q and d. The other order of
     # factors changes the sign of the cross product.
     straight = sub(scale(q0, along), scale(d0, imaginary))
     across = cross(imaginary, along)
@@ -304,7 +303,7 @@ def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vecto
 
 
 def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the quaternion of the rotation ``b`` within the frame that ``a`` has rotated."""
+    """Form the quaternion of rotation ``a`` followed by ``b`` about axes of the rotated frame."""
     a0, a1, a2, a3 = a
     b0, b1, b2, b3 = b
     return (
@@ -318,7 +317,6 @@ def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]
 def quaternion_about(axis: Vector, angle: Node) -> tuple[Node, ...]:
     """Form the quaternion of a rotation about a unit axis."""
     half = 0.5 * angle
-    # The product does not commute: ``a`` is the left factor, as its frame is the outer one.
     sine = angle.dag.function("sin", half)
     return (angle.dag.function("cos", half), *scale(sine, axis))
 
@@ -328,16 +326,16 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
     dag = angles[0].dag
     total: tuple[Node, ...] = (dag.one, dag.zero, dag.zero, dag.zero)
     for axis, angle in zip(identity(dag), angles, strict=True):
-        # About fixed axes later rotations multiply from the left.
+        # Rotations about fixed axes are multiplied from the left.
         total = quaternion_product(quaternion_about(axis, angle), total)
     return total
 
 
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
-    """Return the quaternion of a numeric rotation matrix; None if it is not a rotation.
+    """Return the quaternion of a numeric rotation matrix, or None if it is not a rotation.
 
-    A matrix is a rotation if it equals that quaternion's own matrix; see
-    :func:`quaternion_of_nodes`.
+    A matrix is a rotation if the matrix of its quaternion, from :func:`quaternion_of_nodes`, equals
+    it.
     """
     dag = Dag()
     try:
@@ -346,7 +344,7 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
         back = of_quaternion(q)
     except ArithmeticError:  # the entries are not finite, or so large that products overflow
         return None
-    # 1e-6: a rotation matrix printed with seven digits is accepted.
+    # With this tolerance, a rotation matrix printed with seven digits is accepted.
     pairs = zip(chain(*back), chain(*rows), strict=True)
     if not all(abs((node.value or 0.0) - entry) <= 1e-6 for node, entry in pairs):
         return None
@@ -355,14 +353,15 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
 
 
 def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
-    """Form the quaternion of a rotation matrix, by the largest square at the present values.
+    """Form the quaternion of a rotation matrix by Shepperd's method.
 
-    S. W. Shepperd, J. Guidance and Control 1 (1978) 223.
+    ``value`` returns the current value of a node. S. W. Shepperd, J. Guidance and Control 1 (1978)
+    223.
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
-    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of the trace and the diagonal
-    # determines the largest component, which is at least a half, so that dividing by it is safe.
+    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest one of the trace and the diagonal
+    # determines the largest component, which is at least one half and a safe divisor.
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:
