@@ -1,1 +1,1 @@
-"""C text from a program: nodes to expressions, expressions into templates."""
+"""Generation of C text: nodes become expressions and statements, which templates contain."""

@@ -1,9 +1,9 @@
-"""Long kernels cut into blocks, and a bound of the stack that a function takes.
+"""Division of long kernels into blocks, and a bound of the stack size of a function.
 
-In: the statements of one C function. Out: several functions, each of which keeps its temporaries
-to itself, and a short one that calls them. Compile time and register allocation depend on the
-longest function. Cuts are made where few values cross; these are passed in arrays of the calling
-function. Values and their order of evaluation do not change.
+In: the statements of one C function. Out: several functions with their own temporaries, the blocks,
+and a short function that calls them. Compile time and register allocation depend on the longest
+function. Cuts are made where few values cross; these are passed in arrays of the calling function.
+Values and their order of evaluation do not change.
 """
 
 from __future__ import annotations
@@ -47,37 +47,36 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import CExpression, Form, FunctionPart, Statement, Temporary
 
 
-#: Size of a number, and of a vector on the machine with the widest vectors, [byte].
+#: Size of a number and of the widest vector of any machine, [byte].
 NUMBER, VECTOR = 8, 64
 
-#: The return address and the frame pointer of the caller; the size of a word, of pointers and of
-#: arguments.
+#: Size of the return address and the caller's frame pointer; size of words, pointers and arguments,
+#: [byte].
 _LINK, _WORD = 16, 8
-#: Frame sizes are multiples of this; arrays that are loaded into vectors have sizes that are
-#: multiples of a vector.
+#: Divisor of frame sizes, [byte]; arrays that are loaded into vectors are aligned to whole vectors.
 _ALIGNMENT = 16
-#: Bytes for a saved register in a function that makes calls, and for padding.
+#: Size of a saved register, with padding, in a function that makes calls, [byte].
 _SAVED = 16
-#: Maximum number of intermediate values held while other functions are called.
+#: Maximum number of intermediate values that are stored during calls of other functions.
 _MOST_WAITING = 3
 
-# Stack use of the functions of every model by gcc 12 (-O0 -mno-red-zone -fstack-usage), in bytes.
-#: Elimination in loops, and table lookups.
+# Stack sizes of functions that all models share, by gcc 12 (-O0 -mno-red-zone -fstack-usage).
+#: Stack sizes of elimination in loops and of table lookups, [byte].
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Stack size of the function that computes several sines, [byte].
 _SINES = 1632
-#: Stack size of the elimination of one to three unknowns without loops, [byte].
+#: Stack sizes of the elimination of one to three unknowns without loops, [byte].
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
 def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
-    """Compute an upper bound of the stack of a function with its callees, in bytes.
+    """Compute an upper bound of the stack size of a function with its callees, [byte].
 
     The bound is that of gcc on 64-bit machines without optimisation, which stores every declared
-    value and every argument on the stack. Optimised frames are smaller, mostly by a third.
-    ``called`` has the bytes of functions that it may call; functions of the C library and of users
-    are not counted. A number takes ``real`` bytes.
+    value and every argument on the stack. Optimised frames are smaller, usually by a third.
+    ``called`` has the stack sizes of functions that it may call; functions of the C library and of
+    users are not counted. ``real`` is the size of a number, [byte].
     """
     inner = [(function.body, len(function.arguments)) for function in blocks.functions]
     own = [(blocks.statements, n_arguments), *inner]
@@ -91,7 +90,7 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: i
 
 
 def _of_helper(name: str) -> int:
-    """Return the stack size of a library function and its callees; 0 for other functions."""
+    """Return the stack size of a shared function and its callees, or zero for other functions."""
     base, _, size = name.rpartition("_")
     if base == "cotree_factorise" and size.isdecimal():
         n = int(size)
@@ -100,9 +99,9 @@ def _of_helper(name: str) -> int:
 
 
 def _frame(statements: Iterable[Statement], n_arguments: int, real: int) -> int:
-    """Return the bytes of one stack frame."""
+    """Return the size of one stack frame, [byte]."""
     rows = list(statements)
-    # Loops take a counter and parts of indices.
+    # A loop needs a counter and parts of indices.
     declared = _WORD * (n_arguments + 4 * any(isinstance(row, Loop) for row in rows))
     n_calls, is_aligned, is_computed = 0, False, False
     for row in simple(rows):
@@ -115,7 +114,7 @@ def _frame(statements: Iterable[Statement], n_arguments: int, real: int) -> int:
         n_calls += sum(_calls_in(e.form) for e in row.expressions)
         is_computed |= any(e.form.n_operations > 1 for e in row.expressions)
     declared += real * (min(n_calls, _MOST_WAITING) + is_computed)
-    # The caller's stack is aligned to less than a vector.
+    # Alignment takes up to a vector, since the caller's stack is aligned to less.
     return _LINK + _rounded(declared, _ALIGNMENT) + _SAVED * (n_calls > 0) + VECTOR * is_aligned
 
 
@@ -135,16 +134,16 @@ def _calls_in(form: Form) -> int:
     return is_call + sum(_calls_in(arg) for arg in form.args)
 
 
-#: Arrays of the values that cross group boundaries, by kind.
+#: Names of the arrays of values that cross between groups of statements, by kind of value.
 FRAMES = {REAL: "w", WHOLE: "ranks"}
 
 
 class Crossing:
-    """Places of values that cross between groups of statements, which are run in order.
+    """Storage of values that cross between groups of statements, which are executed in order.
 
-    Temporaries are local to a block of a kernel or a segment of a map. A value that a later group
-    reads is also stored in an array (``places``); its element is reused once the value is no longer
-    read. ``lengths`` are those of the array of each kind.
+    Temporaries are local to a group, a block of a kernel or a segment of a map. A value that a
+    later group reads is also stored in an array; ``places`` has its element, which is reused when
+    the value is no longer needed. ``lengths`` has the length of the array of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
@@ -165,22 +164,21 @@ class Crossing:
         for i, group in enumerate(groups):
             for row in group:
                 made = declared_by(row)
-                # A temporary that only its own group reads needs no storage.
+                # Temporaries that only their own group reads are not stored.
                 if made is None or last[made] == i:
                     continue
-                if isinstance(row, Assign) and len(row.to) > 1:  # stored in an array anyway
+                if isinstance(row, Assign) and len(row.to) > 1:  # already stored in an array
                     self.places[made] = row.to[1]
                     continue
                 kind = kind_of(made)
                 if not free[kind]:
                     free[kind].append(self.lengths[kind])
                     self.lengths[kind] += 1
-                # Using the lowest free element keeps the array short.
+                # The lowest free element is used, so that the array is short.
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
-            # The element is released after the group, since all its statements may read the
-            # element.
+            # Elements are released after the group, since all of its statements may read them.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
@@ -196,7 +194,7 @@ class Crossing:
         found: list[Statement] = []
         for row in rows:
             if isinstance(row, Assign) and (made := row.declares) in self.places:
-                # The temporary itself is declared only if statements of the same group read it.
+                # The temporary is declared only if statements of the same group read it.
                 own = row.to[:1] if made in reads else ()
                 found.append(Assign((*own, self.places[made]), placed(row.value)))
             else:
@@ -205,17 +203,17 @@ class Crossing:
 
 
 #: Maximum number of operations in a block. With gcc 12, longer blocks compile more slowly and run
-#: no faster; shorter ones pass more values through memory.
+#: no faster, while shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: Name of the caller's status, which is passed as a pointer, hence the asterisk.
+#: The caller's status in a block, which receives a pointer to it, hence the asterisk.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """A kernel, divided into functions if it is long."""
+    """A kernel that is divided into functions if it is long."""
 
     functions: list[FunctionPart]  # in calling order; empty if the kernel is not divided
     statements: list[Statement]  # the statements that remain in the kernel
@@ -223,7 +221,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class _Item:
-    """A statement with its comment and all names in it."""
+    """A statement with its comment and the names that it contains."""
 
     row: Statement
     comment: str
@@ -254,26 +252,26 @@ def cut_into_blocks(
     results: Collection[str] = (),
     longest: int = LONGEST_BLOCK,
 ) -> Blocks:
-    """Cut the statements of a kernel, unless they are few.
+    """Divide the statements of a kernel into blocks, unless they are few.
 
     Parameters
     ----------
     names : str
-        Name of each block in C, with ``{}`` for its number.
+        C name of the blocks, with ``{}`` for the number.
     statements, arguments : sequences of Statement, Argument
-        Those of the kernel; loops and tables as :func:`cotree.codegen.loops.roll` writes them.
+        The statements, with loops and tables from :func:`cotree.codegen.loops.roll`, and arguments.
     results : collection of str
         Arrays that no statement reads; their elements are written as soon as they are known.
     longest : int
-        Upper limit of the operations of a block, except for longer loops and single statements.
+        Maximum number of operations in a block, except for longer loops and single statements.
     """
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
-    # Blocks return no status. Statements that may return from the kernel therefore remain in it,
-    # after the calls. A kernel that may return earlier is not divided.
+    # Blocks return no status, so statements that may return from the kernel remain in it, after the
+    # calls. Kernels that may return earlier are not divided.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -281,19 +279,19 @@ def cut_into_blocks(
     if results:
         body = _written_early(body, results, writer.arrays)
     cuts = _choose_cuts(body, exits, writer.arrays, longest)
-    # A single block would only add a call.
+    # With a single block, there would only be an additional call.
     if len(cuts) < 3:
         return whole
     return writer.write([body[a:b] for a, b in pairwise(cuts)], exits)
 
 
 def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
-    """List all statements except pure declarations."""
+    """Yield all statements except pure declarations."""
     comment = ""
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
-        # Each block declares its own arrays and tables, the kernel those that several blocks use.
+        # Blocks declare their own arrays and tables; the kernel declares those of several blocks.
         elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
@@ -309,7 +307,7 @@ def _written_early(
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
             continue
-        # Results that were moved to another statement are placed after it.
+        # Results that are moved to another statement follow it.
         moved[i].insert(0, item)
         if item.makes:
             known[item.makes] = i
@@ -320,14 +318,14 @@ def _written_early(
 def _choose_cuts(
     items: Sequence[_Item], exits: Sequence[_Item], arrays: Collection[str], longest: int
 ) -> list[int]:
-    """Return the ends of blocks, from half to all of the longest length, by fewest crossings."""
+    """Return the ends of blocks of about equal lengths, at which the fewest values cross."""
     n = len(items)
-    # The number of live names at a cut is a cumulative sum: plus one after the first use of a name,
-    # and minus one after its last use.
+    # The number of live names at a cut is a cumulative sum of +1 after the first use of each name
+    # and -1 after its last use.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # A temporary that is stored in an array anyway does not count. Arrays count: they must be
+    # Temporaries that are already stored in an array do not count. Arrays do, since they must be
     # shared if a cut separates their uses.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
@@ -338,7 +336,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # Cut at the latest place among those that the fewest values cross.
+        # The cut is at the last place among those at which the fewest values cross.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))
@@ -351,7 +349,7 @@ def _choose_cuts(
 
 
 class _BlockCutter:
-    """Writes the functions of a divided kernel."""
+    """Builds the functions of a divided kernel."""
 
     def __init__(
         self, names: str, arguments: Sequence[Argument], statements: Sequence[Statement]
@@ -363,7 +361,7 @@ class _BlockCutter:
         self._shared: list[str] = []  # arrays used by several blocks
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
-        # The statements that stay in the kernel are the last group.
+        # The statements that remain in the kernel are the last group.
         groups = [*blocks, exits]
         users: dict[str | Temporary, set[int]] = {}
         for number, items in enumerate(groups):
@@ -373,7 +371,7 @@ class _BlockCutter:
         self._shared = [name for name in self.arrays if len(users.get(name, ())) > 1]
         crossing = Crossing([[item.row for item in items] for items in groups])
         frames = [Array(FRAMES[kind], n, kind) for kind, n in crossing.lengths.items() if n]
-        # The block that computes the values of an array assigns them; the kernel only declares it.
+        # The kernel only declares shared arrays; the block that computes their values assigns them.
         shared = [replace(self.arrays[name], values=(), is_constant=False) for name in self._shared]
         arguments = [
             *self._arguments,
@@ -390,7 +388,7 @@ class _BlockCutter:
         return Blocks(functions, [*frames, *shared, *calls, *leaving])
 
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
-        """Write the statements of one block, after its own arrays and tables."""
+        """Return the statements of one block after the declarations of its arrays and tables."""
         names = {name for item in items for name in item.names}
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
         body: list[Statement] = [
@@ -408,7 +406,7 @@ class _BlockCutter:
         return body
 
     def _own(self, row: Statement) -> list[Statement]:
-        """Replace declarations of shared arrays by assignments, and status by a pointer to it."""
+        """Replace declarations of shared arrays by assignments, and the status by its pointer."""
         if isinstance(row, Report):
             return [replace(row, status=_BY_POINTER)]
         if isinstance(row, Array) and row.name in self._shared:

@@ -1,8 +1,8 @@
-"""C files of a model and of integrators: for C projects, and for the engine that Python drives.
+"""C files of models and integrators, for C projects and for the engines that Python calls.
 
-SUNDIALS is called without its headers: ``templates/runtime/sundials/cotree_sundials.h`` declares
-the functions, in a conditional part for each library. CVODES and IDAS are CVODE and IDA with
-sensitivities, each of which has its own vector.
+SUNDIALS is called without its own headers: ``templates/runtime/sundials/cotree_sundials.h``
+declares the functions, with a conditional part for each library. CVODES and IDAS are CVODE and IDA
+with a separate vector for each sensitivity.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, 
     model : ModelContext
         From :func:`cotree.codegen.context.model_context`.
     features : Features
-        What is compiled.
+        The parts of the runtime that are compiled.
 
     Returns
     -------
     mapping of str to str
-        Text by file name: ``<model>.h``, ``<model>.c``, the headers that these include; and
-        ``<model>_vectors.h`` where C does something with several numbers at a time.
+        Text by file name: ``<model>.h``, ``<model>.c``, the headers that these include and, if C
+        processes several numbers at a time, ``<model>_vectors.h``.
     """
     vectors, target = {}, model.target
     if model.uses_vectors:
@@ -70,7 +70,7 @@ def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, 
 
 
 def cdef(header: str, prefix: str) -> str:
-    """Return the declarations that cffi reads, for one model.
+    """Return the declarations of a model for cffi.
 
     Parameters
     ----------
@@ -83,19 +83,19 @@ def cdef(header: str, prefix: str) -> str:
 
 
 def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
-    """Return the exported functions of headers, and types, for cffi; numbers are doubles.
+    """Return declarations of exported functions and types for cffi, with doubles as numbers.
 
     Parameters
     ----------
     texts : iterable of str
         Headers, in an order in which each follows those that it includes.
     types : sequence of str
-        Names of types besides those that functions have.
+        Names of types besides those that the functions use.
     """
     return f"typedef double cotree_real;\n{exported(texts, types)}"
 
 
-#: The function that returns the version, called before any other.
+#: Result and arguments of the SUNDIALS function that returns the version; it is called first.
 VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
     "SUNDIALSGetVersionNumber": (
         "int",
@@ -104,12 +104,12 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
 }
 
 _HEADER = "cotree_sundials.h"
-#: Modules that define the types of a job and of a start.
+#: Modules whose headers declare the types of a job and of a start.
 _JOB_MODULES = ("abi", "run", "start_tables")
 
 
 def sundials_files(library: str) -> dict[str, str]:
-    """Write the stepper that calls a library of ``SUNDIALS``."""
+    """Return the files of the stepper that calls a SUNDIALS library."""
     is_ida = "ida" in library
     has_sensitivities = library in WITH_SENSITIVITIES
     known = {
@@ -123,7 +123,7 @@ def sundials_files(library: str) -> dict[str, str]:
 
 @cache
 def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
-    """Return result and arguments of each function of a library that is called, by name."""
+    """Return result and arguments of each SUNDIALS function that is called, by name."""
     text = sundials_files(library)[_HEADER]
     members = text.partition("typedef struct cotree_sundials {")[2].partition("\n}")[0]
     found = {}
@@ -136,16 +136,16 @@ def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-#: Every integrator with error control, by name.
+#: All integrators with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
-#: All methods with steppers in C, by name: those of cotree, and the libraries of SUNDIALS.
+#: Names of all C steppers: those of cotree's methods, and the SUNDIALS libraries.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
-#: Modules that all engines share and that include only each other. They are compiled once.
+#: Modules that all engines share and that include only each other; they are compiled once.
 SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
 
-#: Context for the templates of all methods.
+#: Context that the templates of all methods have in common.
 _COMMON: dict[str, Any] = {"generator": VERSION, "limits": LIMITS}
 
 #: Sources that are compiled together with a method, so that their functions can be inlined.
@@ -153,8 +153,8 @@ _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 
 def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Write the own files of a method of ``INTEGRATORS`` or ``FIXED``, without the runtime."""
-    # C projects support methods with fixed steps, too, which engines do not.
+    """Return the files of a method of ``INTEGRATORS`` or ``FIXED``, without the runtime."""
+    # Methods with fixed steps are only for C projects.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     kind = "fixed" if isinstance(method, FixedStep) else "variable"
     texts = {
@@ -167,7 +167,7 @@ def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 
 def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, bool]:
-    """Return the values of the macros that select parts of the plain C of a method."""
+    """Return the values of the macros that select parts of the C text of a method."""
     return {
         "COTREE_IMPLICIT": method.is_implicit,
         "COTREE_TWO_ERRORS": isinstance(method, Tableau) and len(method.errors) > 1,
@@ -175,29 +175,29 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
 
 
 def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
-    """Return the C files of the engine of a stepper of ``STEPPERS``: the job and the stepper.
+    """Return the C files of the engine of a stepper in ``STEPPERS``: the job and the stepper.
 
-    They are the same for many models. An engine without events is half as long; it runs models that
-    have neither events nor kinks.
+    They are the same for all models. An engine without events is half as long, but runs only models
+    without events and kinks.
     """
     own = dict(stepper_files(name))
     if name in INTEGRATORS:
         own |= method_files(name)
     features = replace(ALL, events=has_events, modes=has_events, discs=has_events)
-    # Models have one layout, that of all features.
+    # The structure of a model is that with all features.
     files = {**with_runtime(own, features=features), "cotree_abi.h": header_text("cotree_abi.h")}
     parts = [files.pop(part) for part in [*_INLINED, *own] if part.endswith(".c") and part in files]
     return {**files, "engine.c": "\n".join(parts)}
 
 
 def shared_files(files: Iterable[str]) -> frozenset[str]:
-    """Return the files that all engines have in common."""
+    """Return the names of those files that all engines have in common."""
     shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
     return frozenset(shared.keys() & {*files})
 
 
 def _sources(modules: Iterable[str]) -> dict[str, str]:
-    """Write the sources of modules."""
+    """Return the sources of the given modules."""
     return {
         name: text
         for module in modules
@@ -206,7 +206,7 @@ def _sources(modules: Iterable[str]) -> dict[str, str]:
 
 
 def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Write the stepper of ``STEPPERS`` that a job runs; libraries of SUNDIALS take doubles."""
+    """Return the files of a stepper in ``STEPPERS``; SUNDIALS steppers use doubles."""
     if name in INTEGRATORS:
         text = render("c/engine/own_stepper.c.jinja", target, method=INTEGRATORS[name], **_COMMON)
         return {f"cotree_{name}_stepper.c": text}
@@ -214,12 +214,12 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
-    """Return the declarations of an engine and of the library functions that it calls, for cffi."""
+    """Return declarations of an engine, and of the SUNDIALS functions that it calls, for cffi."""
     headers = [f"cotree_{module}.h" for module in (*_JOB_MODULES, "job")]
     types = ["cotree_start_tables"]
     functions: Mapping[str, tuple[str, str]] = {}
     stepper = f"const cotree_stepper *cotree_{name}_stepper(void);\n"
-    if name in SUNDIALS:  # one header declares the steppers of all libraries
+    if name in SUNDIALS:  # this header declares the steppers of all libraries
         headers.append(_HEADER)
         types += ["cotree_sundials", "cotree_sundials_aid"]
         functions = {**sundials_functions(name), **VERSION_FUNCTION}
@@ -231,8 +231,8 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-#: Libraries that do not depend on the model: their modules, and the modules whose headers cffi
-#: reads. The engine of a method also runs the jobs of a batch.
+#: Libraries that do not depend on the model: the modules of each, and the modules whose headers
+#: cffi reads.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),
@@ -247,7 +247,7 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 def library_texts(
     name: str, stepper: str = "", *, has_events: bool = True
 ) -> tuple[Mapping[str, str], str]:
-    """Return files and declarations for cffi of a library, or of the ``engine`` of a stepper."""
+    """Return the files of a library, or of the engine of a stepper, and declarations for cffi."""
     if stepper:
         files = engine_files(stepper, has_events=has_events)
         return files, engine_declarations(files, stepper)

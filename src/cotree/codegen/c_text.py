@@ -1,8 +1,8 @@
-"""C text as data: its tokens, and its items at file scope.
+"""Analysis of C text: tokens, and items at file scope.
 
-Texts follow a convention that formatters preserve: items at file scope begin in the first column,
-bodies are indented, a comment precedes the item that it describes, and an empty line ends a
-paragraph.
+The text must follow a convention that formatters preserve: items at file scope begin in the first
+column, bodies are indented, a comment precedes the item that it describes, and paragraphs end with
+an empty line.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 
-#: Tokens of C text: comments, strings, words, and the text between them.
+#: Pattern of the tokens of C text: comments, strings, words, and the text between these.
 _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTALL)
 
 #: Qualifier of functions that other programs call.
 _EXPORT = "COTREE_EXPORT"
-#: Macros at the begin and end of the declarations in headers, for C++ compilers.
+#: Macros before and after the declarations in headers, for C++ compilers.
 _FRAME = ("COTREE_BEGIN_DECLS\n", "COTREE_END_DECLS\n")
 
 
@@ -33,17 +33,17 @@ class Item:
 
     @property
     def is_comment(self) -> bool:
-        """Return whether it is a comment."""
+        """Whether the item is a comment."""
         return self.text.startswith("/*")
 
     @property
     def is_directive(self) -> bool:
-        """Return whether it is a preprocessor directive."""
+        """Whether the item is a preprocessor directive."""
         return self.text.startswith("#")
 
     @property
     def is_private(self) -> bool:
-        """Return whether the names are local to the file, if it is a source."""
+        """Whether the names are local to the file, provided that it is a source."""
         head = self.text.partition("{")[0].partition("(")[0].partition("=")[0]
         return not self.is_directive and bool({"static", "COTREE_PRIVATE", "typedef"} & words(head))
 
@@ -65,14 +65,14 @@ def words(text: str) -> frozenset[str]:
 
 
 def squeezed(text: str) -> str:
-    """Return a text without two empty lines in a row."""
+    """Return a text in which consecutive empty lines are merged."""
     while "\n\n\n" in text:
         text = text.replace("\n\n\n", "\n\n")
     return text
 
 
 def included(line: str) -> str | None:
-    """Return the header that a line includes in quotes, or None."""
+    """Return the header that a line includes in quotes, or None if it includes none."""
     begin = '#include "'
     return line.rstrip()[len(begin) : -1] if line.startswith(begin) else None
 
@@ -83,7 +83,10 @@ def includes(text: str) -> list[str]:
 
 
 def unframed(header: str) -> tuple[str, str]:
-    """Return the first comment of a header, and the text inside its include guard, if any."""
+    """Return the first comment of a header, and the text inside its include guard.
+
+    Without an include guard, return the whole header and an empty string.
+    """
     comment, guard, body = header.partition("\n#ifndef ")
     if not guard or "#" in comment:
         return header, ""
@@ -94,7 +97,7 @@ def unframed(header: str) -> tuple[str, str]:
 
 @cache
 def paragraphs(text: str) -> tuple[tuple[Item, ...], ...]:
-    """Split a text into items, by the empty lines between these."""
+    """Split a text at empty lines into paragraphs of items."""
     found: list[list[Item]] = [[]]
     lines = iter(text.splitlines(keepends=True))
     for line in lines:
@@ -106,12 +109,12 @@ def paragraphs(text: str) -> tuple[tuple[Item, ...], ...]:
 
 
 def items(text: str) -> list[Item]:
-    """List the items of a text."""
+    """Return the items of a text."""
     return [item for paragraph in paragraphs(text) for item in paragraph]
 
 
 def _item(line: str, lines: Iterator[str]) -> Item:
-    """Read an item that begins with a line."""
+    """Return the item that begins with ``line``; further lines are taken from ``lines``."""
     text = line
     if line in _FRAME:
         return Item(line)
@@ -124,7 +127,7 @@ def _item(line: str, lines: Iterator[str]) -> Item:
             text += (line := next(lines))
         directive, *rest = [token for token in tokens(text) if is_word(token)]
         return Item(text, tuple(rest[:1]) if directive in ("define", "undef") else ())
-    # A macro that writes a function ends with its arguments.
+    # The call of a macro that generates a function ends with a parenthesis.
     head = line.partition("(")[0]
     ends = (";", "}", ")") if head.isidentifier() and head.isupper() else (";", "}")
     depth = line.count("{") - line.count("}")
@@ -156,14 +159,15 @@ def _declared(text: str) -> tuple[str, ...]:
 def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str, str]:
     """Remove unused items from files that are the same for every model.
 
+    Exported items remain. So do conditions that are not closed in the same paragraph, such as
+    include guards, and headers without an include guard, whose names depend on macros.
+
     Parameters
     ----------
     texts : mapping of str to str
-        C text by file name, whose conditions are decided.
+        C text by file name, in which preprocessor conditions have been evaluated.
     shared : container of str
-        Names of those files. Exported items stay; so do conditions that a paragraph opens and does
-        not close, such as include guards, and headers without a guard, whose names follow from
-        macros.
+        Names of the files that are the same for every model.
 
     Returns
     -------
@@ -194,7 +198,7 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
 
 
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
-    """Return exported functions, some types, and the items that these need, without comments.
+    """Return exported functions, the given types, and the items that these need, uncommented.
 
     Parameters
     ----------
@@ -215,9 +219,9 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
 def _reached(
     fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
 ) -> set[tuple[str, str]]:
-    """Return the names in items, and in the items that define these names, with their scopes.
+    """Return all names that the given items need, directly or indirectly, with their scopes.
 
-    The scope of a private name is its source, otherwise it is empty.
+    The scope of a private name is its source; that of other names is empty.
     """
     by_name: dict[str, list[tuple[Item, str]]] = {}
     for row in rows:
@@ -229,7 +233,7 @@ def _reached(
         for word in words(item.text):
             for row in by_name.get(word, ()):
                 scope = _scope(*row)
-                # A header may use macros that are defined in the including source.
+                # A header may use macros of the source that includes it.
                 is_known = scope in ("", file) or not file.endswith(".c")
                 if is_known and (word, scope) not in reached:
                     reached.add((word, scope))
@@ -238,19 +242,19 @@ def _reached(
 
 
 def _scope(item: Item, file: str) -> str:
-    """Return the source to which the names of an item are local, or an empty text."""
+    """Return the source to which the names of an item are local, or an empty string."""
     is_private = item.is_private or item.text.startswith("#define")
     return file if is_private and file.endswith(".c") else ""
 
 
 def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
-    """Return whether any name that an item defines is reached."""
+    """Return whether any name that an item defines is in ``reached``."""
     scope = _scope(item, file)
     return any((name, scope) in reached for name in item.names)
 
 
 def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bool]]:
-    """Return groups of items that are kept or removed together, and whether each is always kept."""
+    """Return groups of items that are removed together, and whether each is always kept."""
     levels = [_level(item) for item in paragraph]
     if not any(levels):
         found = [item for item in paragraph if not item.is_comment]
@@ -266,7 +270,7 @@ def _level(item: Item) -> int:
 
 
 def _without(paragraph: Sequence[Item], file: str, reached: set[tuple[str, str]]) -> str:
-    """Return the used parts of a paragraph; an empty text if only comments would remain."""
+    """Return the used parts of a paragraph, or an empty string if only comments would remain."""
     kept = {
         part.text
         for part, is_kept in _parts(paragraph, is_shared=True)

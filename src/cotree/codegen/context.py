@@ -1,4 +1,4 @@
-"""Kernels and models as typed, plain data for templates, which only arrange text."""
+"""Template data of kernels and models, which templates only arrange as text."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
-#: Kind of the event at which the direction of friction on a plane in space changes.
+#: Number of the event kind for changes of the direction of friction on a plane in space.
 _TURN = 6
 
 
 @dataclass(frozen=True)
 class KernelContext:
-    """One kernel."""
+    """Template data of one kernel."""
 
     signature: str
     prototype: str
@@ -74,7 +74,7 @@ class KernelContext:
 
 @dataclass(frozen=True)
 class KernelFile:
-    """A C file of kernels."""
+    """Template data of a C file of kernels."""
 
     title: str
     prefix: str
@@ -95,23 +95,23 @@ class KernelFile:
 
     @property
     def n_written(self) -> int:
-        """Number of operations of the longest function, for the choice of the compiler's flags."""
+        """Number of operations in the longest function, on which the compiler flags depend."""
         return max((n for body in self.bodies for n in body.written), default=0)
 
     @property
     def n_written_in_all(self) -> int:
-        """Number of operations of all functions together."""
+        """Number of operations in all functions."""
         return sum(n for body in self.bodies for n in body.written)
 
 
 def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
-    """Return the arguments and the values of a table as constants."""
+    """Yield the arguments and values of a table as tables of constants."""
     for axis, values in table.arrays.items():
         yield constants(target.scalar, f"{name}_{axis}", map(target.literal, values))
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
-    """Return a C name for each table among some values."""
+    """Return a C name for each table in the given nodes."""
     tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}
 
@@ -146,7 +146,7 @@ def file_fields(
 
 
 def _is_call(node: Node) -> bool:
-    """Return whether a node calls a function of the mathematics library."""
+    """Return whether a node calls a function of the C mathematics library."""
     return node.op == "sines" or (node.op in OPERATIONS and OPERATIONS[node.op].is_call)
 
 
@@ -160,19 +160,19 @@ def kernel_context(
 ) -> KernelContext:
     """Build the template data of one kernel of a program.
 
-    ``names`` are those of :func:`cotree.codegen.node_statements.print_nodes`; ``called`` has the
-    bytes of the stack of functions that it may call.
+    See :func:`cotree.codegen.node_statements.print_nodes` for ``names``; ``called`` has the stack
+    sizes of functions that the kernel may call, [byte].
     """
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        # Call the other kernel: computing only its last results would save little.
+        # The other kernel is called, since computing only its last results would save little.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        # The order of evaluation of a kernel does not include its guards.
+        # The order of a kernel does not include its guards.
         order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
@@ -180,8 +180,8 @@ def kernel_context(
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
-    # Guards follow all results; cut_into_blocks relies on this. They are numbered from one, since
-    # zero means success. Equal conditions are checked once.
+    # Guards follow all results, as cut_into_blocks requires. They are numbered from one, since zero
+    # means success. Equal conditions are checked once.
     checked: dict[tuple[CExpression, bool], int] = {}
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1):
         checked.setdefault((value, guard.is_strict), i)
@@ -207,7 +207,7 @@ def kernel_context(
 
 
 def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
-    """Yield assignments of the results, except those that a map has written already."""
+    """Yield assignments of the results, except of those that a map has written."""
     for i, value in enumerate(results):
         place = element(array, i)
         if value != place:
@@ -227,14 +227,16 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
 
 
 def _arguments(kernel: Kernel) -> list[Argument]:
-    """Return a kernel's arguments, the result last."""
+    """Return the arguments of a kernel, of which the last one is the result."""
     read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
     return [*read, Argument(kernel.spec.result, is_constant=False)]
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
-    """Return the arguments that no statement uses."""
-    # Arguments that templates cast to void, to avoid compiler warnings about unused arguments.
+    """Return the arguments that no statement uses.
+
+    Templates cast them to void to avoid compiler warnings.
+    """
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
@@ -245,7 +247,7 @@ def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
 
 @dataclass(frozen=True)
 class ModelContext(KernelFile):
-    """One model."""
+    """Template data of one model."""
 
     target: Target
     layout: Layout
@@ -254,18 +256,18 @@ class ModelContext(KernelFile):
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
-    constants: list[Constants]  # values that columns do not share, starts of columns
+    constants: list[Constants]  # constant columns of maps, and starts of result columns
     clears_columns: bool
     kernel_pointers: dict[str, str]
     enums: dict[str, list[str]]  # enumerators of the header by kind of quantity
 
     @property
     def upper(self) -> str:
-        """The prefix of macros."""
+        """Prefix of macros."""
         return self.prefix.upper()
 
     def features(self) -> Features:
-        """Return the parts of the runtime that an explicit method without a helper uses."""
+        """Return the parts of the runtime that the model needs with an explicit method."""
         layout = self.layout
         return Features(
             sensitivities=bool(layout.sensitivities),
@@ -284,13 +286,13 @@ class ModelContext(KernelFile):
 
     @property
     def bodies(self) -> list[Body]:
-        """The functions."""
+        """Functions of the file."""
         return [*super().bodies, *(row.body for row in self.maps)]
 
 
 @without_collection()
 def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
-    """Build the template data of a model, for scalar numbers."""
+    """Build the template data of a model for a target with scalar numbers."""
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
@@ -300,7 +302,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     # Applications of one map with equal storage share a function.
     applied = {own_rows(node): node for node in maps}
     functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
-    # Applications with constant columns read a table of the file.
+    # Applications with constant columns read a table at file scope.
     columns = {
         node: table
         for i, node in enumerate(maps)
@@ -310,14 +312,14 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
-    # A kernel that copies the tail of another kernel contains no map.
+    # Kernels that copy the last results of another kernel contain no map.
     starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # In the order of the registry, a kernel follows those that it calls, so that their stack sizes
-    # are known.
+    # In the order of the registry, kernels follow those that they call, whose stack sizes are thus
+    # known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)
@@ -361,7 +363,7 @@ def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
-    """Convert names to enumerators; a number distinguishes equal ones."""
+    """Convert names to enumerators, which numbers make unique."""
     found: dict[str, None] = {}
     for name in names:
         own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"

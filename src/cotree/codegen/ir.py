@@ -1,9 +1,9 @@
-"""Expressions and statements as data: the small language between a program and its text.
+"""Expressions and statements as data: the intermediate language between a program and C text.
 
-An expression is a form and numbers. The form is the tree of its operations, arrays and names, and
-leaves out the numbers: constants, indices and the numbers of temporaries. Statements that differ in
-their numbers only have equal forms, by which loops are found, and properties of the form (names,
-operations, text) are derived once. Only :mod:`cotree.codegen.printing` writes statements as C.
+An expression consists of a form and numbers. The form is the tree of its operations, arrays and
+names, without the numbers: constants, indices and the numbers of temporaries. Statements that
+differ only in their numbers have equal forms, by which loops are found, and properties of a form
+(names, operations, text) are computed once. Only :mod:`cotree.codegen.printing` writes C.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 
-#: A temporary variable: its prefix and its number.
+#: A temporary variable: prefix and number.
 Temporary = tuple[str, Any]
 
-#: Precedence of names, calls and array elements, the highest.
+#: Highest precedence, that of names, calls and array elements.
 _ATOM = 9
-#: Precedence of an operation, and minimum precedence of its arguments. The right operand requires
-#: a higher one, so that values are computed in the order of the program.
+#: Precedence of each operation, and minimum precedences of its arguments without parentheses. That
+#: of the right operand is higher, so that values are computed in the order of the program.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
     "sub": (1, (1, 2)),
@@ -39,18 +39,18 @@ _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "not": (3, (_ATOM,)),
     "fails": (0, (1,)),
 }
-#: Number stored in a leaf: real (r), whole (w), index (i), or number of a temporary (t).
+#: Types of the numbers in each leaf: real (r), whole (w), index (i), number of a temporary (t).
 _SLOTS = {
     **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
     **{"name": "", "zero": "", "tolerance": ""},
 }
-#: Number of operations that an operation counts as, if not one: a sign consists of comparisons;
+#: Number of operations for which each operation counts, if not one: a sign consists of comparisons;
 #: conversions and leaves are free.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
 
 def fields_of(spelling: str) -> list[int]:
-    """Return the numbers of the arguments of a format, in the order of its text."""
+    """Return the argument numbers in a format string, in the order of its text."""
     return [int(name) for _, name, _, _ in Formatter().parse(spelling) if name is not None]
 
 
@@ -67,9 +67,8 @@ _WIDTHS = {name: len(row.c.format(*[""] * row.arity)) for name, row in OPERATION
 class Form:
     """The structure of an expression, without its numbers."""
 
-    #: ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
-    #: ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
-    #: text, or an operation.
+    #: An operation; or ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an
+    #: array, ``temporary``, ``call`` of a function, ``part``, a call of a part of the caller.
     op: str
     name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
     args: tuple[Form, ...]  # arguments of the operation or function
@@ -78,13 +77,13 @@ class Form:
     #: number, ``i`` for an index, ``t`` for the number of a temporary.
     slots: str
     n_operations: int  # number of operations
-    width: int  # number of characters in C, without those of numbers
-    names: frozenset[str]  # all names that occur, except temporaries
+    width: int  # number of characters in C without the numbers
+    names: frozenset[str]  # all names in the form, except temporaries
     #: Position among the numbers, and prefix, of each temporary.
     temporaries: tuple[tuple[int, str], ...]
     _hash: int
 
-    # Forms are compared by value, since a cache may drop one and build an equal one later.
+    # Forms are compared by value, since a cache may discard one and build an equal one later.
     def __hash__(self) -> int:
         return self._hash
 
@@ -100,7 +99,7 @@ class Form:
 
     @property
     def needs(self) -> tuple[int, ...]:
-        """Minimum precedence of each argument without parentheses."""
+        """Minimum precedence of each argument that needs no parentheses."""
         return _BINDING[self.op][1] if self.op in _BINDING else (0,) * len(self.args)
 
 
@@ -136,7 +135,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
 
 @dataclass(frozen=True, slots=True)
 class Affine:
-    """A number in a loop that grows by a constant step: ``step * i + first``."""
+    """A number in a loop that changes by a constant step: ``step * i + first``."""
 
     step: int
     first: int
@@ -159,7 +158,7 @@ Number = int | float | Affine | TableEntry
 
 @dataclass(frozen=True, slots=True)
 class CExpression:
-    """An expression: its form, its numbers, and the length of its C text."""
+    """An expression with its form, its numbers, and the length of its C text."""
 
     form: Form
     numbers: tuple[Number, ...]
@@ -170,8 +169,8 @@ _ZERO = CExpression(_form("zero", ""), (), 4)
 
 
 def number(value: float) -> CExpression:
-    """Build a constant; the sign of a negative one is an operation."""
-    # Precedence then decides on parentheses: -(-2.0), never --2.0.
+    """Build a constant; the sign of a negative constant is an operation."""
+    # Precedence then leads to parentheses: -(-2.0), never --2.0.
     value = float(value)
     if value < 0.0:
         return apply("neg", number(-value))
@@ -179,7 +178,7 @@ def number(value: float) -> CExpression:
 
 
 def tolerance(value: float) -> CExpression:
-    """Build a tolerance for doubles, which is scaled to the precision of the target type."""
+    """Build a tolerance for doubles, which is scaled to the precision of the target's type."""
     text = repr(float(value))
     form = _form("tolerance", text)
     return CExpression(form, (), form.width)
@@ -191,7 +190,7 @@ def whole(value: Number) -> CExpression:
 
 
 def zero() -> CExpression:
-    """Return a zero of the type that statements compute with."""
+    """Return the zero of type ``REAL``."""
     return _ZERO
 
 
@@ -212,9 +211,9 @@ def temporary(prefix: str, value: int) -> CExpression:
 
 
 def apply(op: str, *args: CExpression) -> CExpression:
-    """Apply an operation: a row of :data:`cotree.dag.operations.OPERATIONS`, or one of C.
+    """Build an operation of :data:`cotree.dag.operations.OPERATIONS`, or one that only C has.
 
-    The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
+    The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with zero.
     """
     if op in _ARRANGED:
         # Arguments are listed in the order of the text, including repetitions.
@@ -223,7 +222,7 @@ def apply(op: str, *args: CExpression) -> CExpression:
 
 
 def call(function: str, *args: CExpression, op: str = "call") -> CExpression:
-    """Build a call of a function; ``op`` is ``part`` for a function that is part of the caller."""
+    """Build a function call; ``op`` is ``part`` for a function that is part of the caller."""
     return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
 
 
@@ -232,13 +231,13 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     width = form.width
     for arg in args:
         numbers += arg.numbers
-        # The width of the form is included already.
+        # The width already includes that of the form.
         width += arg.width - arg.form.width
     return CExpression(form, numbers, width)
 
 
 def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) -> CExpression:
-    """Replace temporaries that have a place in an array by that element."""
+    """Replace temporaries that are stored in an array by the array elements."""
     form, numbers = expression.form, expression.numbers
     if not form.temporaries:
         return expression
@@ -258,7 +257,7 @@ def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) 
 
 @lru_cache(maxsize=1 << 14)
 def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
-    """Replace some temporaries by other forms of one number each."""
+    """Replace temporaries by other forms, each of which has one number."""
     if form.op == "temporary":
         return found[0][1]
     args: list[Form] = []
@@ -271,8 +270,8 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
     return _form(form.op, form.name, tuple(args))
 
 
-#: Types of values, which a target maps to types of C. Statements compute with ``REAL``, which may
-#: be a vector of numbers; ``SCALAR`` is one number.
+#: Types of values, which a target maps to C types. Statements compute with ``REAL``, which may be a
+#: vector of numbers; ``SCALAR`` is a single number.
 REAL, SCALAR, WHOLE = "real", "scalar", "whole"
 
 #: Prefixes of temporary variables that are integers; all others are real.
@@ -280,14 +279,14 @@ _WHOLE_PREFIXES = frozenset({"rank", "accepted"})
 
 
 class Simple:
-    """A statement of expressions, which are the fields in ``parts``."""
+    """A statement that contains no other statements; ``parts`` names its expressions."""
 
     __slots__ = ()
     parts: ClassVar[tuple[str, ...]] = ("value",)
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """Its expressions in the order of the text."""
+        """The expressions in the order of the text."""
         return tuple([getattr(self, part) for part in self.parts])
 
     def of(self, expressions: Sequence[CExpression]) -> Self:
@@ -298,21 +297,21 @@ class Simple:
 
 @dataclass(frozen=True, slots=True)
 class Assign(Simple):
-    """Assign ``value`` to all of ``to``; a temporary comes first there and is declared."""
+    """Assignment of ``value`` to each of ``to``; a temporary must be first, and is declared."""
 
     to: tuple[CExpression, ...]
     value: CExpression
 
     @property
     def declares(self) -> Temporary | None:
-        """The temporary that it declares, if any."""
+        """The temporary that the statement declares, if any."""
         # A second target is an array element that stores the same value.
         first = self.to[0]
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """Its expressions in the order of the text."""
+        """The expressions in the order of the text."""
         return (*self.to, self.value)
 
     def of(self, expressions: Sequence[CExpression]) -> Assign:
@@ -322,7 +321,7 @@ class Assign(Simple):
 
 @dataclass(frozen=True, slots=True)
 class LeaveUnless(Simple):
-    """Return minus ``number`` unless ``value > 0``, or ``value >= 0`` if not strict."""
+    """Return of minus ``number`` unless ``value > 0``, or ``value >= 0`` if not strict."""
 
     parts = ("value", "number")
     value: CExpression
@@ -332,7 +331,7 @@ class LeaveUnless(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Report(Simple):
-    """Set the function's status to ``code`` if ``condition`` holds."""
+    """Assignment of ``code`` to the function's status if ``condition`` holds."""
 
     parts = ("condition", "status")
     condition: CExpression
@@ -342,7 +341,7 @@ class Report(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Call(Simple):
-    """Call a function; ``loop`` is a macro that repeats the call for several vectors, or empty."""
+    """Function call; ``loop`` is a macro that repeats it for several vectors, or empty."""
 
     value: CExpression
     loop: str = ""
@@ -350,7 +349,7 @@ class Call(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Array(Simple):
-    """Declare an array, optionally with values."""
+    """Declaration of an array, optionally with values."""
 
     name: str
     length: int
@@ -361,7 +360,7 @@ class Array(Simple):
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """Its expressions in the order of the text."""
+        """The expressions in the order of the text."""
         return (named(self.name), *self.values)
 
     def of(self, expressions: Sequence[CExpression]) -> Array:
@@ -371,7 +370,7 @@ class Array(Simple):
 
 @dataclass(frozen=True, slots=True)
 class ConstantTable:
-    """Declare a table of constants."""
+    """Declaration of a table of constants."""
 
     name: str
     kind: str
@@ -387,7 +386,7 @@ class Comment:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Run statements for ``i`` from 0 to ``times - 1``."""
+    """Loop that executes statements for ``i`` from 0 to ``times - 1``."""
 
     times: int
     body: tuple[Statement, ...]
@@ -395,7 +394,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """Run ``body`` if a condition holds, and ``otherwise`` if not."""
+    """Execution of ``body`` if a condition holds, and of ``otherwise`` if not."""
 
     condition: CExpression
     body: tuple[Statement, ...]
@@ -419,7 +418,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class FunctionPart:
-    """A function that is part of another: its arguments and statements."""
+    """The arguments and statements of a function that is part of another."""
 
     name: str
     arguments: list[Argument]
@@ -429,7 +428,7 @@ class FunctionPart:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[FunctionPart, CExpression]:
-    """Build a function of statements with the arguments that it uses, and its call."""
+    """Build a function of statements, with those arguments that it uses, and its call."""
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]
@@ -437,19 +436,19 @@ def function_of(
 
 
 def kind_of(key: Temporary) -> str:
-    """Return whether a temporary is a real or a whole number."""
+    """Return the type of a temporary, ``REAL`` or ``WHOLE``."""
     return WHOLE if key[0] in _WHOLE_PREFIXES else REAL
 
 
 def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
-    """List the statements of expressions, including those in loops and conditions."""
+    """Yield the statements without inner statements, including those in loops and conditions."""
     for row in statements:
         if isinstance(row, Simple):
             yield row
         elif isinstance(row, Loop):
             yield from simple(row.body)
         elif isinstance(row, When):
-            # The condition is treated as one expression, like a call.
+            # The condition is yielded as if it were a call.
             yield from simple((Call(row.condition), *row.body, *row.otherwise))
 
 
@@ -473,7 +472,7 @@ def uses(statement: Statement) -> set[str | Temporary]:
 
 
 def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
-    """Apply a change to all expressions of a statement, including loops and conditions."""
+    """Apply a change to all expressions of a statement, including those of inner statements."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
     if isinstance(statement, Loop):
@@ -486,7 +485,7 @@ def changed(statement: Statement, change: Callable[[CExpression], CExpression]) 
 
 
 def n_operations(statements: Iterable[Statement]) -> int:
-    """Count the operations in the text of statements: those of loops and indices once."""
+    """Count the operations in the text of statements; operations in a loop count once."""
     found = 0
     for row in statements:
         for part in simple((row,)):

@@ -1,8 +1,8 @@
-"""C text that runs members of an ensemble side by side in the lanes of vectors.
+"""C text that integrates members of an ensemble in parallel, each in one SIMD lane.
 
-In: a program after its passes, a tableau and a width. Out: ``<model>_lanes.c``: the kernels of
-rates once more, for the target ``MEMBERS``, and steps of the method around them. A Rosenbrock
-method also reads kernels of derivatives, and solves with the scalar engine's elimination.
+In: a program after its passes, a method and the vector width. Out: ``<model>_lanes.c`` with rate
+kernels for the target ``MEMBERS``, and the steps of the method. A Rosenbrock method also needs
+kernels of derivatives, and uses the same elimination as the scalar engine.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
 
-#: Functions of the C library, which are called separately for each lane.
+#: C library functions that are called separately for each lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
-#: Maximum number of operations; above, compilation takes longer than vectors save.
+#: Maximum number of operations, above which compilation takes longer than vectors save.
 _MOST_OPERATIONS = 20_000
 
 
@@ -44,16 +44,16 @@ _MOST_OPERATIONS = 20_000
 class Lanes:
     """Vector width and instruction sets of a processor."""
 
-    width: int  # numbers in a vector
-    n_bundles: int  # vectors processed together, to hide the latency of operations
+    width: int  # number of lanes in a vector
+    n_bundles: int  # number of vectors processed together, to hide the latency of operations
     #: Compiler names of the instruction sets that the vectors need.
     instructions: str
-    is_fused: bool  # whether a product plus a term is rounded once
+    is_fused: bool  # whether there are fused multiply-add instructions
 
 
 @dataclass(frozen=True)
 class LanesContext(KernelFile):
-    """Data of the template."""
+    """Template data of ``<model>_lanes.c``."""
 
     lanes: Lanes
     layout: Layout
@@ -67,7 +67,7 @@ class LanesContext(KernelFile):
     n_prepared: int
     has_outputs: bool
     n_sensitivities: int
-    is_packed: bool  # whether sensitivities that always vanish are left out of the arrays
+    is_packed: bool  # whether arrays omit sensitivities that always vanish
     stiff: LinearSystem | None
 
     @property
@@ -77,17 +77,20 @@ class LanesContext(KernelFile):
 
     @property
     def part(self) -> int:
-        """Number of values of a stored row that are processed together."""
+        """Number of values in a stored row that are processed together."""
         return min(self.block, self.lanes.width)
 
     @property
     def point(self) -> int:
-        """Size of a stored point, in whole vectors."""
+        """Number of values of a stored point, rounded up to whole vectors."""
         return -(-2 * self.row // 8) * 8
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Return why members do not run in lanes, without capital and full stop; empty if they can."""
+    """Return the reason why members cannot run in SIMD lanes, or an empty string.
+
+    The reason has no capital and no full stop.
+    """
     layout = program.layout
     if method not in INTEGRATORS:
         return f"'{method}' is no method of cotree"
@@ -106,7 +109,7 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
-    """Return why vectors cannot evaluate some kernels; empty if they can."""
+    """Return the reason why the kernels cannot be vectorised, or an empty string."""
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
@@ -121,7 +124,7 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
 def lanes_context(
     program: Program, method: str, lanes: Lanes, *, has_sensitivities: bool
 ) -> LanesContext:
-    """Build the template data of a program that :func:`lanes_refusal` accepts."""
+    """Build the template data of a program for which :func:`lanes_refusal` is empty."""
     layout, prefix = program.layout, c_identifier(program.layout.name)
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
     outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
@@ -171,7 +174,7 @@ def lanes_context(
 
 
 def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
-    """Write the file of a model, and the headers that it includes, by their names."""
+    """Return the file of a model, and the headers that it includes, by name."""
     own = INTEGRATORS[method]
     text = render("c/lanes/lanes.c.jinja", model=model, method=own, limits=LIMITS)
     return with_runtime(
@@ -180,13 +183,13 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
 
 
 def lanes_declarations(model: LanesContext) -> str:
-    """Return the declarations that cffi reads."""
+    """Return the declarations for cffi."""
     declared = declarations([header_text("cotree_lanes.h")], ["cotree_lanes"])
     return f"{declared}const cotree_lanes *{model.prefix}_lanes(void);\n"
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the kernels of rates, and of inputs and kinks if there are any."""
+    """Return the rate kernels, and those of inputs and kinks if there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.corners else []
@@ -195,13 +198,13 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
 
 
 def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the kernels of outputs."""
+    """Return the output kernels."""
     names = ["outputs", *(["output_sensitivity"] if has_sensitivities else [])]
     return [program.kernels[name] for name in names]
 
 
 def _written_out(kernel: Kernel) -> Kernel:
-    """Replace maps by the statements of each column, since lanes contain members."""
+    """Replace maps by statements for each column, since lanes contain members, not columns."""
     columns: dict[Node, list[Node]] = {}
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:

@@ -1,8 +1,8 @@
-"""Rewriting of repeated statements as loops.
+"""Conversion of repeated statements to loops.
 
-Consecutive statements that differ in their numbers only (the stages of a ladder, the nonzeros of a
-Jacobian) become the body of a loop: indices with a constant step are computed, others are read from
-a table. The order of evaluation does not change. Temporaries that a loop computes or reads are
+Consecutive statements that differ only in their numbers (the stages of a ladder, the nonzeros of a
+Jacobian) become the body of a loop. Indices with a constant step are computed, others are read from
+a table. The order of evaluation does not change. Temporaries that a loop computes or reads become
 elements of an array.
 """
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import Number, Statement, Temporary
 
 
-LONGEST_BODY = 150  # maximum number of statements in a loop body: those of a spatial link
+LONGEST_BODY = 150  # maximum number of statements in a loop body, enough for a spatial link
 FEWEST_LINES = 64  # minimum number of statements that a loop replaces
 _FEWEST_EVEN = 24  # the same minimum for loops without tables
 _FEWEST_TIMES = 8
@@ -50,7 +50,7 @@ _FEWEST_TIMES = 8
 
 @dataclass(frozen=True, slots=True)
 class StatementRow:
-    """A statement, split into its form and its numbers."""
+    """A statement that is split into its form and its numbers."""
 
     #: Key that is equal for statements that differ only in their numbers; None for statements
     #: that must stay outside loops.
@@ -60,13 +60,13 @@ class StatementRow:
 
 
 def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:
-    """Cut statements into consecutive pieces: start, length of the body, number of iterations.
+    """Divide statements into loops; yield start, length of the body and number of iterations.
 
-    Numbers of even loops have constant steps; other loops need tables. An even loop is preferred if
-    it covers about as many statements. Pieces that are no loops have one iteration.
+    In even loops, numbers have constant steps; other loops need tables. Even loops are preferred if
+    they cover about as many statements. Pieces that are not loops have one iteration.
     """
     n = len(statements)
-    # For each start: lengths of the longest loop and of the longest even loop.
+    # These are the lengths of the longest loop and of the longest even loop at each start.
     labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
@@ -74,9 +74,9 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     start = plain = 0
     while start < n:
         period, length = 0, int(reach[start])
-        # A loop that starts one statement later may be longer.
+        # The loop is not used if one that starts a statement later is longer.
         is_longest = length > 0 and reach[start + 1] <= length
-        # Tables are used only if even loops cover less than half of these statements.
+        # Tables are used only if even loops cover less than half of its statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
             period = _shortest_period(labels, start, length)
             length -= length % period
@@ -103,12 +103,12 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return for each position the length of the longest loop that ignores numbers."""
+    """Return, for each start, the length of the longest loop if numbers are ignored."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # Number of statements that equal those one period later. The last iteration is not
-        # included.
+        # The number of consecutive statements that equal those one period later, without the last
+        # iteration.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
@@ -116,7 +116,7 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
-    """Return the length of the shortest body that covers about as many statements."""
+    """Return the length of the shortest loop body that covers about as many statements."""
     part = labels[start : start + length]
     for period in range(1, LONGEST_BODY + 1):
         differing = np.flatnonzero(part[:-period] != part[period:])
@@ -130,38 +130,36 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 def _even_reach(
     statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return for each position the length of the longest even loop, and of its body."""
+    """Return, for each start, the length of the longest even loop and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
-    # A constant must be the same in all iterations of an even loop: different constants get
-    # different numbers.
+    # Constants must be the same in all iterations of an even loop. They are compared by number.
     names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]
         agreed = _run_lengths(is_same)
         hoped = _worth(agreed // period + 1, period, _FEWEST_EVEN)
-        # Only runs that may be longer than the best one are examined.
+        # Only starts whose loop may be longer than the best one so far are examined.
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
-        # Cumulative sums of +1 at the start of each run and -1 after its end count the runs that
-        # contain a row.
+        # Cumulative sums of +1 at the start of each loop and -1 after its end count the loops that
+        # contain a statement.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)
         rows = np.flatnonzero(np.cumsum(ends)[: n - 2 * period] > 0)
         rows = rows[is_same[rows] & is_same[rows + period]]
         a, b, c = rows, rows + period, rows + 2 * period
-        # The second differences of whole numbers over three iterations vanish in an even loop.
+        # In an even loop, second differences of whole numbers over three iterations vanish.
         is_even = np.all(whole[b] - whole[a] == whole[c] - whole[b], axis=1)
         is_even &= np.all((real[a] == real[b]) & (real[b] == real[c]), axis=1)
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
-        # Each match involves three iterations, so that the run has two more iterations than
-        # matches.
+        # Each match involves three iterations, so there are two more iterations than matches.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -171,7 +169,7 @@ def _even_reach(
 
 
 def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Mark the statements that even loops would cover if they are chosen from front to back."""
+    """Mark the statements that even loops cover if these are chosen from front to back."""
     marked = np.zeros(len(even) - 1, dtype=np.intp)
     start = 0
     begins = np.flatnonzero(even)
@@ -179,7 +177,7 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
         at = int(np.searchsorted(begins, start))
         if at == len(begins):
             return marked
-        # A loop that starts later may be longer.
+        # A loop that starts later is preferred if it is longer.
         start = int(begins[at])
         while even[start + 1] > even[start]:
             start += 1
@@ -188,14 +186,14 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray[Any]:
-    """Return the number of statements that a loop replaces; zero if it is too short."""
+    """Return the number of statements that a loop replaces, or zero if it is too short."""
     is_worth = (times >= _FEWEST_TIMES) & (times * period >= fewest)
     return np.where(is_worth, times * period, 0)
 
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Return the number of consecutive true values from each position on."""
-    # The next false value, found backwards.
+    """Return the number of consecutive true values that begin at each position."""
+    # The position of the next false value is a minimum, accumulated backwards.
     places = np.arange(len(holds))
     breaks = np.where(holds, len(holds), places)
     nexts = np.minimum.accumulate(breaks[::-1])[::-1]
@@ -203,7 +201,7 @@ def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
-    """Build a matrix of rows, padded with zeros."""
+    """Return a matrix of rows that are padded with zeros."""
     lengths = np.array([len(row) for row in rows], dtype=np.intp)
     width = int(lengths.max(initial=0))
     matrix = np.zeros((len(rows), width), dtype=np.int64)
@@ -211,13 +209,13 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: Up to this number of statements, compilation is fast. Loops run a fifth slower, so they are
-#: used only if they reduce the number of statements below this fraction.
+#: Number of statements up to which compilation is fast; and the fraction of statements below which
+#: loops, which run a fifth slower, are then used.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
 def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
-    """Turn repeated statements into loops if that shortens them; tables come first."""
+    """Convert repeated statements to loops if that shortens the text; tables come first."""
     rows, comments = _apart(statements)
     if len(rows) < FEWEST_LINES:
         return list(statements)
@@ -257,8 +255,8 @@ def _row(statement: Statement) -> StatementRow:
     if isinstance(statement, Assign):
         declared = statement.declares
         is_temporary = declared is not None and kind_of(declared) == REAL
-        # Results of a node with several results stay outside: a loop that fills them is short, and
-        # would move temporaries of long straight lines into an array.
+        # Statements for nodes with several results stay outside loops, which would be short and
+        # move temporaries of long straight-line code into an array.
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):
@@ -274,7 +272,7 @@ def _row(statement: Statement) -> StatementRow:
         numbers += expression.numbers
     if "r" not in slots:
         return StatementRow(form, numbers)
-    # Whole numbers may have a step; constants are the same or in a table.
+    # In loops, whole numbers may have a step, while constants are equal or in a table.
     pairs = list(zip(numbers, slots, strict=True))
     whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
     return StatementRow(form, tuple(whole), tuple(real))
@@ -289,7 +287,7 @@ def _kept_in_array(
         if times > 1:
             for row in rows[start : start + period * times]:
                 kept.update(_temporaries(row))
-    # Indices of evenly spaced temporaries are then mostly evenly spaced, too.
+    # In this order, evenly spaced temporaries usually have evenly spaced indices.
     return {key: element(array, place) for place, key in enumerate(sorted(kept))}
 
 
@@ -300,7 +298,7 @@ def _temporaries(row: Statement) -> Iterator[Temporary]:
 
 
 class _LoopWriter:
-    """Writes statements and loops."""
+    """Collects statements and loops, with their tables and the array of temporaries."""
 
     def __init__(self, kept: Mapping[Temporary, CExpression], array: str) -> None:
         self._statements: list[Statement] = []
@@ -316,7 +314,7 @@ class _LoopWriter:
         return [*array, *self._tables, *self._statements]
 
     def plain(self, rows: Sequence[Statement], comments: Sequence[str]) -> None:
-        """Append statements that belong to no loop."""
+        """Append statements outside loops."""
         for row, comment in zip(rows, comments, strict=True):
             if comment:
                 self._statements.append(Comment(comment))
@@ -324,7 +322,7 @@ class _LoopWriter:
             self.n_lines += 1 + bool(comment)
 
     def loop(self, rows: Sequence[Statement], comments: Sequence[str], period: int) -> None:
-        """Write a loop of statements that repeat after a period, with their comments."""
+        """Append a loop of statements that repeat after a period, with their comments."""
         body: list[Statement] = []
         for i in range(period):
             comment = _of_all(comments[i::period])
@@ -338,7 +336,7 @@ class _LoopWriter:
         return changed(row, lambda expression: read_from(expression, self._kept))
 
     def _merged(self, rows: Sequence[Statement]) -> Statement:
-        """Merge statements that differ in their numbers only into one."""
+        """Merge statements that differ only in their numbers into one."""
         merged = []
         for alike in zip(*(row.expressions for row in rows), strict=True):  # type: ignore[union-attr]
             columns = zip(*(expression.numbers for expression in alike), strict=True)
@@ -348,11 +346,11 @@ class _LoopWriter:
         return rows[0].of(merged)  # type: ignore[union-attr]
 
     def _number(self, column: Sequence[Number], slot: str) -> Number:
-        """Return a number of a loop, which may change in each iteration."""
+        """Return a number in a loop, given its value in each iteration."""
         first = column[0]
         if all(number == first for number in column):
             return first
-        # Computing constants from each other would round.
+        # Constants are not computed with a step, which would be inexact.
         if slot != "r":
             step = column[1] - first  # type: ignore[operator]
             if all(number == first + step * i for i, number in enumerate(column)):  # type: ignore[operator]
@@ -368,11 +366,11 @@ class _LoopWriter:
 
 
 def _of_all(comments: Sequence[str]) -> str:
-    """Merge the comments of a repeated statement."""
+    """Merge the comments on a repeated statement."""
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first
-    # Remove the words that both labels start with: "angle of link 1 to 9".
+    # The common first words are not repeated: "angle of link 1 to 9".
     words = last.split(" ")
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first.split(" "), words, strict=False))
     return f"{first} to {' '.join(words[len(list(same)) :])}"

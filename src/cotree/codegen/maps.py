@@ -1,11 +1,11 @@
-"""Maps of many columns to C: statements of one column, run for several columns in a vector.
+"""C text of maps: statements for one column, which vectors execute for several columns.
 
 Statements that vanish in the same blocks of columns form a segment, which C skips in these blocks.
-A value that crosses from one segment to another is stored in an array, and is set to zero if its
-segment is skipped. Long maps are cut into functions.
+A value that crosses from one segment to another is stored in an array and set to zero if its
+segment is skipped. Long maps are divided into functions.
 
-Skipping does not change values, since skipped sums are sums of products with zeros. Only the sign
-of a zero could differ, which adding zero to each result removes.
+Skipping does not change values, since the skipped sums contain only products with zeros. Only the
+sign of a zero could differ, which is avoided by adding zero to each result.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Segments:
-    """A map as segments."""
+    """The statements of a map in segments."""
 
-    parts: list[list[Statement]]  # statements of the map; several parts if it is long
-    #: For each block of columns: 1 for each guarded segment that is executed, else 0.
+    parts: list[list[Statement]]  # statements of the map, in several parts if it is long
+    #: For each block of columns, 1 for each guarded segment that is executed, else 0.
     live: list[list[int]]
     n_crossing: int  # length of the array of crossing values
 
 
 @dataclass
 class _Segment:
-    """Statements that vanish in the same blocks of columns; ``blocks`` has zero bits for these."""
+    """Statements that vanish in the same blocks of columns, which have zero bits in ``blocks``."""
 
     blocks: int
     nodes: list[Node]
@@ -69,13 +69,13 @@ def cut_into_segments(
     symbols: Callable[[str, int], CExpression],
     longest: int = LONGEST_BLOCK,
 ) -> Segments:
-    """Cut a map into segments, and these into parts of at most ``longest`` statements.
+    """Divide a map into segments, and these into parts of at most ``longest`` statements.
 
-    ``symbols`` returns the expression of an input, from its kind and its position.
+    ``symbols`` returns the expression of an input, given its kind and position.
     """
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
-    # A value that another segment reads gets a statement, even if it is read once.
+    # Values that another segment reads are not inlined, even if they are read once.
     crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
     leaves = [node for node in linear.order if not node.args]
     printed = print_nodes(
@@ -87,10 +87,10 @@ def cut_into_segments(
         has_groups=False,
         symbols=symbols,
     )
-    groups = printed.parts[1:]  # leaves of the expression need no statement
+    groups = printed.parts[1:]  # the first part, the leaves, has no statements
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # Adding zero makes the sign of a zero result independent of the vector width.
+            # With the addition of zero, the sign of a zero result does not depend on the blocks.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -105,7 +105,7 @@ def cut_into_segments(
 def _joined(
     segments: Sequence[_Segment], groups: Sequence[list[Statement]], n_columns: int, longest: int
 ) -> tuple[list[list[Statement]], list[list[int]], int]:
-    """Join segments to parts; segments that are skipped in some blocks get a guard."""
+    """Combine segments into parts; segments that are skipped in some blocks get a guard."""
     crossing = Crossing(groups)
     blocks = range(-(-n_columns // BLOCK))
     everywhere = (1 << len(blocks)) - 1
@@ -136,11 +136,11 @@ def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
-    """Order statements into segments of statements that vanish in the same blocks."""
+    """Sort statements into segments that vanish in the same blocks."""
     readers: dict[Node, list[Node]] = {node: [] for node in linear.statements}
     waiting = {}
     for node in linear.statements:
-        # Topological order: a statement is ready once all its arguments are computed.
+        # A statement is ready when all its arguments are computed.
         awaited = {arg for arg in node.args if arg in readers}
         waiting[node] = len(awaited)
         for arg in awaited:
@@ -154,8 +154,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # The next class is that of the first statement in the original order, with all its
-        # statements that are or become ready. Segments are then few and long.
+        # The next segment begins with the first ready statement in the original order, and contains
+        # all statements with the same blocks that are or become ready. Segments are thus long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -171,14 +171,14 @@ def _segments(linear: LinearMap) -> list[_Segment]:
 
 
 def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -> dict[Node, int]:
-    """Return the blocks in which each value is computed, including all where it may be nonzero.
+    """Return the blocks in which each value is computed, at least those where it may be nonzero.
 
-    A product has the blocks of the sums that read it if these are the same: compilers then fuse
-    them, and the number of crossing values does not change.
+    A product is computed in the blocks of the sums that read it if these agree: compilers can then
+    fuse both operations, and the number of crossing values does not change.
     """
     blocks: dict[Node, int] = {}
     roots = set(linear.results)
-    # In reverse order, so that the blocks of all readers are known.
+    # In reverse order, the blocks of all readers are known.
     for node in reversed(linear.statements):
         around = {blocks[reader] for reader in readers[node]}
         moves = (
@@ -192,9 +192,9 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
 
 
 def _depth_first(nodes: Sequence[Node]) -> list[Node]:
-    """Order values depth-first, so that few are live at a time."""
+    """Sort values depth-first, so that few are live at a time."""
     left = set(nodes)
-    # The search starts from the values that no statement of the segment reads.
+    # The search starts from values that no statement of the segment reads.
     read = {arg for node in nodes for arg in node.args}
     found: list[Node] = []
     stack = [node for node in reversed(nodes) if node not in read]
@@ -212,7 +212,7 @@ def _depth_first(nodes: Sequence[Node]) -> list[Node]:
 
 
 def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
-    """Cut segments that are longer than a function."""
+    """Divide segments that have more than ``longest`` statements."""
     return [
         _Segment(segment.blocks, segment.nodes[at : at + longest])
         for segment in segments
@@ -220,22 +220,21 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
     ]
 
 
-#: Minimum fraction of the work that segments skip; otherwise the map is written with loops.
+#: Minimum fraction of the work that segments must skip; otherwise the map is written with loops.
 _SKIPPED = 0.15
 #: Maximum number of operations in a block. With gcc 12, a map of 2261 operations in blocks of 500
 #: compiles with a third of the instructions and runs a fifth faster in vectors of four.
 _LONGEST_BLOCK = 500
 #: Maximum number of operations in a block if two vectors are interleaved, to hide latency.
 _LONGEST_IN_TURN = 80
-_FEWEST_IN_TURN = 300  # statements; with fewer, too many values cross between blocks
+_FEWEST_IN_TURN = 300  # minimum number of statements; with fewer, too many values cross blocks
 
-#: Number of vectors in the macro that transposes, at the largest width: one for each lane and
-#: stage.
+#: Number of vectors in the transposition macro for the widest vectors: one for each lane and stage.
 _TURNING = 8 * 4
 #: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24
 
-#: Names of the values in statements, as arguments of a function.
+#: Values in the statements of a map, by name, as arguments of a function.
 _ARGUMENTS = {
     argument.name: argument
     for argument in (
@@ -252,7 +251,7 @@ _ARGUMENTS = {
 
 @dataclass(frozen=True)
 class MapContext:
-    """One map."""
+    """Template data of one map."""
 
     name: str
     doc: str
@@ -261,21 +260,21 @@ class MapContext:
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # offsets of values that columns do not share, by eight columns
-    n_own: int  # number of rows of these values
+    places: list[str]  # starts of rows that columns do not share, for every eight columns
+    n_own: int  # number of these rows
     n_results: int
     block: int
     body: Body
     n_crossing: int
     n_together: int  # number of interleaved vectors
     n_guards: int
-    live: list[str]  # for each block of columns, the flags of the guarded segments that it executes
+    live: list[str]  # for each block of columns, flags of the guarded segments to execute
     n_stack: int  # upper bound of the stack size, [byte]
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """The statements of a map, in several functions if they are long."""
+    """The statements of a map, in several functions if there are many."""
 
     blocks: Blocks
     live: list[list[int]] = field(default_factory=list)
@@ -292,11 +291,11 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
     cut = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(cut.live[0]) if cut.live else 0
-    # Vectors wider than a block read two rows, so an odd number is padded.
+    # Vectors wider than a block read two rows of flags, so an odd number of rows is padded.
     rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
     blocks, n_results = cut.blocks, len(linear.results)
     bodies = [blocks.statements, *(function.body for function in blocks.functions)]
-    # Arrays that the template declares, and vectors of the transposition of inputs and results.
+    # The template declares arrays, and vectors for the transposition of inputs and results.
     n_turning = _TURNING * ((own.first > 0) + 1)
     n_vectors = cut.n_together * (own.first + n_results + cut.n_crossing) + n_turning
     vectors = Array("column", n_vectors, is_aligned=True)
@@ -324,7 +323,7 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
 
 
 def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
-    """Return a table of the values that columns do not share; None if any is not constant."""
+    """Return a table of the values that columns do not share, or None if one is not constant."""
     rows = own_rows(node)
     numbers = {i: value.value for i, value in rows.values(node).items()}
     if None in numbers.values():
@@ -334,13 +333,13 @@ def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Return whether latency, not throughput, limits a long map of one vector."""
+    """Return whether latency, not throughput, determines the time of a long map."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
 
 def _in_segments(own: OwnRows, name: str) -> _Cut:
-    """Write statements with many zeros as segments, which vanishing blocks skip."""
+    """Return the statements of a map with many zeros, in segments."""
     linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
     cut = cut_into_segments(linear, _symbols(own), longest)
@@ -348,7 +347,7 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
         return _Cut(Blocks([], cut.parts[0]), cut.live, cut.n_crossing)
     given = {}
     if together > 1:
-        # Each of the vectors has its own part of these arrays.
+        # Each interleaved vector has its own part of these arrays.
         sizes = {"column": own.first, "w": cut.n_crossing, "result": len(linear.results)}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
             "here": "HERE(turn)",
@@ -363,7 +362,7 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
 
 
 def _in_blocks(own: OwnRows, name: str) -> _Cut:
-    """Write statements that all columns run, with loops for repeated ones."""
+    """Return the statements of a map with few zeros, with loops for repeated ones."""
     linear = own.linear
     order = by_need(linear.order)
     printed = print_nodes(linear.results, {}, {}, [order], has_groups=False, symbols=_symbols(own))
@@ -371,7 +370,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
         Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    # Each block declares its array of crossing values.
+    # The array of crossing values is not an argument, since blocks declare it.
     arguments = [row for key, row in _ARGUMENTS.items() if key != "w"]
     return _Cut(
         cut_into_blocks(f"{name}_{{}}", roll(statements), arguments, ("result",), _LONGEST_BLOCK)
@@ -379,14 +378,14 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
 
 
 def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
-    """Return the array elements of a map's inputs: sensitivities in columns, others in rows."""
+    """Return a function that builds the C expression of an input of a map."""
 
     def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:
             return symbol(kind, i)
         place = i - own.first
         row = whole(own.width * place) if own.is_whole else element("at", place)
-        # Use the width of other inputs, so that the same expressions are inlined.
+        # With the width of other inputs, the same expressions are inlined.
         return replace(call("OWN", named("here"), row), width=symbol(kind, i).width)
 
     return read
