@@ -1,7 +1,7 @@
-"""From C text to a loaded shared library, cached by content.
+"""Compilation of C text to shared libraries, which are cached by content and loaded.
 
-:func:`find_toolchain` finds a compiler, :func:`build_library` returns a library from the cache or
-compiles it, :func:`load_library` loads it; :func:`obtain_library` does both.
+:func:`find_toolchain` finds a compiler; :func:`build_library` returns a library from the cache or
+compiles it; :func:`load_library` loads it; :func:`obtain_library` does both of the latter.
 """
 
 from __future__ import annotations

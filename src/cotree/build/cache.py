@@ -1,13 +1,12 @@
-"""Cache of compiled libraries: a folder of the user, keyed by all inputs of each library.
+"""Cache of compiled libraries in a folder of the user; keys depend on all inputs of a library.
 
-A library is stored as ``<key>.so``, an object file that several libraries link as ``<key>.o``, and
-C text with the program that it was printed from as ``<key>.text``, each with its checksum in
-``<key>.sha256``. All are published by atomic rename from a private folder, so that a reader never
-sees an incomplete file. A file that does not match its checksum counts as absent and is built
-again.
+Libraries are stored as ``<key>.so``, object files that several libraries link as ``<key>.o``, and C
+text with its program as ``<key>.text``, each with its checksum in ``<key>.sha256``. They are
+published by atomic renaming from a private folder, so that readers never find an incomplete file. A
+file that does not match its checksum counts as absent and is built again.
 
 If several processes need the same library, one builds it and the others wait for a lock. The lock
-only saves work: a process that cannot acquire it builds the library itself, correctly.
+only saves work: a process that cannot acquire it builds the library itself.
 """
 
 from __future__ import annotations
@@ -44,25 +43,24 @@ _T = TypeVar("_T")
 _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
-#: Files of cotree that determine cached texts.
+#: Suffixes of the files of cotree on which cached texts depend.
 _SOURCES = {".py", ".jinja", ".c", ".h"}
-# Only files with these names are removed from the folder, which may contain others.
+# Patterns of file names in the cache; the folder may contain other files, which are not removed.
 _KEY = re.compile(r"[0-9a-f]{64}")
 _PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
-#: Suffix of a library in the cache, of an object file that several libraries link, and of pickled C
-#: text with its program.
+#: Suffixes of libraries, of object files that several libraries link, and of pickled C texts.
 LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
 
 #: Whether texts are cached. Tests that change the generator disable it.
 KEEPS = True
-# Age after which a private folder counts as abandoned; no build takes this long.
+# Age after which a private folder counts as abandoned, [s]; no build takes this long.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
 
 def cache_directory() -> Path:
     """Return the cache folder, created with mode 0700 if it does not exist.
 
-    It is ``COTREE_CACHE_DIR``, or else the platform's folder for caches.
+    It is ``COTREE_CACHE_DIR`` or, by default, the platform's folder for caches.
 
     Returns
     -------
@@ -72,8 +70,8 @@ def cache_directory() -> Path:
     Raises
     ------
     BuildError
-        If the path is relative, the folder cannot be created, or, on POSIX, someone else owns it
-        or can write to it: libraries from it would run with the rights of this user.
+        If the path is relative or the folder cannot be created. On POSIX also if another user owns
+        it or can write to it, since libraries from it run with the rights of this user.
     """
     directory = _configured_directory()
     if not directory.is_absolute():
@@ -89,7 +87,7 @@ def cache_directory() -> Path:
             f"The cache folder '{directory}' cannot be created ({error.strerror}); name another "
             f"one with the environment variable {_VARIABLE}."
         ) from error
-    # A folder that existed before keeps its permissions.
+    # The permissions of an existing folder are not changed.
     _check_private(directory, status)
     return directory
 
@@ -102,10 +100,10 @@ def cache_key(
     flags: Sequence[str],
     cpu_features: str = "",
 ) -> str:
-    """Hash everything that determines the bytes of a library; return 64 hexadecimal digits.
+    """Return a hash of everything on which a library depends, as 64 hexadecimal digits.
 
-    ``files`` are C texts by name, in any order; ``cpu_features`` are the processor's, if the flags
-    ask for this machine's processor.
+    ``files`` are C texts by name; ``cpu_features`` are those of the processor if the flags select
+    this machine's processor.
 
     >>> from cotree.build import Toolchain, cache_key
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
@@ -122,12 +120,12 @@ def cache_key(
         # Machines with different C libraries may share a home folder.
         "platform": [sysconfig.get_platform(), *platform.libc_ver()],
     }
-    # Sorted, so that the key does not depend on the order of the mapping.
+    # The keys are sorted, so that the order of the mapping has no effect.
     return hashlib.sha256(json.dumps(ingredients, sort_keys=True).encode()).hexdigest()
 
 
 def find_published(key: str, end: str = LIBRARY) -> Path | None:
-    """Return the file of a key, or None if it is missing or does not match its checksum."""
+    """Return the cached file of a key, or None if it is missing or does not match its checksum."""
     library, checksum = _published_paths(key, end)
     try:
         # Loading a damaged library would crash the process instead of raising an error.
@@ -138,18 +136,17 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 
 
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
-    """Move a file from a private folder to its place in the cache."""
+    """Move a file from a private folder into the cache, and return its path."""
     library, checksum = _published_paths(key, end)
-    # Threads publish the objects of one library concurrently.
+    # The name is unique, since threads publish the objects of a library concurrently.
     written = built.with_name(f"{built.name}.checksum")
     written.write_bytes(_digest(built))
     try:
-        # A reader between the two renames finds a checksum that does not match, and builds the
-        # library itself.
+        # A reader between the two renames finds a wrong checksum and builds the library itself.
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows cannot replace a loaded library. That is no error if it was published before.
+        # Windows cannot replace a loaded library, which is no error if it is already published.
         if find_published(key, end) is None:
             raise
     return library
@@ -158,8 +155,8 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
 def cached(of: object, make: Callable[[], _T]) -> _T:
     """Return the result of a function, from the cache if possible.
 
-    ``of`` determines the result together with cotree's own files; None if it is unknown. The result
-    is cached if both can be pickled.
+    The result depends only on ``of``, None if that is unknown, and on cotree's files. It is cached
+    if both ``of`` and the result can be pickled.
     """
     data = pickled(of) if KEEPS and of is not None else None
     if data is None:
@@ -188,14 +185,14 @@ def pickled(value: object) -> bytes | None:
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        # External functions are Python functions, which may not be picklable.
+        # External functions are Python functions, which cannot always be pickled.
         return None
 
 
 @cache
 def _sources() -> bytes:
-    """Identify cotree's own files: cached texts are invalid if any of them changes."""
-    # Another version of NumPy may not be able to read pickled arrays.
+    """Return bytes that identify cotree's files, since cached texts depend on these."""
+    # The version of NumPy is included, since another one may not be able to read pickled arrays.
     rows = [sys.version, np.__version__]
     for folder in (Path(__file__).parents[1], template_folder()):
         for path in sorted(path for path in folder.rglob("*.*") if path.suffix in _SOURCES):
@@ -206,9 +203,9 @@ def _sources() -> bytes:
 
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
-    """Create a private folder for one build inside the cache, hence on the same file system.
+    """Create a private folder for one build in the cache, and thus on the same file system.
 
-    Folders that killed builds left behind are removed first.
+    The folders of killed builds are removed first.
     """
     _remove_abandoned()
     with tempfile.TemporaryDirectory(
@@ -221,7 +218,7 @@ def private_directory() -> Iterator[Path]:
 def building(key: str, time_limit: float) -> Iterator[None]:
     """Hold the lock of a library while it is searched for again and built.
 
-    Wait at most ``time_limit`` seconds for another process that builds it; then both build.
+    If another process builds it for more than ``time_limit`` seconds, both build it.
     """
     import filelock
 
@@ -233,8 +230,8 @@ def building(key: str, time_limit: float) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            # Processes that wait for the removed file, or create a new one, then find the library.
-            # After a failed build they may build concurrently.
+            # Processes that wait for this file, or create a new one, then find the library; after a
+            # failed build, they may build it concurrently.
             with contextlib.suppress(OSError):
                 Path(lock.lock_file).unlink()
             lock.release()
@@ -249,16 +246,16 @@ def save_failed_sources(files: Mapping[str, str], key: str) -> Path:
 
 
 def write_files(files: Mapping[str, str], directory: Path) -> None:
-    """Write texts to a folder, with the same bytes on every platform."""
+    """Write texts to files in a folder, with the same bytes on every platform."""
     for name, text in files.items():
         (directory / name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def clear_cache() -> int:
-    """Remove libraries, texts, sources of failed builds and remains of interrupted builds.
+    """Remove libraries, texts, sources of failed builds and files of interrupted builds.
 
-    Only files with names of cotree are removed. Loaded libraries remain usable, and a build in
-    progress in another process is restarted.
+    Other files in the folder remain. Loaded libraries remain usable, and other processes restart
+    builds in progress.
 
     Returns
     -------
@@ -293,10 +290,10 @@ def clear_cache() -> int:
 
 
 def _remove_abandoned() -> None:
-    """Remove private folders of builds that were killed."""
+    """Remove the private folders of killed builds."""
     oldest = time.time() - _ABANDONED_AFTER
     for path in cache_directory().glob(f"{_PRIVATE_PREFIX}*"):
-        # Another process may be doing the same.
+        # Another process may remove the same folder.
         with contextlib.suppress(OSError):
             if path.stat().st_mtime < oldest:
                 _remove_tree(path)
@@ -331,7 +328,7 @@ def _check_private(directory: Path, status: os.stat_result) -> None:
 
 def _published_paths(key: str, end: str) -> tuple[Path, Path]:
     directory = cache_directory()
-    # The suffix is the same on all systems, since libraries are loaded by their full path.
+    # All systems use the same suffix, since libraries are loaded by their full path.
     return directory / f"{key}{end}", directory / f"{key}.sha256"
 
 
@@ -340,7 +337,7 @@ def _digest(path: Path) -> bytes:
 
 
 def _remove_tree(directory: Path) -> int:
-    """Remove a folder; return the number of files in it."""
+    """Remove a folder, and return the number of files that it contained."""
     n_files = sum(path.is_file() for path in directory.rglob("*"))
     # A build that ends in the meantime removes its own folder.
     with contextlib.suppress(FileNotFoundError):

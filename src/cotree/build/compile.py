@@ -1,9 +1,9 @@
-"""Compile C text into a shared library, or find the one that the same text gave before; load it.
+"""Compilation of C text to shared libraries, unless they are in the cache, and their loading.
 
-``-ffast-math`` is never used: it breaks checks for NaN and the order of operations that the code
-generator chose. ``-ffp-contract`` is explicit, since compilers differ in its default, which changes
-last digits: it is off, unless ``native`` is requested. Libraries are loaded through cffi in ABI
-mode, which needs no compiler and no Python headers.
+``-ffast-math`` is never used, since it breaks checks for NaN and changes the order of operations.
+``-ffp-contract`` is always set, since its default, which affects the last digits, depends on the
+compiler: it is off unless ``native`` is requested. Libraries are loaded by cffi in ABI mode, which
+needs no compiler and no Python headers.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ if TYPE_CHECKING:
 
 
 _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
-# Register allocation of one long block dominates the compilation: above these operation counts -O1
-# takes minutes.
+# Numbers of operations in the longest function above which -O1 takes minutes, because of register
+# allocation; longer functions are compiled with -O0.
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
-# Number of operations of all functions above which gcc uses -Og. Straight-line code then compiles
-# twice as fast as with -O1 (panda with 70 parameters: 16e9 instead of 30e9 instructions) and runs
-# in 0.9 to 1.2 times the time. With clang, -Og equals -O1.
+# Number of operations in all functions above which gcc is called with -Og. Straight-line code then
+# compiles twice as fast as with -O1 (panda with 70 parameters: 16e9 instead of 30e9 instructions)
+# and takes 0.9 to 1.2 times as long. With clang, -Og equals -O1.
 _LONG_FOR_GCC = 6_000
-# The number of equations is read through a pointer; only with strict aliasing is it a loop
-# constant.
+# Flags for files with loops over equations. Their number is read through a pointer; only with
+# strict aliasing is it constant in a loop.
 _LOOPS_GCC = (
     "-O1 -fstrict-aliasing -ftree-loop-vectorize -fvect-cost-model=dynamic "
     "-finline-small-functions -ftree-pre -funswitch-loops -ftree-slp-vectorize -fpeel-loops "
@@ -66,7 +66,7 @@ _LOOPS_GCC = (
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Options for the compilation of a model.
+    """Compiler options for a model.
 
     Raises
     ------
@@ -81,9 +81,9 @@ class BuildOptions:
 
     #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
-    #: Use all instructions of this machine's processor, including fused multiply-add. The library
-    #: then only runs on machines with the same features, and its results may differ in the last
-    #: digits.
+    #: Whether all instructions of this machine's processor are used, including fused multiply-add.
+    #: The library then runs only on machines with the same features, and its results may differ in
+    #: the last digits.
     native: bool = False
     time_limit: float = 600.0  # time after which the compiler is stopped, [s]
 
@@ -93,7 +93,7 @@ class BuildOptions:
                 f"The build option optimize is '{self.optimize}', which is unknown"
                 f"{nearest(self.optimize, ('auto', *_LEVELS))}"
             )
-        # Written such that NaN is rejected, too.
+        # The negation also rejects NaN.
         if not self.time_limit > 0.0:
             raise BuildError(
                 f"The build option time_limit is {self.time_limit:g} s; give a positive time."
@@ -113,26 +113,26 @@ def compiler_flags(
     True
     """
     flags = ["-std=c99", _level(toolchain, options, n_operations, n_all)]
-    # Code on Windows is always relocatable, and clang rejects the flag there.
+    # On Windows, code is always relocatable, and clang rejects the flag.
     if sys.platform != "win32":
         flags.append("-fPIC")
     # Fused operations round once instead of twice, which changes the last digits.
     contract = "fast" if options.native else "off"
-    # Without errno, square roots are single instructions.
+    # If errno is not set, square roots are single instructions.
     flags += ["-shared", f"-ffp-contract={contract}", "-fno-math-errno"]
     if toolchain.kind == "zig":
-        # By default Zig adds debug information and traps on signed overflow. Its runtime lacks the
-        # functions that identify processors.
+        # By default, Zig adds debug information and traps for signed overflow. Its runtime lacks
+        # the functions that identify processors.
         flags += ["-g0", "-fno-sanitize=all", "-DCOTREE_NO_DISPATCH"]
     flags += _processor_flags(toolchain, options)
     return tuple(flags)
 
 
 def loop_flags(toolchain: Toolchain) -> str:
-    """Return the flags, separated by blanks, of a file whose loops over equations are vectorised.
+    """Return the flags, separated by blanks, for a file whose loops over equations are vectorised.
 
-    They are the parts of ``-O3`` from which the loops benefit: compilation takes half the time of
-    ``-O3``, and the code executes at most 1 % more instructions.
+    They are the parts of ``-O3`` from which these loops benefit: compilation takes half as long as
+    with ``-O3``, and the code executes at most 1 % more instructions.
     """
     return "-O3" if toolchain.is_clang else _LOOPS_GCC
 
@@ -149,7 +149,7 @@ def processor_name() -> str:
 
 @cache
 def _processor_entry(*labels: str) -> str:
-    """Return the first of some entries in Linux's data on the processor, or an empty string."""
+    """Return the first of the given entries in Linux's processor data, or an empty string."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             for line in lines:
@@ -165,7 +165,7 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
     if options.optimize != "auto":
         return options.optimize
     limit = _STATEMENT_LIMIT_CLANG if toolchain.is_clang else _STATEMENT_LIMIT_GCC
-    # The longest function decides, since register allocation takes too long there.
+    # Register allocation would take too long for the longest function.
     if n_operations > limit:
         return "-O0"
     # Contraction to fused operations requires -O2, whose compilation takes twice as long.
@@ -176,11 +176,12 @@ def _level(toolchain: Toolchain, options: BuildOptions, n_operations: int, n_all
 
 def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
     if not options.native:
-        # Only Zig compiles for the host processor by default.
+        # By default, only Zig compiles for the host processor.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # On other processors, all compilers accept only -mcpu. Packing independent statements into
-    # vectors adds dependencies: without it most kernels are faster, short ones by up to a third.
+    # For other processors, -mcpu is the flag that all compilers accept. Without the packing of
+    # independent statements into vectors, which adds dependencies, most kernels are faster, short
+    # ones by up to a third.
     return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
 
 
@@ -189,7 +190,7 @@ _OUTPUT = "library.so"
 # Maximum number of attempts to build a library while other processes call clear_cache().
 ATTEMPTS = 3
 _FULL = re.compile("no space left on device|disk quota exceeded", re.IGNORECASE)
-# With less free space than this, a compiler cannot write its temporary files.
+# Free space below which a compiler cannot write its temporary files, [byte].
 _LEAST_ROOM = 1 << 20
 
 
@@ -199,7 +200,7 @@ class BuiltLibrary:
 
     path: Path  # absolute path of the library
     seconds: float  # time to find or build it, [s]
-    cached: bool  # true if the compiler was not needed
+    cached: bool  # whether the library was found in the cache
     #: Command lines of the compiler, with file names relative to the folder of the C text.
     command: str
 
@@ -220,25 +221,25 @@ def build_library(
     Parameters
     ----------
     files : mapping of str to str
-        C text by file name. The ``.c`` files are compiled side by side, each with all ``.h`` files.
+        C text by file name. The ``.c`` files are compiled in parallel, each with all ``.h`` files.
     abi_version : int
-        Version of the contract between the library and its caller.
+        Version of the interface between the library and its caller.
     n_operations, n_all : int
-        Number of operations in the longest C function, and in all.
+        Number of operations in the longest C function, and in all functions.
     options, toolchain : BuildOptions, Toolchain
-        The user's choice and the compiler.
+        The user's options and the compiler.
     levels : mapping of str to str
-        Compiler levels of single files, with further flags behind blanks.
+        Optimisation levels of individual files, and further flags, separated by blanks.
     shared : collection of str
-        Files that other libraries have, too, with the same text, and that include only each other:
-        the objects of these ``.c`` files are kept in the cache.
+        Files that other libraries also contain, with the same text, and that include only each
+        other. The object files of these ``.c`` files are cached.
 
     Raises
     ------
     BuildError
-        If the compiler fails or takes too long: it holds the command, the compiler's output and
-        the path of the kept C file. Also if the cache folder cannot be used, or a file name is
-        not that of a C file.
+        If the compiler fails or takes too long; the message contains the command, the compiler's
+        output and the path of the saved C file. Also if the cache folder cannot be used, or a file
+        name is not that of a C file.
     """
     start = time.perf_counter()
     sources = _source_names(files)
@@ -254,16 +255,16 @@ def build_library(
         )
 
     *compiling, linking = _steps((*toolchain.command, *flags), sources, levels)
-    # The longest steps start first, which balances the load of the processors.
+    # The longest compilations start first, to balance the load of the processors.
     compiling.sort(key=lambda step: (step.source not in levels, -len(files[step.source])))
     steps = [*compiling, linking]
-    # Levels of single files affect the library, so they are part of its key.
+    # The levels of individual files affect the library, so they are part of the key.
     key = key_of(files, *(f"{name} {level}" for name, level in sorted(levels.items())))
     found = find_published(key)
     path = found
     if path is None:
         headers = {name: files[name] for name in shared if name.endswith(".h")}
-        # The last step, which may be the only one, builds the library instead of an object.
+        # All steps but the last, which builds the library, build object files.
         steps[:-1] = [
             replace(step, key=key_of({**headers, name: files[name]}, levels.get(name, "")))
             if (name := step.source) in shared
@@ -294,7 +295,7 @@ def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Step:
-    """A command, the C file that it compiles, and the key of its object if it is cached."""
+    """A command, the C file that it compiles, and the key of the object file if that is cached."""
 
     source: str
     command: tuple[str, ...]
@@ -304,10 +305,10 @@ class _Step:
 def _steps(
     compiler: tuple[str, ...], sources: Sequence[str], levels: Mapping[str, str]
 ) -> list[_Step]:
-    """Return the commands: one for a single file, otherwise one per file and one that links."""
-    # Libraries come last: a linker resolves symbols only for files that precede a library.
+    """Return a command for each file and one that links; a single file needs only one command."""
+    # Libraries are last, since a linker resolves only symbols of preceding files.
     to = ("-o", _OUTPUT, "-lm")
-    # The level of a single file follows the common one, since the last level takes effect.
+    # The level of a file follows the common one, since the last level takes effect.
     own = {source: (*compiler, *levels.get(source, "").split()) for source in sources}
     if len(sources) == 1:
         return [_Step(source, (*command, source, *to)) for source, command in own.items()]
@@ -315,7 +316,7 @@ def _steps(
         _Step(source, (*command, "-c", source, "-o", f"{source}.o"))
         for source, command in own.items()
     ]
-    # The common flags include -shared, which only affects the last step.
+    # The common flags include -shared, which affects only the last step.
     objects = [f"{source}.o" for source in sources]
     return [*steps, _Step(sources[0], (*compiler, *objects, *to))]
 
@@ -348,16 +349,16 @@ def _attempt(
             if outcome.status == 0 and (directory / _OUTPUT).is_file():
                 return publish(directory / _OUTPUT, key)
         except FileNotFoundError:
-            # The sources are still in the folder, so it was not removed: another file is missing.
+            # If the sources are in the folder, it was not removed, and another file is missing.
             if _is_complete(directory, files):
                 raise
             return None
-        # The compiler failed because another process cleared the cache, not because of the text.
+        # The compiler may have failed because another process has cleared the cache.
         if not _is_complete(directory, files):
             return None
         if _is_full(directory, outcome):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    # The private folder is removed, so the sources are copied for the user.
+    # The sources are copied for the user, since the private folder is removed.
     source = save_failed_sources(files, key) / step.source
     raise BuildError(
         _failure(outcome, source, time_limit),
@@ -372,7 +373,7 @@ def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_full(directory: Path, outcome: Outcome) -> bool:
-    """Return whether a compiler failed for lack of disk space, possibly without a message."""
+    """Return whether a compiler has failed for lack of disk space, possibly without a message."""
     if _FULL.search(outcome.output):
         return True
     with contextlib.suppress(OSError):
@@ -381,9 +382,9 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 
 
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
-    """Run all steps except the last in parallel, then the last; return it, or a failed one."""
+    """Run all steps except the last in parallel, then the last; return the last or a failed one."""
     *first, last = steps
-    owner = threading.current_thread()  # also of steps that run in other threads
+    owner = threading.current_thread()  # also owns steps that run in other threads
 
     def run(step: _Step) -> Outcome:
         made = directory / f"{step.source}.o"
@@ -395,12 +396,12 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
                 return Outcome(0, "")
         outcome = run_limited(step.command, directory, time_limit, owner)
         if step.key and outcome.status == 0 and made.exists():
-            # One copy is linked, the other is published in the cache.
+            # One copy is linked, the other one is published in the cache.
             copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")
             publish(copy, step.key, OBJECT)
         return outcome
 
-    # Threads suffice, since each waits for a process. The first failure is reported.
+    # Threads suffice, since each only waits for a process. The first failure is reported.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for step, outcome in zip(first, pool.map(run, first), strict=True):
             if outcome.status != 0:
@@ -424,20 +425,20 @@ def _failure(outcome: Outcome, source: Path, time_limit: float) -> str:
 
 @dataclass(frozen=True)
 class LoadedLibrary:
-    """A shared library in this process."""
+    """A shared library that is loaded into this process."""
 
-    ffi: FFI  # holds the C declarations; makes and casts pointers
-    lib: Any  # the loaded library; functions and variables are attributes, resolved at first use
+    ffi: FFI  # object with the C declarations, which creates and casts pointers
+    lib: Any  # library with functions and variables as attributes, resolved at first use
 
 
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
-    """Load a shared library, once per process, path and declarations.
+    """Load a shared library, once in a process for each path and set of declarations.
 
-    The declarations have no preprocessor lines. The file must be intact, since the system's loader
-    may crash on a damaged one. Raises BuildError if the system cannot load it, or a declared name
-    is missing.
+    The declarations must not contain preprocessor lines. The file must be intact, since a damaged
+    file may crash the process. Raises BuildError if the system cannot load it, or the declared
+    names are missing.
     """
-    # An absolute path, since the system would search its own folders for a bare name.
+    # The path is absolute, since the system would search its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
 
 
@@ -456,9 +457,9 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are resolved at first use, where a wrong library would cause an obscure error. An engine
-    # also declares functions of other libraries; a library is wrong only if it has none of the
-    # names.
+    # Names are resolved at first use, when a wrong library would cause an obscure error. Since an
+    # engine also declares functions of other libraries, a library is only wrong if it has none of
+    # the names.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(
@@ -471,17 +472,17 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
 def obtain_library(
     files: Mapping[str, str], declarations: str, **options: Any
 ) -> tuple[BuiltLibrary, LoadedLibrary]:
-    """Find or build a library and load it; ``options`` are those of :func:`build_library`.
+    """Find or build a library and load it; see :func:`build_library` for ``options``.
 
-    If the ``clear_cache()`` of another process removes the library before it is loaded, it is built
-    again.
+    The library is built again if another process removes it by ``clear_cache()`` before it is
+    loaded.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)
         try:
             return built, load_library(built.path, declarations)
         except BuildError:
-            # If the file still exists, it is invalid, and building it again would not help.
+            # If the file still exists, it is invalid, and another build would not help.
             if built.path.exists() or attempt == ATTEMPTS:
                 raise
     raise AssertionError("the last attempt returns or raises")

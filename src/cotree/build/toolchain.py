@@ -1,7 +1,8 @@
-"""Find a C compiler: environment in, :class:`Toolchain` out.
+"""Search for a C compiler.
 
-The order is the ``CC`` environment variable, ``cc``, ``gcc``, ``clang``, then the ``ziglang``
-package. ``COTREE_COMPILER=none`` disables all compilers.
+In: the environment. Out: a :class:`Toolchain`. Candidates are, in this order, the environment
+variable ``CC``, ``cc``, ``gcc``, ``clang``, and the package ``ziglang``. ``COTREE_COMPILER=none``
+disables all compilers.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 
-# Memory limit of the compiler; usual models need a few hundred MiB.
+# Memory limit of the compiler, [KiB]; usual models need a few hundred MiB.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
 # Time limit for reading the remaining output of a killed command, [s].
 _LAST_WORDS = 2.0
 
 
-# Running commands by thread, and threads whose results are no longer needed. Threads are identified
-# by objects, since systems reuse thread numbers.
+# Threads of the running commands, and threads whose results are no longer needed. Threads are
+# identified by their objects, since systems reuse thread numbers.
 _running: dict[subprocess.Popen[bytes], threading.Thread] = {}
 _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
@@ -45,7 +46,7 @@ _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 class Outcome:
     """Exit status and output of a command."""
 
-    #: Exit status, negative for a signal as in :mod:`subprocess`; None if time ran out.
+    #: Exit status, negative for a signal as in :mod:`subprocess`; None after the time limit.
     status: int | None
     output: str  # standard output and standard error, interleaved
 
@@ -56,23 +57,23 @@ def run_limited(
     time_limit: float,
     owner: threading.Thread | None = None,
 ) -> Outcome:
-    """Run a command without a shell, for at most ``time_limit`` seconds.
+    """Run a command for at most ``time_limit`` seconds.
 
-    The command's temporary files are written to ``directory``, which is also its current directory.
-    It has no input. Its whole process group is killed if time runs out or the caller is
-    interrupted. Raises OSError if it cannot be started, BuildError if the ``owner``, by default the
-    calling thread, has been abandoned (:func:`abandon`).
+    ``directory`` is the current directory of the command and contains its temporary files. There is
+    no input. The whole process group is killed after the time limit or if the caller is
+    interrupted. Raises OSError if the command cannot be started, and BuildError if the ``owner``,
+    by default the calling thread, has been abandoned (:func:`abandon`).
     """
     folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
         _with_memory_limit(command),
         cwd=folder,
-        # Messages are searched for English words.
+        # The locale is English, since messages are searched for English words.
         env={**os.environ, "LC_ALL": "C", "TMPDIR": folder, "TMP": folder, "TEMP": folder},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        # A signal to the process group also reaches the passes that a compiler starts.
+        # A signal to the process group also reaches the processes that a compiler starts.
         start_new_session=True,
     )
     with process:
@@ -84,14 +85,14 @@ def run_limited(
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
-            # Read the rest of the output with a time limit: processes outside the group may keep
-            # the pipe open.
+            # The rest of the output is read with a time limit, since processes outside the group
+            # may keep the pipe open.
             try:
                 output, _ = process.communicate(timeout=_LAST_WORDS)
             except subprocess.TimeoutExpired as error:
                 output = error.stdout or b""
             status = None
-        # Ctrl-C stops the compiler together with the caller.
+        # Ctrl-C stops both the caller and the compiler.
         except BaseException:
             _kill_group(process)
             raise
@@ -101,7 +102,7 @@ def run_limited(
 
 
 def abandon(thread: threading.Thread) -> None:
-    """Kill the compilers of a thread and start no others, because the program is about to end."""
+    """Kill the compilers of a thread, and prevent it from starting others, as a program ends."""
     _abandoned.add(thread)
     for process, owner in list(_running.items()):
         if owner is thread:
@@ -115,10 +116,10 @@ def _check_wanted(thread: threading.Thread) -> None:
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
-    """Return a shell command that sets the limit and then runs the command.
+    """Return a shell command that sets the memory limit and then runs the command.
 
-    A preexec_fn is unsafe in a process with threads, which NumPy's libraries start. If the system
-    rejects the limit, the command runs without one.
+    A preexec_fn would be unsafe in a process with threads, which NumPy's libraries start. If the
+    system rejects the limit, the command runs without it.
     """
     if sys.platform == "win32":
         return list(command)
@@ -127,41 +128,41 @@ def _with_memory_limit(command: Sequence[str]) -> list[str]:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill the compiler and the passes that it has started."""
+    """Kill a compiler and the processes that it has started."""
     if sys.platform == "win32":
         process.kill()
         return
-    # The leader's number identifies the group until the leader is waited for. Therefore poll() is
-    # not called: it would reap the leader while its passes are still running.
+    # The leader's number identifies the group until the leader is waited for. poll() is therefore
+    # not called, since it would reap the leader while other processes are still running.
     if process.returncode is None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
 _NAMES = ("cc", "gcc", "clang")
-# Time limit of the first call, which may wait for a network file system or a virus scanner, [s].
+# Time limit of the first call, [s], which may wait for a network file system or a virus scanner.
 _ANSWER_TIME = 10.0
 
 
 @dataclass(frozen=True)
 class Toolchain:
-    """A C compiler that has been run successfully."""
+    """A C compiler that has responded to ``--version``."""
 
     command: tuple[str, ...]  # absolute path of the program, and arguments of every call
-    version: str  # first line printed by ``--version``
-    #: ``'zig'`` if the compiler is run through zig, whose defaults differ.
+    version: str  # first line of the response
+    #: ``'zig'`` if the compiler is called through zig, whose defaults differ.
     kind: Literal["cc", "zig"]
 
     @property
     def is_clang(self) -> bool:
-        """True if the compiler is clang, directly or inside zig."""
+        """Whether the compiler is clang, directly or inside zig."""
         return self.kind == "zig" or "clang" in self.version.lower()
 
 
 def find_toolchain() -> Toolchain | None:
-    """Find the C compiler to use; None if there is none, or ``COTREE_COMPILER`` is ``none``.
+    """Find a C compiler; return None if there is none, or ``COTREE_COMPILER`` is ``none``.
 
     The environment is read at each call; only version texts are cached, by command. Raises
-    BuildError if ``CC`` is not a usable compiler, or ``COTREE_COMPILER`` holds anything but
+    BuildError if ``CC`` is not a usable compiler, or ``COTREE_COMPILER`` has another value than
     ``none``.
     """
     if _is_switched_off():
@@ -170,7 +171,7 @@ def find_toolchain() -> Toolchain | None:
     if requested:
         return _requested_toolchain(requested)
     for command in _candidate_commands():
-        # A program on PATH that does not respond is skipped; only CC must be usable.
+        # Programs on PATH that do not respond are skipped; only CC must be usable.
         with contextlib.suppress(BuildError):
             return _toolchain(command)
     return None
@@ -187,9 +188,9 @@ def _is_switched_off() -> bool:
 
 
 def _requested_toolchain(requested: str) -> Toolchain:
-    """Return the compiler of the environment variable CC; raise BuildError if it is not usable."""
+    """Return the compiler that CC specifies, or raise BuildError if it is not usable."""
     try:
-        # CC may hold arguments, as in `ccache gcc`; they are part of every call.
+        # CC may contain arguments, as in `ccache gcc`, which are part of every call.
         program, *arguments = _split(requested)
         found = _find_program(program)
         if found is None:
@@ -203,7 +204,7 @@ def _requested_toolchain(requested: str) -> Toolchain:
 
 
 def _split(text: str) -> list[str]:
-    """Split a command line; on Windows a backslash separates folders and is no escape."""
+    """Split a command line; on Windows, backslashes separate folders and are no escapes."""
     if sys.platform == "win32":
         return [part.strip('"') for part in shlex.split(text, posix=False)]
     return shlex.split(text)
@@ -215,15 +216,15 @@ def _candidate_commands() -> Iterator[tuple[str, ...]]:
         if program is not None:
             yield (program,)
     if sys.executable and importlib.util.find_spec("ziglang") is not None:
-        # -P: otherwise a folder 'ziglang' in the current directory would be imported.
+        # Without -P, a folder 'ziglang' in the current directory would be imported.
         yield (sys.executable, "-P", "-m", "ziglang", "cc")
 
 
 def _find_program(name: str) -> str | None:
     """Return the absolute path of a program.
 
-    Relative entries of PATH and, on Windows, the current directory are skipped: nothing is run from
-    the current directory unless its path is given explicitly.
+    Relative entries of PATH and, on Windows, the current directory are skipped: programs in the
+    current directory are only run if their path is given.
     """
     if os.path.dirname(name):
         return shutil.which(os.path.abspath(name))
@@ -233,7 +234,7 @@ def _find_program(name: str) -> str | None:
 
 
 def _toolchain(command: tuple[str, ...]) -> Toolchain:
-    # Zig is a program, or a module that Python runs.
+    # Zig may be a program, or a module that Python runs.
     is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
     return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
 
@@ -248,10 +249,10 @@ def _version_text(command: tuple[str, ...]) -> str:
     return version
 
 
-# Other failures raise and are therefore not cached: a compiler installed later is found.
+# Other failures raise an error and are not cached, so a compiler that is installed later is found.
 @functools.cache
 def _answer(command: tuple[str, ...]) -> str | None:
-    """Return the version of a compiler; None if it does not respond in time."""
+    """Return the version text of a compiler, or None if it does not respond in time."""
     try:
         _check_command_line_tools(command[0])
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
@@ -267,7 +268,7 @@ def _answer(command: tuple[str, ...]) -> str | None:
 
 
 def _check_command_line_tools(program: str) -> None:
-    """Raise an error for Apple's placeholders in /usr/bin, which open a dialog."""
+    """Raise BuildError for a placeholder of Apple in /usr/bin, which would open a dialog."""
     if sys.platform == "darwin" and os.path.dirname(program) == "/usr/bin":
         answer = subprocess.run(
             ["/usr/bin/xcode-select", "-p"],

@@ -1,10 +1,10 @@
 """C text of linear systems and second derivatives of a model, for implicit methods.
 
-In: a program after its passes. Out: ``<model>_newton.c`` with the factors of ``shift M - J`` as
-straight-line code, or as tables over which loops run where that code would be long; and the
-kernels of second derivatives. Factors are stored row by row in the order of the pivots, and each
-row in the order of its columns, so that an update of one row by another touches a few runs of
-consecutive entries, which C can vectorise.
+In: a program after its passes. Out: ``<model>_newton.c`` with the factorisation of ``shift M - J``
+as straight-line code or, if that would be long, as tables for loops; and the kernels of second
+derivatives. Factors are stored row by row in the order of the pivots, and each row in the order of
+its columns, so that the update of a row by another one consists of a few runs of consecutive
+entries, which C can vectorise.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
 
 
 def elimination_tables(plan: Elimination) -> list[Constants]:
-    """List the tables that the factorisation and the solution in C read.
+    """Return the tables that the factorisation and the solution in C read.
 
-    ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``: the
-    rank of its column. ``pivot_rows``: for each pivot its row, its column, the numbers of factors
-    before and after it in the row, and whether the shift is added. ``updates``: for each pivot the
-    number of rows that it updates, and for each of these rows the place of the multiplier and the
-    number of runs; for each run its destination, source and length.
+    ``factor_values``: index of each factor among the nonzeros of the Jacobian, or -1.
+    ``factor_columns``: rank of the factor's column. ``pivot_rows``: row and column of each pivot,
+    numbers of factors before and after it in the row, and whether the shift is added. ``updates``:
+    for each pivot, the number of rows that it updates; for each of these, the index of the
+    multiplier and the number of runs; for each run, its destination, source and length.
     """
     ranks = _ranks(plan)
     starts = [0]
     for row in ranks:
         starts.append(starts[-1] + len(row))
     place = {(k, j): starts[k] + at for k, row in enumerate(ranks) for at, j in enumerate(row)}
-    # The plan uses another numbering of the factors.
+    # The plan numbers the factors in another order.
     number = {(k, k): factor for k, factor in enumerate(plan.pivots)}
     for k in range(len(plan.rows)):
         number |= {(k, j): factor for j, factor in (*plan.lower[k], *plan.upper[k])}
@@ -72,7 +72,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
 
 
 def _ranks(plan: Elimination) -> list[list[int]]:
-    """Return the columns of each row's factors as ranks of their pivots."""
+    """Return the columns of the factors in each row, as ranks of their pivots."""
     return [
         [*(m for m, _ in before), k, *(j for j, _ in after)]
         for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
@@ -96,7 +96,7 @@ def _updates(plan: Elimination, place: dict[tuple[int, int], int]) -> Iterator[i
 
 
 def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
-    """Join consecutive pairs of places into runs: destination, source and length."""
+    """Join consecutive pairs of indices into runs: destination, source and length."""
     runs: list[tuple[int, int, int]] = []
     for to, source in pairs:
         if runs:
@@ -108,14 +108,14 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-# Number of products above which loops over tables replace straight-line code, of which gcc compiles
-# a thousand in half a second.
+# Number of operations above which loops over tables replace straight-line code; gcc compiles a
+# thousand operations in half a second.
 _LONGEST = 3000
 
 
 @dataclass(frozen=True)
 class EliminationContext:
-    """An elimination, as statements or as rows of tables."""
+    """Template data of an elimination, as statements or as tables."""
 
     n: int
     n_factors: int
@@ -134,9 +134,9 @@ class LinearSystem:
 
     elimination: EliminationContext | None  # None if the matrix is structurally singular
     has_slope: bool  # whether rates depend on time
-    n_carried: int  # number of values of the two kernels of second derivatives
+    n_carried: int  # number of values that the first kernel of second derivatives passes on
     n_couplings: int
-    places: Constants  # positions of the couplings among the sensitivities
+    places: Constants  # indices of the couplings among the sensitivities
 
     @property
     def bodies(self) -> list[Body]:
@@ -146,7 +146,7 @@ class LinearSystem:
 
     @property
     def text(self) -> list[str]:
-        """The lines, for the digest of a file."""
+        """All lines, from which the digest of the file is computed."""
         tables = [self.places, *(self.elimination.tables if self.elimination else ())]
         lines = [line for table in tables for line in table.lines]
         return [*lines, *(line for body in self.bodies for line in body.text)]
@@ -155,7 +155,7 @@ class LinearSystem:
 def linear_system(
     program: Program, target: Target, *, has_sensitivities: bool = True
 ) -> tuple[LinearSystem, list[Kernel]]:
-    """Return the linear systems of a program, and the kernels of the derivatives that they need."""
+    """Return the linear systems of a program, and the kernels of the required derivatives."""
     plan = program.elimination
     slope = form_time_slope(program)
     if slope is not None and not has_sensitivities:
@@ -176,7 +176,7 @@ def linear_system(
 
 @dataclass(frozen=True)
 class NewtonContext(KernelFile):
-    """Data of the template."""
+    """Template data of ``<model>_newton.c``."""
 
     target: Target
     system: LinearSystem
@@ -189,7 +189,7 @@ class NewtonContext(KernelFile):
 
 
 def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str, str]:
-    """Write the file of a model, and the headers that it includes.
+    """Return the file of a model, and the headers that it includes.
 
     Returns
     -------
@@ -205,13 +205,13 @@ def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str
 
 
 def newton_declarations(model: NewtonContext) -> str:
-    """Return the declarations that cffi reads."""
+    """Return the declarations for cffi."""
     return f"const void *{model.prefix}_newton(void);\n"
 
 
 @without_collection()
 def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
-    """Build the template data, for scalar numbers."""
+    """Build the template data for a target with scalar numbers."""
     name = program.layout.name
     system, made = linear_system(program, target)
     nodes = [node for kernel in made for node in kernel.order]
@@ -230,12 +230,12 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
 
 
 def is_unrolled(plan: Elimination) -> bool:
-    """Return whether an elimination is written as straight lines."""
+    """Return whether an elimination is written as straight-line code."""
     return plan.n_operations <= _LONGEST
 
 
 def elimination_context(plan: Elimination, target: Target) -> EliminationContext:
-    """Write a plan as statements, or as tables if these would be many."""
+    """Build the template data of an elimination, as statements or, if they are many, as tables."""
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(
@@ -252,25 +252,25 @@ def elimination_context(plan: Elimination, target: Target) -> EliminationContext
 
 
 def _factor(plan: Elimination, target: Target) -> Body:
-    """Write the factors as straight-line code, cut into blocks if it is long."""
+    """Return the factorisation as straight-line code, divided into blocks if it is long."""
     given = [Argument("v"), Argument("shift", is_array=False), Argument("f", is_constant=False)]
     return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given), target)
 
 
 def _solve(plan: Elimination, target: Target) -> Body:
-    """Write a substitution as straight-line code, cut into blocks if it is long."""
+    """Return the substitution as straight-line code, divided into blocks if it is long."""
     given = [Argument("f"), Argument("b", is_constant=False)]
     return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given), target)
 
 
 def _factor_rows(plan: Elimination) -> list[Statement]:
-    """Return assignments of the factors; those that later factors read become constants."""
+    """Return assignments of the factors; those that later factors read are also temporaries."""
     read = {i for entry in plan.factors for pair in entry.products for i in pair}
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []
     for i, entry in enumerate(plan.factors):
-        # An entry of shift M - J, minus the products of earlier factors. M is one on the diagonal
-        # for states with a rate, and zero for algebraic unknowns.
+        # A factor is an entry of shift M - J minus the products of earlier factors. M is diagonal:
+        # one for states with a rate, zero for algebraic unknowns.
         total = named("shift") if entry.has_shift else None
         if entry.value >= 0:
             total = _less(total, element("v", entry.value))
@@ -282,14 +282,14 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
             total = apply("div", number(1.0), total)
         elif entry.pivot >= 0:
             total = apply("mul", total, temporary("f", entry.pivot))
-        # All factors are stored for solutions. Compilers keep constants in registers.
+        # All factors are stored for solutions; compilers keep temporaries in registers.
         declared = [temporary("f", i)] if i in read else []
         rows.append(Assign((*declared, element("f", i)), total))
     return rows
 
 
 def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
-    """Subtract a product of one or two factors from a total; None represents zero."""
+    """Subtract the product of one or two factors from a total, in which None is zero."""
     if total is not None:
         return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
     first = apply("neg", factors[0])
@@ -298,7 +298,8 @@ def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
 
 def _solve_rows(plan: Elimination) -> list[Statement]:
     rows: list[Statement] = []
-    # Forward with L, whose diagonal is one, then backward with U, whose pivots are inverted.
+    # Forward substitution with L, whose diagonal is one, precedes backward substitution with U,
+    # whose pivots are inverted.
     for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
         total = element("b", row)
         for m, factor in pairs:

@@ -1,7 +1,7 @@
-"""Conversion of nodes to statements, and storage of the results of maps.
+"""Conversion of nodes to statements, and storage of the inputs and results of maps.
 
-A value that is used once is inlined; the others become constants in the order of evaluation.
-Comments name the group of the statements.
+Values that are used once are inlined; all others become temporaries in the order of evaluation.
+Comments name the groups of statements.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel
 
 
-#: Maximum number of lanes in a vector, on any machine.
+#: Maximum number of SIMD lanes in a vector on any machine.
 _WIDEST = 8
-#: Maximum number of values in rows that are stored completely: half of the level-1 cache.
+#: Maximum number of values in rows that are stored with all zeros: half of the level-1 cache.
 _MOST_WHOLE = 2048
 
 
@@ -54,22 +54,22 @@ def padded(n: int) -> int:
 
 @dataclass(frozen=True)
 class OwnRows:
-    """Places in C of the inputs of a map that follow its sensitivities: sparse rows.
+    """Storage in C of the inputs of a map that follow its sensitivities, as sparse rows.
 
-    Rows are stored in pieces of eight columns, the length of the widest vectors. Pieces of zeros
-    share one copy, the first; a table has the places of the pieces of each row. Short rows of
-    constants are stored whole.
+    Rows are stored in pieces of eight columns, the width of the widest vectors. All pieces of zeros
+    share the first one; a table has the start of each piece. Short rows of constants are stored
+    with all zeros.
     """
 
     linear: LinearMap  # the linear map that is applied
-    first: int  # first of the inputs of this block
+    first: int  # index of the first of these inputs
     is_whole: bool  # whether rows are stored contiguously, including their zeros
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
-        """Number the nonzero blocks by column and row, starting from one."""
+        """Number of each nonzero piece, from one, by first column and row."""
         given = self.linear.given
-        # Block zero is the common copy of zeros.
+        # Piece zero is the common piece of zeros.
         found = (
             (at, i)
             for at in range(0, len(given), _WIDEST)
@@ -85,32 +85,32 @@ class OwnRows:
 
     @property
     def width(self) -> int:
-        """Length of a whole row."""
+        """Length of a row with all zeros."""
         return padded(self.linear.n_columns)
 
     @property
     def length(self) -> int:
-        """Total length of all rows, in numbers."""
+        """Total number of stored values."""
         if self.is_whole:
             return max(1, self.n_rows * self.width)
         return _WIDEST * (1 + len(self._pieces))
 
     @cached_property
     def places(self) -> list[list[int]]:
-        """Start of each row, in one list for every eight columns."""
+        """Start of the piece of each row, in a list for every eight columns."""
         rows = range(self.first, self.linear.n_inputs)
         groups = range(0, self.linear.n_columns, _WIDEST)
         return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
 
     def place(self, i: int, j: int) -> int:
-        """Return the index of input i of column j, which may be nonzero."""
+        """Return the index at which input i of column j is stored, if it may be nonzero."""
         if self.is_whole:
             return self.width * (i - self.first) + j
         lane = j % _WIDEST
         return _WIDEST * self._pieces[j - lane, i] + lane
 
     def values(self, node: Node) -> dict[int, Node]:
-        """Return the nonzero values that an application of the map stores, by place."""
+        """Return the nonzero values that an application of the map stores, by index."""
         return {
             self.place(i, j): value
             for j, column in enumerate(self.linear.columns(node.args))
@@ -120,7 +120,7 @@ class OwnRows:
 
 
 def own_rows(node: Node) -> OwnRows:
-    """Assign places to the inputs of a map application that columns do not share."""
+    """Determine the storage of the inputs of a map application that columns do not share."""
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
@@ -133,20 +133,20 @@ def own_rows(node: Node) -> OwnRows:
 
 @dataclass(frozen=True)
 class Starts:
-    """Start of each column of a map in the array of a kernel's results."""
+    """Start of each column of a map in the result array of a kernel."""
 
     array: str
     places: tuple[int, ...]
 
     def place(self, i: int, n_rows: int) -> CExpression:
-        """Return the array element that contains a result of the map."""
-        # Nodes number the results column by column.
+        """Return the array element that contains result i of the map."""
+        # Results are numbered column by column.
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)
 
 
 def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
-    """Return the maps whose columns are results of the kernel, with their places there."""
+    """Return the maps whose columns are results of a kernel, with the starts of these columns."""
     first: dict[Node, int] = {}
     for i, root in enumerate(kernel.results):
         first.setdefault(root, i)
@@ -155,7 +155,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
         if node.op != "map":
             continue
         n, own = len(node.data.results), results_of(node, node.data.n_results)
-        # First result index of each column, which the other results must follow.
+        # These are the starts of columns if the other results of each column follow.
         places = tuple(first.get(root, 0) for root in own[::n])
         if all(
             kernel.results[place : place + n] == own[n * j : n * (j + 1)]
@@ -166,7 +166,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
 
 
 def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
-    """Return each table of places of maps as constants."""
+    """Return a table of constants for each set of column starts."""
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
@@ -176,31 +176,31 @@ def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants
 _LARGEST_SYSTEM = 12  # maximum number of unknowns of a system without loops: 300 statements
 _LONGEST_INLINE = 72  # maximum number of characters of an inlined expression
 
-#: The key of the function that computes several sines.
+#: Key of the function that computes several sines, in a mapping of names.
 SINES = "sines"
 
 
 def symbol(kind: str, position: int) -> CExpression:
-    """Return an argument of a kernel, or an element of one."""
+    """Return the C expression of a symbol: a kernel argument or an element of one."""
     array = ARGUMENT_OF.get(kind, kind)
     return named(array) if kind == TIME else element(array, position)
 
 
 @dataclass(frozen=True)
 class Printed:
-    """Statements that compute some values."""
+    """Statements that compute the requested values."""
 
     #: Statements with comments: one list, or one for each requested part.
     parts: list[list[Statement]]
     values: list[CExpression]  # C expression of each requested value
     n_statements: int  # number of values that have a statement
     uses_status: bool  # whether a statement may set ``status``
-    #: Names of arrays that only maps read.
+    #: Names of arrays that are filled for maps.
     filled: list[str] = field(default_factory=list)
 
     @property
     def statements(self) -> list[Statement]:
-        """The statements of all parts."""
+        """All statements of all parts."""
         return [statement for part in self.parts for statement in part]
 
 
@@ -215,26 +215,27 @@ def print_nodes(
     has_groups: bool = True,
     symbols: Callable[[str, int], CExpression] = symbol,
 ) -> Printed:
-    """Build the statements that compute some values.
+    """Build the statements that compute the given nodes.
 
     Parameters
     ----------
     roots : sequence of Node
-        The values.
+        The nodes to compute.
     prepared : mapping of Node to int
-        Values to read from ``k``, with their place there.
+        Nodes that are read from ``k``, with their indices in it.
     names : mapping of Table, OwnRows or tuple of int to str
-        C names of tables, of maps by their rows of inputs, and of tables of places of columns.
+        C names of tables, of maps by their rows of inputs, and of tables of column starts.
     parts : sequence of sequence of Node, optional
-        All nodes that the values depend on, in order of evaluation, in parts; one part by default.
+        All nodes on which the roots depend, in order of evaluation and in parts; by default in one
+        part.
     places : mapping of Node to Starts
-        Places of the results of maps without an array of their own.
+        Maps whose results are stored in the result array of the kernel.
     kept : collection of Node
-        Nodes that get a statement even if they are used once.
+        Nodes that are not inlined even if they are used once.
     has_groups : bool
-        Whether values of a group are consecutive, and comments name it.
+        Whether comments name the groups of statements, which are then consecutive.
     symbols : callable
-        The expression of a symbol, from its kind and its position.
+        Returns the expression of a symbol, given its kind and position.
     """
     parts = [reachable(roots, stop=prepared)] if parts is None else parts
     printer = _StatementWriter(prepared, names, places, has_groups, symbols)
@@ -249,7 +250,7 @@ def print_nodes(
 
 
 def is_written_out(node: Node) -> bool:
-    """Return whether a definite linear system is solved by statements without loops."""
+    """Return whether a definite linear system is solved by straight-line code."""
     return (
         node.op == "solve"
         and node.data.size <= _LARGEST_SYSTEM
@@ -273,23 +274,23 @@ class _StatementWriter:
         self._known: dict[Node, CExpression] = {}
         self._number: dict[Node, int] = {}  # number of each value that has a statement
         self._uses: dict[Node, int] = {}
-        self._factors: dict[Any, int] = {}  # number, in the C text, of each factorised matrix
+        self._factors: dict[Any, int] = {}  # number of each factorised matrix in the C text
         self._section = ""
 
     def count_uses(self, roots: Iterable[Node], order: Iterable[Node]) -> None:
-        """Count how often each value is read."""
+        """Count the uses of each value."""
         uses = self._uses
         for node in order:
-            # A prepared value is read from the array, so its arguments are not needed.
+            # Prepared values are read from an array, so their arguments are not used.
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
-        # A root that another value reads gets a statement.
+        # Roots count as uses, so that a root which another value uses is not inlined.
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 
     def printed(self, roots: Sequence[Node], parts: list[list[Statement]]) -> Printed:
-        """Return the statements and the expressions of some values."""
+        """Return the statements, and the expressions of the roots."""
         values = [self._known[root] for root in roots]
         return Printed(parts, values, len(self._number), self.uses_status, self.filled)
 
@@ -315,14 +316,14 @@ class _StatementWriter:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
             i += padded(owner.data) - owner.data  # cosines begin at the start of a vector
-        # C stores results by padded rows; nodes number them by columns.
+        # C stores the results of maps in padded rows; nodes number them column by column.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))
             i = row * padded(owner.data.n_columns) + column
         return element(f"v{self._number[owner]}", i)
 
     def _declare(self, node: Node) -> int:
-        """Return the number of a new statement; add a comment if a group begins."""
+        """Return the number of a new statement, after a comment if a new group begins."""
         if self.has_groups and node.section and node.section != self._section:
             self.statements.append(Comment(node.section))
         self._section = node.section
@@ -331,7 +332,7 @@ class _StatementWriter:
 
     def _scalar(self, node: Node) -> None:
         value = apply(node.op, *[self._known[arg] for arg in node.args])
-        # A value that is read once is inlined, unless the expression is too long to read.
+        # A value that is used once is inlined, unless the expression is too long to read.
         if self._uses[node] == 1 and value.width <= _LONGEST_INLINE:
             self._known[node] = value
             return
@@ -343,11 +344,11 @@ class _StatementWriter:
         return tuple(self._known[arg] for arg in args)
 
     def _solve(self, node: Node) -> None:
-        """Solve a system; a matrix of several solutions is factorised once."""
+        """Append statements that solve a system; each matrix is factorised once."""
         n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
         sizes, is_apart = sizes_of(node), is_written_out(node)
-        # Solutions share factors only if they use the same rank decisions.
+        # Solutions share factors only if their rank decisions agree.
         key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
             self._factors[key] = at
@@ -357,8 +358,8 @@ class _StatementWriter:
         rank, accepted = temporary("rank", f), temporary("accepted", f)
         given = [named(f"s{f}")] if is_apart else []
         read = [rank, named(f"a{f}"), *given, named(f"r{f}"), named(f"c{f}"), x]
-        # Rows and columns are divided by the roots of the sizes: S A S y = S b and x = S y. Systems
-        # without loops scale the right-hand side and the solution themselves.
+        # Rows and columns are divided by the square roots of the sizes: S A S y = S b and x = S y.
+        # Straight-line code scales the right-hand side and the solution itself.
         scaling = [Call(call("cotree_multiply", whole(n), named(f"s{f}"), x))]
         scaling = scaling if sizes and not is_apart else []
         values = (*self._values(rhs), apply("real", rank), apply("real", accepted))
@@ -416,11 +417,11 @@ class _StatementWriter:
         self.uses_status = True
 
     def _sines(self, node: Node) -> None:
-        """Compute sines and cosines, by one call if there is a function of several angles."""
+        """Append statements for sines and cosines: a single call if there is a function for it."""
         at, n, width = self._declare(node), node.data, padded(node.data)
         angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
-            # Vectors also read the padding.
+            # Vectors also read the padding, which must be defined.
             filled = (*angles, *[number(0.0)] * (width - n))
             cosines = apply("add", named(v), whole(width))
             given = [whole(n), named(f"a{at}"), named(v), cosines]
@@ -436,7 +437,7 @@ class _StatementWriter:
             self.statements.append(Assign((element(v, width + i),), apply("cos", angle)))
 
     def _map(self, node: Node) -> None:
-        """Fill the arrays of shared inputs and of rows of inputs, and call the map."""
+        """Append statements that fill the input arrays of a map, and its call."""
         linear: LinearMap = node.data
         at = self._declare(node)
         rows, width = own_rows(node), padded(linear.n_columns)
@@ -445,7 +446,7 @@ class _StatementWriter:
             Array(shared, max(1, linear.n_shared)), dict(enumerate(node.args[: linear.n_shared]))
         )
         if node not in self.names:
-            # Arrays of constants are tables of the file.
+            # Arrays with a name are constant tables at file scope.
             self.statements.insert(0, Call(call("cotree_clear", named(given), whole(rows.length))))
             self._fill(Array(given, rows.length, is_aligned=True), rows.values(node))
         to, starts = f"v{at}", "NULL"
@@ -453,13 +454,13 @@ class _StatementWriter:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
             self.statements.append(Array(to, max(1, width * len(linear.results))))
-        # Sensitivities in their original order are read from ``s``.
+        # Sensitivities are read directly from ``s`` if they are in its order.
         own = "s" if rows.first else given
         args = map(named, (shared, own, given, starts, to))
         self.statements.append(Call(call(self.names[rows], *args)))
 
     def _fill(self, array: Array, values: Mapping[int, Node]) -> None:
-        """Declare an array at the start of the function, and fill it at the present position."""
+        """Declare an array at the start of the function, and fill it at the current position."""
         self.filled.append(array.name)
         self.statements.insert(0, array)
         self.statements += [

@@ -1,7 +1,7 @@
-"""Statements to lines of C, for one target.
+"""Conversion of statements to C text for a target.
 
-Only this module writes statements as C. Differences between targets (the type of numbers,
-qualifiers, names of functions) are in :mod:`cotree.codegen.targets`.
+Only this module writes statements as C. Differences between targets (types of numbers, qualifiers,
+names of functions) are in :mod:`cotree.codegen.targets`.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "
-#: Precedence from which a sign needs no parentheses.
+#: Minimum precedence of an expression that needs no parentheses after a sign.
 _TIGHTEST = 4
 
-#: Expressions without arguments; %s marks the position of the number.
+#: Text of expressions without arguments; %s is the position of the number.
 _LEAVES = {
     "number": "%s{suffix}",
     "whole": "%s",
@@ -56,7 +56,7 @@ _LEAVES = {
 
 @dataclass(frozen=True)
 class BlockText:
-    """A function that is part of another, as text: its head and its statements."""
+    """The head and statements of a function that is part of another, as text."""
 
     signature: str
     lines: list[str]
@@ -66,15 +66,15 @@ class BlockText:
 class Body:
     """The statements of a function as text."""
 
-    lines: list[str]  # lines of the kernel itself
-    blocks: list[BlockText]  # functions into which it was divided, in calling order
-    #: Number of operations of each of these functions, then of the kernel; operations in a loop
-    #: count once.
+    lines: list[str]  # lines of the function itself
+    blocks: list[BlockText]  # functions into which it is divided, in calling order
+    #: Numbers of operations in each of these blocks, then in the function itself; operations in a
+    #: loop count once.
     written: list[int]
 
     @property
     def text(self) -> list[str]:
-        """All of its lines."""
+        """All lines, including those of the blocks."""
         return [*chain.from_iterable((b.signature, *b.lines) for b in self.blocks), *self.lines]
 
 
@@ -89,7 +89,7 @@ class Constants:
 
 
 def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
-    """Write a table with every entry, zeros among them.
+    """Return a table in which every entry is written, including zeros.
 
     gcc 12 folds a vector that begins at an entry without an initialiser to zeros, whatever follows
     that entry.
@@ -99,28 +99,28 @@ def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
 
 
 def int_table(name: str, numbers: Iterable[int]) -> Constants:
-    """Write integers as a table; an empty one contains a zero, since C has no empty arrays."""
+    """Return a table of integers; an empty one contains a zero, since C has no empty arrays."""
     return constants("int", name, list(map(str, numbers)) or ["0"])
 
 
 def print_lines(statements: Iterable[Statement], target: Target = DOUBLE) -> list[str]:
-    """Print statements, each on one line or more."""
+    """Return the lines of statements."""
     return list(_Printer(target).lines(statements))
 
 
 def print_expression(expression: CExpression, target: Target = DOUBLE) -> str:
-    """Print an expression."""
+    """Return the text of an expression."""
     return _Printer(target).expression(expression)
 
 
 def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
-    """Print the statements of a function, and the functions that it is cut into."""
+    """Return the text of a function's statements, and of the blocks into which it is divided."""
     printer, blocks = _Printer(target), []
     for function in cut.functions:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
         blocks.append(BlockText(head, list(printer.lines(function.body))))
-    # The statements of the caller come last; see Body.written.
+    # The statements of the function itself come last; see Body.written.
     counted = [*(function.body for function in cut.functions), cut.statements]
     lines = list(printer.lines(cut.statements))
     return Body(lines, blocks, [*map(n_operations, counted)])
@@ -133,11 +133,11 @@ class _Printer:
         self._target = target
         self._formats: dict[Form, str] = {}
         self._is_in_loop = False
-        # Numbers of a program are doubles, which may exceed the range of other types.
+        # Numbers in a program are doubles, which may exceed the range of other types.
         self._is_narrow = target.most_decades < DOUBLE.most_decades
 
     def lines(self, statements: Iterable[Statement]) -> Iterator[str]:
-        """Print statements."""
+        """Yield the lines of statements."""
         for statement in statements:
             if isinstance(statement, Simple):
                 yield self._simple(statement)
@@ -147,11 +147,11 @@ class _Printer:
                 yield from self._compound(statement)
 
     def expression(self, expression: CExpression) -> str:
-        """Print an expression."""
+        """Return the text of an expression."""
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
             numbers = self._fitted(expression)
-        # Outside loops all numbers are plain, and formatting is faster.
+        # Outside loops all numbers are plain, which allows faster formatting.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
@@ -170,13 +170,13 @@ class _Printer:
         return f"{head}{to} = {self.expression(row.value)};"
 
     def _simple(self, row: Simple) -> str:
-        """Print a statement that takes one line."""
+        """Return the text of a statement on one line."""
         if isinstance(row, Assign):
             return self._assign(row)
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
-            # Negated, so that nan also leaves the function.
+            # The negation ensures that nan also leaves the function.
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -188,14 +188,14 @@ class _Printer:
         head = f"{self._target.type_of(row.kind)} {row.name}[{row.length}]"
         if row.is_aligned:
             head = f"{self._target.aligned}{head}"
-        # An array without values is filled later, so it cannot be const.
+        # Arrays without values are filled later and cannot be const.
         if not row.values:
             return f"{head};"
         constant = "const " if row.is_constant else ""
         return f"{constant}{head} = {{{', '.join(map(self.expression, row.values))}}};"
 
     def _compound(self, row: ConstantTable | Loop | When) -> Iterator[str]:
-        """Print a statement that takes several lines."""
+        """Yield the lines of a statement on several lines."""
         if isinstance(row, ConstantTable):
             kind = self._target.type_of_entry(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
@@ -207,7 +207,7 @@ class _Printer:
             yield f"for (int i = 0; i < {row.times}; ++i) {{"
             self._is_in_loop = True
             yield from self._indented(row.body)
-            # Loops do not nest, so no earlier state is restored.
+            # Loops are not nested.
             self._is_in_loop = False
             yield "}"
         else:
@@ -242,7 +242,7 @@ class _Printer:
                 a, b = map(self._format, left.args)
                 return f"{self._target.fused}({a}, {b}, {self._signed(op, right)})"
             if right.op == "mul":
-                # Numbers keep the order of the form.
+                # The order of the numbers must be that of the form.
                 a, b = self._signed(op, right.args[0]), self._format(right.args[1])
                 return f"{self._target.fused_onto}({self._format(left)}, {a}, {b})"
         args = [self._format(arg) for arg in form.args]
@@ -254,12 +254,12 @@ class _Printer:
             parts.append(text)
             if place is not None:
                 spelt, arg, needed = next(given)
-                # Parentheses only if the precedence of the argument is too low at its position.
+                # Parentheses are only used if the precedence of the argument is too low.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
 
     def _signed(self, op: str, form: Form) -> str:
-        """Print a term of a sum or difference together with its sign."""
+        """Return a term of a sum or difference with its sign."""
         text = self._format(form)
         if op == "add":
             return text
@@ -267,12 +267,12 @@ class _Printer:
 
 
 def _number(number: Number, slot: str) -> str:
-    """Print a number of a loop, in parentheses if it is a sum outside of brackets."""
+    """Return the text of a number in a loop, in parentheses if it is a sum outside brackets."""
     if isinstance(number, TableEntry):
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
-    # Numbers in a loop are indices or counts and never negative, so a decreasing one is written
+    # Numbers in a loop are indices or counts, which are never negative. A decreasing one is written
     # with its first value in front.
     step, first = number.step, number.first
     if step < 0:
@@ -284,16 +284,16 @@ def _number(number: Number, slot: str) -> str:
 
 
 def function_head(result: str, name: str, arguments: Collection[str]) -> str:
-    """Write a function's head, broken between arguments only.
+    """Return the head of a function, with line breaks only between arguments.
 
     Parameters
     ----------
     result : str
-        The text before the name: its linkage and the type of its result.
+        The text before the name: linkage and type of the result.
     name : str
-        Its name.
+        Name of the function.
     arguments : collection of str
-        Their declarations.
+        Declarations of the arguments.
     """
     lines = [f"{result} {name}("]
     indent = " " * len(lines[0])
@@ -307,6 +307,6 @@ def function_head(result: str, name: str, arguments: Collection[str]) -> str:
 
 
 def wrapped(items: Iterable[str]) -> list[str]:
-    """Fill lines with items, each followed by a comma."""
+    """Return lines that are filled with items, each of which ends with a comma."""
     text = " ".join(f"{item}," for item in items)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

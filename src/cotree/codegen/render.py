@@ -1,9 +1,9 @@
-"""Contexts into templates, and the runtime: ordinary C below ``templates/runtime``.
+"""Rendering of templates, and the runtime: ordinary C text in ``templates/runtime``.
 
-The runtime is the same for every model. In: the names of headers, or C text that includes them.
-Out: their text and that of their sources. A folder of the runtime holds modules. A module is a
-public header, an internal one where its sources share declarations, and the sources whose first
-include is either of them.
+The runtime is the same for every model. In: names of headers, or C text that includes them. Out:
+the text of these headers and their sources. The folders of the runtime contain modules. A module
+consists of a public header, an internal header if its sources share declarations, and the sources
+that include one of these first.
 """
 
 from __future__ import annotations
@@ -28,37 +28,36 @@ if TYPE_CHECKING:
     import jinja2
 
 
-#: Size limit of C text for compilation, in bytes.
+#: Maximum size of a C file, [byte].
 LARGEST_FILE = 200_000_000
 
 
 @cache
 def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Environment:
-    """Return the environment that fills templates; it escapes names and texts in HTML.
+    """Return the Jinja environment that renders templates.
 
     Parameters
     ----------
     target : Target
-        The type of numbers. Templates of C write ``{{ real }}`` for the type, ``{{ f }}`` behind
-        each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
-        in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
-        empty and the others are what they are called. Filters write numbers and texts as literals,
-        texts as comments, and items on lines of a readable length.
+        The type of numbers. C templates contain ``{{ real }}`` for the type, ``{{ f }}`` after each
+        literal and function of ``math.h``, ``{{ DBL }}`` for the prefix of names in ``float.h``,
+        and functions that return tolerances and the limits of the range. Filters convert numbers
+        and texts to literals, texts to comments, and items to lines of a readable length.
     is_html : bool
-        Whether texts are HTML.
+        Whether the text is HTML, in which names and texts are escaped.
     """
     import jinja2
 
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
-        # A name missing from a context raises an error instead of producing empty C text.
+        # A name that the context lacks raises an error instead of rendering as empty text.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=is_html,  # HTML only; names and texts in C have been escaped in naming.py
+        autoescape=is_html,  # for C, naming.py escapes names and texts
     )
-    # Set in the environment, so that imported macros can use them as well.
+    # Imported macros can also use the globals of the environment.
     made.globals |= {
         "real": target.scalar,
         "f": target.suffix,
@@ -79,7 +78,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
 
 def render(template: str, target: Target = DOUBLE, **context: object) -> str:
-    """Fill one template.
+    """Render a template.
 
     Parameters
     ----------
@@ -88,12 +87,12 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
     target : Target
         The type of numbers.
     **context
-        Typed contexts, see :mod:`cotree.codegen.context`.
+        Template data; see :mod:`cotree.codegen.context`.
 
     Raises
     ------
     CodegenError
-        If the text grows beyond reason, or a coefficient is beyond the range of the type.
+        If the text is too long, or a coefficient is outside the range of the type.
     """
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
@@ -114,17 +113,17 @@ class Features:
     events: bool = True  # whether the model has events, or kinks at times that depend on states
     modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
     discs: bool = True  # whether there is friction on planes in space
-    #: Whether rates have kinks at times that depend on parameters of sensitivity.
+    #: Whether rates have kinks at times that depend on sensitivity parameters.
     moving_corners: bool = True
     implicit: bool = True  # whether an implicit method uses a Jacobian
-    helper: bool = True  # whether a caller's function finds states if iterations fail
-    mending: bool = True  # whether prescribed values may change to satisfy constraints
-    sundials: bool = True  # whether the model may be integrated by SUNDIALS
-    #: FMU: whether its start satisfies constraints or conditions, or selects modes; whether there
-    #: are time events or upper bounds of the step size.
+    helper: bool = True  # whether a function of the caller finds states if iterations fail
+    mending: bool = True  # whether given values may change to satisfy constraints
+    sundials: bool = True  # whether SUNDIALS may integrate the model
+    #: For FMUs: whether the start satisfies constraints or conditions, or selects modes; and
+    #: whether there are time events or upper bounds of the step size.
     start: bool = True
     breakpoints: bool = True
-    #: For FMUs: whether they offer Model Exchange, and Co-Simulation.
+    #: For FMUs: whether they support Model Exchange, and Co-Simulation.
     exchange: bool = True
     steps: bool = True
 
@@ -140,7 +139,7 @@ ALL = Features()
 
 
 _INTERNAL = "_internal.h"
-#: Text around sources in one file: functions that only one module calls become static.
+#: Text before the sources of a module in one file, whose private functions become static.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
 
@@ -151,7 +150,7 @@ def with_runtime(
     features: Features = ALL,
     has_sources: bool = True,
 ) -> dict[str, str]:
-    """Add the modules that texts include, and those that these include.
+    """Add the runtime modules that texts include directly or indirectly.
 
     Parameters
     ----------
@@ -160,21 +159,21 @@ def with_runtime(
     target : Target
         The type of numbers.
     features : Features
-        What is compiled, in the files given, too.
+        The parts of the runtime and of ``files`` that are compiled.
     has_sources : bool
-        Whether sources are added, too, or headers alone.
+        Whether sources are added, too, not only headers.
 
     Returns
     -------
     dict of str to str
-        Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
+        Text by file name: the given files, then ``cotree_abi.h`` and those of the runtime.
     """
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
     waiting = [name for text in found.values() for name in includes(text)]
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # the file is already present, or is one of the model
+            continue  # the header is already present, or does not belong to the runtime
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)
@@ -184,16 +183,16 @@ def with_runtime(
 
 
 def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
-    """Add the modules that texts include, without unused parts; see ``with_runtime``.
+    """Add the runtime modules that texts include, without unused parts; see ``with_runtime``.
 
-    Sources that are given stay whole.
+    Given sources remain complete.
     """
     shared = _paths().keys() - {name for name in files if name.endswith(".c")}
     return without_unused(with_runtime(files, target, features=features), shared)
 
 
 def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
-    """Return the text of a public header, ``cotree_abi.h`` among them."""
+    """Return the text of a public header, including ``cotree_abi.h``."""
     text = _abi(target) if name == "cotree_abi.h" else _read(name)
     return _resolved(text, target, features)
 
@@ -208,7 +207,7 @@ def _abi(target: Target) -> str:
 def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:
     """Return the sources of a module by name.
 
-    Those that share an internal header become one file, whose private functions are static.
+    Sources that share an internal header become one file, whose private functions are static.
     """
     names = _sources(header)
     internal = header.replace(".h", _INTERNAL)
@@ -224,12 +223,12 @@ def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL)
 
 
 def _has_code(text: str) -> bool:
-    """Return whether a text has more than comments and directives."""
+    """Return whether a text contains more than comments and directives."""
     return any(line[:1].isalpha() for line in text.splitlines())
 
 
 def _without_repeated_headers(text: str) -> str:
-    """Remove repeated inclusions of headers of C."""
+    """Remove repeated inclusions of C library headers."""
     seen: set[str] = set()
     lines = []
     for line in text.splitlines(keepends=True):
@@ -256,7 +255,7 @@ def _read(name: str) -> str:
 
 @cache
 def _sources(header: str) -> list[str]:
-    """List the sources of a header; the one with its own name first."""
+    """Return the sources of a header, the one with the same name first."""
     own = header.removesuffix(".h")
     found = []
     for name in _paths():
@@ -266,25 +265,25 @@ def _sources(header: str) -> list[str]:
 
 
 def _resolved(text: str, target: Target, features: Features) -> str:
-    """Remove the parts that a type of numbers, or a model, does not use."""
+    """Remove the parts of a text that the type of numbers or the features exclude."""
     return resolve(text, {"COTREE_SINGLE": target.digits != DOUBLE.digits, **features.macros()})
 
 
 def resolve(text: str, known: Mapping[str, bool]) -> str:
-    """Evaluate conditions of the preprocessor on known macros, and drop text that is not compiled.
+    """Evaluate preprocessor conditions on known macros, and remove text that is not compiled.
 
     Parameters
     ----------
     text : str
-        C text. Conditions are written ``#if NAME`` or ``#if !NAME``, several joined by ``&&`` or by
-        ``||``; a default between ``#ifndef NAME`` and ``#endif`` is dropped.
+        C text. Conditions have the form ``#if NAME`` or ``#if !NAME``, or several of these with
+        ``&&`` or ``||``; a default between ``#ifndef NAME`` and ``#endif`` is removed.
     known : mapping of str to bool
-        Values of macros; other conditions stay.
+        Values of macros; conditions on other macros remain.
     """
     if not any(name in text for name in known):
         return text
     lines: list[str] = []
-    # For each open condition: whether it is decided here, and whether its lines are kept.
+    # For each open condition: whether it is evaluated here, and whether its lines are kept.
     open_: list[tuple[bool, bool]] = []
     for line in text.splitlines():
         if (value := _value(line, known)) is not None:
@@ -306,7 +305,7 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
 
 
 def _value(line: str, known: Mapping[str, bool]) -> bool | None:
-    """Return the value of a condition on known macros; None for other lines."""
+    """Return the value of a condition on known macros, or None for other lines."""
     if not line.startswith("#if "):
         return None
     operator, join = (" || ", any) if "||" in line else (" && ", all)

@@ -1,9 +1,9 @@
-"""The files of a project in one header and one source.
+"""Combination of the files of a project into one header and one source.
 
-In: text by file name. Out: the text of ``<prefix>.h`` and ``<prefix>.c``. Names of the runtime
-begin with the prefix, too, so that a program can contain several models. A part is the text of one
-source. Macros of a part end with it. A name at file scope that another part contains begins with
-the name of its part.
+In: text by file name. Out: the text of ``<prefix>.h`` and ``<prefix>.c``. Names of the runtime also
+begin with the prefix, so that a program can contain several models. The text of each former source
+is a part. Its macros are undefined at its end. If another part contains a private name of the part,
+the name begins with that of the part.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
-    """Join the C files of a project.
+    """Combine the C files of a project.
 
     Parameters
     ----------
     texts : mapping of str to str
-        Headers and sources by name, ``main.c`` among them.
+        Headers and sources by name, including ``main.c``.
     prefix : str
-        What names of the model begin with.
+        Prefix of the model's names.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
 
 
 def prefixed(text: str, texts: Mapping[str, str], prefix: str) -> str:
-    """Write names of the runtime with the prefix, in files whose names are those of some texts."""
+    """Return a text with prefixed runtime names that differ from all names in ``texts``."""
     return _with_names(text, frozenset[str]().union(*map(words, texts.values())), prefix)
 
 
@@ -83,17 +83,17 @@ def _with_names(text: str, taken: Set[str], prefix: str) -> str:
 
 
 def _prefixed(word: str, taken: Set[str], prefix: str) -> str:
-    """Replace ``cotree`` at the beginning of a name of the runtime by the prefix."""
+    """Replace ``cotree`` at the beginning of a runtime name by the prefix."""
     for own, new in (("cotree_", prefix), ("COTREE_", prefix.upper())):
         if word.startswith(own):
             name = f"{new}_{word.removeprefix(own)}"
-            # A kernel or an enumeration may have the same name.
+            # A kernel or an enumeration may already have this name.
             return f"{name}_type" if name in taken else name
     return word
 
 
 def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
-    """Replace the first inclusion of each header by its text, and drop the others."""
+    """Replace the first inclusion of each header by its text, and remove the others."""
     found = []
     for line in text.splitlines(keepends=True):
         name = included(line)
@@ -102,25 +102,25 @@ def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
         elif name in texts and name not in seen:
             comment, body = unframed(texts[name])
             if body:
-                seen.add(name)  # a header without an include guard is inserted at each ``#include``
+                seen.add(name)  # headers without an include guard are inserted every time
             found.append(_inlined(f"{comment}\n\n{body}", texts, seen))
     return "".join(found)
 
 
 def _private(source: str) -> set[str]:
-    """Return the names at file scope of a source; those of the runtime differ from all others."""
+    """Return the private names of a source, except those of the runtime, which are unique."""
     names = {name for item in items(source) if item.is_private for name in item.names}
     return {name for name in names if not name.startswith("cotree_")}
 
 
 def _undefined(text: str) -> str:
-    """Return directives that undefine the macros of a text."""
+    """Return directives that undefine the macros in a text."""
     macros = {name for item in items(text) if item.is_directive for name in item.names}
     return "".join(f"#undef {macro}\n" for macro in sorted(macros))
 
 
 def _renamed(part: str, names: Mapping[str, str]) -> str:
-    """Replace names of a part, except members of structures."""
+    """Replace names in a part, except members of structures."""
     found = [*tokens(part), "", ""]
     for i, is_member in enumerate(_are_members(found)):
         if not is_member:
@@ -129,7 +129,7 @@ def _renamed(part: str, names: Mapping[str, str]) -> str:
 
 
 def _are_members(found: Sequence[str]) -> Iterator[bool]:
-    """Return for each token whether it is a member: behind a dot or an arrow, or in a structure."""
+    """Yield for each token whether it is a member: after a dot or an arrow, or in a structure."""
     depth = body = 0  # open braces: in total, and in the body of a structure
     is_head = False
     for i, token in enumerate(found[:-2]):
@@ -147,7 +147,7 @@ def _are_members(found: Sequence[str]) -> Iterator[bool]:
 
 
 def _framed(text: str, opening: str, closing: str) -> str:
-    """Write the first comment, then the headers of C that a text includes, then the text."""
+    """Insert the opening and all inclusions of C library headers after the first comment."""
     first, _, rest = text.partition("*/\n")
     lines = rest.splitlines(keepends=True)
     system = sorted({line for line in lines if line.startswith("#include <")})

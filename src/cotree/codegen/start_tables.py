@@ -1,6 +1,7 @@
-"""Tables of a consistent start, see ``start/cotree_start.h``: as numbers, and as C text.
+"""Tables for the search for consistent initial states (``start/cotree_start.h``).
 
-In: the layout of a program. Out: ``StartTables``, which templates print and callers of C fill in.
+In: the layout of a program. Out: ``StartTables``, which templates print as C text, and from which
+Python fills C structures.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StartTables:
-    """Tables of a model's start; the attributes are named as the fields in C."""
+    """Tables of a model; the attributes have the names of the C fields."""
 
     #: Numbers of coordinates, speeds, constraints and results.
     n_coordinates: int
@@ -29,7 +30,7 @@ class StartTables:
     n_rows: int
     n_start: int
     n_groups: int
-    #: Arrays of indices, as in cotree_start_tables.h.
+    #: Arrays of indices; see cotree_start_tables.h.
     value_rows: tuple[int, ...]
     quaternions: tuple[int, ...]
     is_rate: tuple[int, ...]
@@ -37,22 +38,22 @@ class StartTables:
     given: tuple[int, ...]
     seeds: tuple[int, ...]
     contents: tuple[int, ...]
-    #: Concatenated lists of the states that determine each redundant value.
+    #: Lists of the states that determine each redundant value, in compressed form.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
-    #: Names and units of the rows.
+    #: Names and units of the residuals, and of the redundant values.
     rows: tuple[Quantity, ...]
     redundant: tuple[Quantity, ...]
 
     @property
     def has_assembly(self) -> bool:
-        """Whether there are constraints, or conditions on the start."""
+        """Whether there are constraints, or conditions on initial values."""
         return bool(self.rows or self.quaternions or self.n_start)
 
     @property
     def arrays(self) -> list[Constants]:
-        """The arrays as C text, each named as its field with ``start_`` before it."""
-        # Needed only by callers that print C.
+        """The arrays as C text; their names are those of the fields with the prefix ``start_``."""
+        # Imported here, since only callers that generate C need it.
         from cotree.codegen.printing import Constants, int_table
 
         numbers = {
@@ -71,12 +72,12 @@ class StartTables:
 
 
 def start_tables(layout: Layout) -> StartTables:
-    """Gather the tables of a model's start."""
+    """Build the tables of a model."""
     n_rows = len(layout.constraint_edges)
     n_values = len(layout.constraints) - n_rows - len(layout.quaternions)
     conditions = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
     rates = layout.constraints[n_values : n_values + n_rows]
-    # The axes of an edge's constraints are arbitrary; therefore its rows with the same unit form a
+    # The axes of an edge's constraints are arbitrary, so rows of an edge with the same unit form a
     # group.
     edges = [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
     edges += [(split_name(row.name)[0], row.unit) for row in conditions]
@@ -105,7 +106,7 @@ def start_tables(layout: Layout) -> StartTables:
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:
-    """Return the parameter of each sensitivity, or -1 less the state."""
+    """Return the parameter index of each sensitivity, or -1 minus the index of the state."""
     places = {row.name: i for i, row in enumerate(layout.parameters)}
     return (
         places[name] if name in places else -1 - states.index(name) for name in layout.sensitivities

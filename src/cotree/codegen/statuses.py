@@ -1,9 +1,9 @@
-"""Endings of jobs in C, for messages in Python."""
+"""Status numbers of C jobs, with descriptions for messages."""
 
 from __future__ import annotations
 
-#: Descriptions of ``cotree_status`` in C, in the order of its numbers, without capital and full
-#: stop. Names have the prefix ``COTREE_``.
+#: Descriptions of the values of ``cotree_status`` in their order, without a capital and full stop.
+#: The names have the prefix ``COTREE_`` in C.
 SENTENCES = {
     "OK": "all is well",
     "BAD_ARGUMENT": "a size, time, tolerance or initial value is out of range",
@@ -28,11 +28,11 @@ SENTENCES = {
     "FOLD": "the algebraic unknowns would jump to another solution",
 }
 
-#: Numbers of ``cotree_status`` by name.
+#: Values of ``cotree_status`` by name.
 NUMBERS = {name: number for number, name in enumerate(SENTENCES)}
 
-#: Failures of events by number, see ``cotree_events_status``. Their descriptions are in
-#: :mod:`cotree.solvers.messages`.
+#: Names of event failures by status (``cotree_events_status``). :mod:`cotree.solvers.messages`
+#: describes them.
 EVENT_FAILURES = {
     20: "EVENTS_FAILED",
     21: "EVENTS_NOT_FINITE",
@@ -60,6 +60,6 @@ EVENT_FAILURES = {
     48: "EVENTS_BELOW_TOLERANCE",
 }
 
-#: Status if a sensitivity is undefined after a breakpoint; the field ``turned`` of the job is its
-#: index.
+#: Status if a sensitivity is undefined after a breakpoint; its index is the field ``turned`` of the
+#: job.
 TURNED = 60

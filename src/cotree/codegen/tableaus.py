@@ -1,6 +1,6 @@
-"""Coefficients of methods, one row each: the data for the template of an integrator.
+"""Coefficients of the integration methods, from which templates generate integrators.
 
-Coefficients of explicit methods are C expressions, by the number of the stage that they multiply.
+Coefficients of explicit methods are C expressions, by the index of the stage that they multiply.
 """
 
 from __future__ import annotations
@@ -10,43 +10,42 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tableau:
-    """An explicit method with an error estimate."""
+    """An explicit Runge-Kutta method with an error estimate."""
 
     name: str  # name without the prefix ``cotree_``
     title: str  # description, as part of a sentence
     source: str  # reference for the coefficients
     error_order: int  # order of the embedded error estimate
-    memory: str  # exponent of the previous step's error in the step size control
+    memory: str  # exponent of the previous error in the step size control
     nodes: tuple[str, ...]  # times of the stages except the first, as fractions of a step
     stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage except the first
     solution: dict[int, str]  # weights of the stages in the new solution
-    #: Weights in the error estimate. If there are two rows, the second one is combined with the
-    #: first one into an estimate of higher order. The stage after the last one is the rate at the
-    #: new solution.
+    #: Weights of the stages in the error estimate. Two rows are combined into an estimate of higher
+    #: order. The stage after the last one is the rate at the new solution.
     errors: tuple[dict[int, str], ...]
     stable: str  # stability limit on the negative real axis, rounded down
-    #: Weights of the term that extends the cubic through both ends of a step to a polynomial of
-    #: degree 4; empty if there is none.
+    #: Weights of the term that extends the cubic interpolation in a step to degree 4; empty if
+    #: there is none.
     dense: dict[int, str]
 
     is_implicit = False
 
     @property
     def last(self) -> int:
-        """Index of the stage at the new solution, which is the first of the next step."""
+        """Index of the stage at the new solution, which is the first stage of the next step."""
         return len(self.nodes) + 1
 
     @property
     def probe(self) -> int:
-        """Index of the other stage at the end of a step, the latest before the last one."""
-        # Both stages at the end of the step are evaluated at nearly the same point. The difference
-        # of their rates, divided by that of their points, estimates the largest eigenvalue: a
-        # stiffness test (Hairer and Wanner, section IV.2).
+        """Index of the other stage at the end of a step, the latest before the last stage."""
+        # For the stiffness test (Hairer and Wanner, section IV.2), both stages at the end of a step
+        # are evaluated at nearly the same point. The difference of their rates, divided by that of
+        # their points, estimates the largest eigenvalue.
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property
     def probe_row(self) -> dict[int, str]:
-        """Weights of earlier stages in the stage that tests for stiffness; see `probe`."""
+        """Weights of earlier stages in the stage for the stiffness test; see `probe`."""
         return self.stages[self.probe - 1]
 
     @property
@@ -232,7 +231,7 @@ _DOP853 = Tableau(
         11: "0.04471061572777259",
     },
     errors=(
-        # Error estimate of order 5, whose weights the program DOP853 calls er.
+        # The error estimate of order 5 has the weights er of the program DOP853.
         {
             0: "0.01312004499419488",
             5: "-1.2251564463762044",
@@ -243,7 +242,7 @@ _DOP853 = Tableau(
             10: "0.08192320648511571",
             11: "-0.022355307863886294",
         },
-        # The solution minus that of order 3, whose weights the program calls bhh.
+        # The solution minus that of order 3, which has the weights bhh of the program.
         {
             0: "-0.18980075407240762",
             5: "4.450312892752409",
@@ -265,13 +264,13 @@ TABLEAUS: dict[str, Tableau] = {row.name: row for row in (_DOPRI5, _RKF45, _DOP8
 
 @dataclass(frozen=True)
 class RosenbrockTableau:
-    """A stiffly accurate Rosenbrock method, written without products of the Jacobian.
+    """A stiffly accurate Rosenbrock method in a form without products of the Jacobian.
 
     Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
-    + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
+    + h d_i f_t. The last stage is the error estimate, and the new solution includes it.
     """
 
-    #: Name, order and other data as in :class:`cotree.codegen.tableaus.Tableau`.
+    #: Name, title and reference; see :class:`cotree.codegen.tableaus.Tableau`.
     name: str
     title: str
     source: str
@@ -283,8 +282,8 @@ class RosenbrockTableau:
     #: Coefficients a and C, one row for each stage except the first.
     stages: tuple[tuple[str, ...], ...]
     couplings: tuple[tuple[str, ...], ...]
-    #: Weights of the stages in the interpolation polynomial of a step, one row for each of its
-    #: degrees from 2 on.
+    #: Weights of the stages in the interpolation polynomial of a step, one row for each degree,
+    #: beginning with 2.
     dense: tuple[tuple[str, ...], ...]
 
     is_implicit = True
@@ -295,8 +294,8 @@ class RosenbrockTableau:
         return len(self.nodes)
 
 
-# The weights of stage 5. With stage 5 itself they form the embedded solution, at which stage 6 is
-# evaluated; stage 6 is then the error estimate.
+# Weights of stage 5. With stage 5 itself, they form the embedded solution, at which stage 6, the
+# error estimate, is evaluated.
 _LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878860361058950")
 
 # The coefficients are those of the transformed stages u of Hairer and Wanner, section IV.7.
@@ -347,7 +346,7 @@ _RODAS4 = RosenbrockTableau(
     ),
 )
 
-# The weights of stage 6. Stages 7 and 8 are evaluated at the same point plus the preceding stages.
+# Weights of stage 6. Stages 7 and 8 are evaluated at the same point plus the preceding stages.
 _SIXTH = (
     "-7.502846399306121",
     "2.561846144803919",
@@ -473,12 +472,12 @@ ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _
 
 @dataclass(frozen=True)
 class FixedStep:
-    """A method whose steps all have the length that the caller chose."""
+    """A method with a fixed step size, which the caller chooses."""
 
-    name: str  # name in C, after ``cotree_``
+    name: str  # name without the prefix ``cotree_``
     title: str  # description, as part of a sentence
     source: str  # publication from which the coefficients are taken
-    order: int  # order of the error at the end
+    order: int  # order of the global error
     n_stages: int  # number of evaluations of the rates in a step
     is_implicit: bool  # whether the method solves linear systems
 

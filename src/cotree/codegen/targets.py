@@ -1,4 +1,4 @@
-"""Targets of C text: types of numbers, and the spelling of types and qualifiers."""
+"""Targets of C text: types of numbers, and C names of types, qualifiers and functions."""
 
 from __future__ import annotations
 
@@ -20,28 +20,26 @@ _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Spelling of types and qualifiers."""
+    """C names of types, qualifiers and functions for one type of numbers."""
 
-    real: str = "double"  # type that statements compute with: one number, or a vector of some
-    scalar: str = "double"  # type of one number, in arguments and tables
-    zero: str = "0.0"  # zero of the type ``real``
+    real: str = "double"  # type with which statements compute: a number or a vector of numbers
+    scalar: str = "double"  # type of a single number, in arguments and tables
+    zero: str = "0.0"  # zero of type ``real``
     suffix: str = ""  # suffix of literals and of C library functions
-    limits: str = "DBL"  # prefix of the type's limits in ``float.h``
+    limits: str = "DBL"  # prefix of the names in ``float.h``
     infinity: str = "HUGE_VAL"  # name of positive infinity in ``math.h``
     reader: str = "strtod"  # C function that converts text to a number
-    #: Qualifiers and result type of a function that is part of another one.
+    #: Qualifiers and result type of a function that is part of another function.
     function: str = "COTREE_APART static void"
     name: str = "{}"  # format of the name of such a function
     aligned: str = "COTREE_ALIGNED "  # qualifier of arrays that are loaded into vectors
-    #: Qualifier of pointers to arrays that no other pointer accesses.
+    #: Qualifier of pointers to arrays that are not accessed through other pointers.
     restrict: str = "COTREE_RESTRICT "
     number: str = "{}"  # format of a constant
-    entry: str = ""  # type of one number in a table; empty where it is ``scalar``
-    #: Prefix of functions that replace those of the C library, and selections; empty if these are
-    #: called directly.
+    entry: str = ""  # type of a number in a table; empty if it is ``scalar``
+    #: Prefix of functions that replace selections and C library functions; empty if there are none.
     calls: str = ""
-    #: Name of the function ``(a, b, c)`` that computes ``a * b + c``; empty if two operators are
-    #: written.
+    #: Name of the function ``(a, b, c)`` for ``a * b + c``; empty if two operators are used.
     fused: str = ""
     fused_onto: str = ""  # fused multiply-add with its arguments in the order of ``c + a * b``
     size: int = 8  # size of one number, [byte]
@@ -50,12 +48,12 @@ class Target:
 
     @property
     def has_lanes(self) -> bool:
-        """Return whether maps may compute several columns at a time: vectors hold doubles."""
+        """Whether maps may compute several columns at a time, for which vectors have doubles."""
         return self.scalar != SINGLE.scalar
 
     @property
     def lanes(self) -> Target:
-        """The target of vectors of the same numbers."""
+        """The target for vectors of the same type of numbers."""
         return replace(
             self,
             real="VECTOR",
@@ -65,13 +63,13 @@ class Target:
         )
 
     def literal(self, value: float) -> str:
-        """Write a number as the shortest literal that reads back equal as a double."""
+        """Return the shortest literal that equals a number in double precision."""
         return repr(self.checked(float(value))) + self.suffix
 
     def constant(self, text: str) -> str:
-        """Write a coefficient, a decimal number or the quotient of two.
+        """Return the literal of a coefficient, a decimal number or a quotient of two.
 
-        Raises CodegenError if the type cannot hold it.
+        Raises CodegenError if it is outside the range of the type.
         """
         parts = text.split(" / ")
         for part in parts:
@@ -79,13 +77,13 @@ class Target:
         return " / ".join(part + self.suffix for part in parts)
 
     def fitted(self, value: float) -> float:
-        """Return a number as represented in the type; ``TINY`` is a fraction of its range."""
+        """Return a number in the range of the type, to which ``TINY`` is scaled."""
         if value != TINY or self.most_decades == DOUBLE.most_decades:
             return self.checked(value)
         return float(self.extreme(repr(TINY)).removesuffix(self.suffix))
 
     def checked(self, value: float) -> float:
-        """Return a number that is within the range of the type."""
+        """Return a number, or raise CodegenError if it is outside the range of the type."""
         if self.holds(value):
             return value
         raise CodegenError(
@@ -94,13 +92,13 @@ class Target:
         )
 
     def holds(self, value: float) -> bool:
-        """Return whether a number is within the range of the type; always for doubles."""
+        """Return whether a number is within the range of the type, always true for doubles."""
         if self.most_decades == DOUBLE.most_decades or not value:
             return True
         return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades
 
     def share(self, tolerance: str | float) -> str:
-        """Write a tolerance, or one over it, scaled by the type's digits to those of a double."""
+        """Return a tolerance, or its reciprocal, scaled to the precision of the type."""
         value = float(tolerance)
         if self.digits == DOUBLE.digits:
             return str(tolerance)
@@ -113,7 +111,7 @@ class Target:
         return rounding * math.pow(value / of_double, self.digits / DOUBLE.digits)
 
     def extreme(self, number: str) -> str:
-        """Scale the exponent of a power of ten from the range of doubles to that of the type."""
+        """Return a power of ten scaled from the range of doubles to that of the type."""
         if self.most_decades == DOUBLE.most_decades:
             return number
         decades = math.log10(float(number)) * self.most_decades / DOUBLE.most_decades
@@ -123,15 +121,15 @@ class Target:
         return f"{value:.1e}{self.suffix}"
 
     def type_of(self, kind: str) -> str:
-        """Return the name of a type; types of C are unchanged."""
+        """Return the C type for a kind of value; C types are unchanged."""
         return {REAL: self.real, SCALAR: self.scalar, WHOLE: "int"}.get(kind, kind)
 
     def type_of_entry(self, kind: str) -> str:
-        """Spell the type of the numbers in a table."""
+        """Return the C type of the numbers in a table."""
         return (self.entry if kind == SCALAR else "") or self.type_of(kind)
 
     def declared(self, argument: Argument) -> str:
-        """Declare an argument."""
+        """Return the declaration of an argument."""
         text = self.type_of(argument.kind)
         if not argument.is_array:
             return f"{text} {argument.name}"
@@ -140,21 +138,21 @@ class Target:
         return f"{constant}{text} *{restrict}{argument.name}"
 
     def spelling(self, op: str) -> str:
-        """Spell an operation, its arguments left open."""
+        """Return the format string of an operation with placeholders for its arguments."""
         if op in _SPELLED:
             text = _SPELLED[op]
         else:
             row = OPERATIONS[op]
             if self.calls and row.is_call:
-                # Arguments are repeated and ordered as in the C text of the operation.
+                # The arguments are in the order of the C text of the operation, with repetitions.
                 return f"{self.calls}{op}({', '.join(f'{{{i}}}' for i in fields_of(row.c))})"
-            # Functions of the C library have a suffix by type, sinf for float; operators have none.
+            # C library functions have a suffix for the type, such as sinf; operators have none.
             is_named = row.is_call and row.c[0].isalpha()
             text = row.c.replace("(", f"{self.suffix}(", 1) if is_named else row.c
         return text.replace("double", self.scalar).replace("0.0", f"0.0{self.suffix}")
 
 
-#: Target of kernels: scalar numbers in double precision.
+#: Target of kernels in double precision.
 DOUBLE = Target()
 #: Target of kernels in single precision.
 SINGLE = Target(
@@ -171,9 +169,9 @@ SINGLE = Target(
 )
 #: Targets of C projects, by floating-point type.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
-#: Target of maps: as many columns at a time as a vector has lanes.
+#: Target of maps, with one column in each SIMD lane.
 LANES = DOUBLE.lanes
-#: Target of ensembles: whole kernels, with one member in each lane.
+#: Target of kernels for ensembles, with one member in each SIMD lane.
 MEMBERS = Target(
     real="VECTOR",
     scalar="VECTOR",
