@@ -181,7 +181,7 @@ def cached(of: object, make: Callable[[], _T]) -> _T:
 
 
 def pickled(value: object) -> bytes | None:
-    """Return a value pickled; None if it cannot be pickled."""
+    """Return the pickle of a value, or None if the value cannot be pickled."""
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError, RecursionError):

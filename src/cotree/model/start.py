@@ -73,23 +73,7 @@ class Start:
 
 
 def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
-    """Raise ParameterError if initial values of a run contradict each other.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    initial : mapping of str to float
-        Initial values of the run that replace the scene's.
-    y : ndarray, shape (n_states,)
-        The initial states that were found.
-
-    Raises
-    ------
-    ParameterError
-        If a run gives both the content of a storage and the variable that follows from it, and
-        these two values do not agree.
-    """
+    """Raise ParameterError if a run gives a storage content and a variable that contradicts it."""
     names = model.states
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
@@ -182,11 +166,7 @@ def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str,
 def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
     """Insert the given initial sensitivities into s.
 
-    Raises
-    ------
-    ParameterError
-        If the model has no such sensitivity, or a nonzero value is given for one that always
-        vanishes.
+    Raises ParameterError if the model lacks one of them, or it is nonzero but always vanishes.
     """
     for name, value in slopes.items():
         if name not in model.slopes:
@@ -216,13 +196,8 @@ def _given_values(
 ) -> tuple[Array, Array]:
     """Return the initial states and sensitivities as given, before equations are solved.
 
-    Parameters
-    ----------
-    at, initial
-        As for :func:`find_start`, but without sensitivities.
-    slopes : mapping of str to float
-        Initial values of sensitivities by name. Without one, an initial value that the run gives
-        depends on no parameter.
+    ``slopes`` are initial sensitivities by name. Without one, an initial value that the run gives
+    depends on no parameter.
     """
     model = at.model
     names, wanted = model.states, model.sensitivities

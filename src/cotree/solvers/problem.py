@@ -217,8 +217,7 @@ class Problem:
     def is_sparse(self) -> bool:
         """Whether methods iterate with a sparse Jacobian.
 
-        They do not if there are sensitivities, since the first columns of the Jacobian of z are
-        then finite differences, which are dense.
+        With sensitivities, the first columns of the Jacobian of z are dense finite differences.
         """
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
