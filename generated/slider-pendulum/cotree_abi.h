@@ -85,7 +85,7 @@ typedef struct cotree_model {
     const double *parameter_values;
     const int *column_starts; /* n_states + 1: start of each column in row_indices */
     const int *row_indices;   /* n_nonzeros: row of each entry of the Jacobian */
-    /* The sensitivities that do not always vanish, compressed by parameters. */
+    /* The sensitivities that are not identically zero, compressed by parameters. */
     const int *sensitivity_starts; /* n_sensitivities + 1 offsets into the packed arrays */
     const int *sensitivity_rows;
     /* The kernels and their results; NULL if the model does not need the kernel. */

@@ -32,7 +32,7 @@
 #define SLIDER_PENDULUM_N_INPUTS 0
 #define SLIDER_PENDULUM_N_OUTPUTS 1
 #define SLIDER_PENDULUM_N_SENSITIVITIES 1
-#define SLIDER_PENDULUM_N_REACHED 4 /* number of sensitivities that do not always vanish */
+#define SLIDER_PENDULUM_N_REACHED 4 /* number of sensitivities not identically zero */
 #define SLIDER_PENDULUM_N_PREPARED 7
 #define SLIDER_PENDULUM_N_NONZEROS 8
 

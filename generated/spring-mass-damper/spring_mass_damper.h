@@ -30,7 +30,7 @@
 #define SPRING_MASS_DAMPER_N_INPUTS 0
 #define SPRING_MASS_DAMPER_N_OUTPUTS 1
 #define SPRING_MASS_DAMPER_N_SENSITIVITIES 1
-#define SPRING_MASS_DAMPER_N_REACHED 2 /* number of sensitivities that do not always vanish */
+#define SPRING_MASS_DAMPER_N_REACHED 2 /* number of sensitivities not identically zero */
 #define SPRING_MASS_DAMPER_N_PREPARED 3
 #define SPRING_MASS_DAMPER_N_NONZEROS 3
 

@@ -212,7 +212,7 @@ class Model(Reported):
         return self.kernels.rhs(t, y, p, u)
 
     def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
+        """Evaluate the derivatives of the rates with respect to the states, (n_states, n_states).
 
         Parameters and errors as for :meth:`rhs`; for m points the shape is (n_states, n_states, m).
         """

@@ -157,7 +157,8 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
 def _check_impacts(first: FirstGraph) -> None:
     """Raise an error if the inertia or friction of an impact depends on time or inputs.
 
-    Sensitivities would need the derivatives of inertia and friction by the time of the impact.
+    Sensitivities would need the derivatives of inertia and friction with respect to the time of the
+    impact.
     """
     ports = first.network.ports if first.network else {}
     stops = [port.edge.name for port in ports.values() if port.kind is Kind.STOP]

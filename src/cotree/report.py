@@ -138,7 +138,7 @@ class Facts(Table):
     """A table of labels and texts; long texts are wrapped."""
 
     def __init__(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Keep the rows that have a text."""
+        """Keep only the rows that contain text."""
         super().__init__((), [(label, text) for label, text in rows if text])
 
     def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:

@@ -35,8 +35,8 @@ class Limits(NamedTuple):
 
     #: A step fails if projection changes its end by more than this many tolerances on average.
     max_projection: float = FARTHEST_CORRECTION
-    #: A correction opposes its residual if the cosine of the angle between them is below minus
-    #: this.
+    #: A correction opposes its residual if the cosine of the angle between them is below the
+    #: negative of this value.
     opposed_cosine: float = 0.7
     #: Maximum number of steps of a projection, and limit of small corrections. A small correction
     #: that is more than half the previous one is a rounding error, since Newton's method converges

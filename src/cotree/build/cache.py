@@ -146,7 +146,8 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows cannot replace a loaded library, which is no error if it is already published.
+        # Windows cannot replace a loaded library. The failure is harmless if the library was
+        # published before.
         if find_published(key, end) is None:
             raise
     return library

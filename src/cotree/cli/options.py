@@ -199,7 +199,7 @@ def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def _parameter(name: str, row: Row, help_: float | str | None) -> inspect.Parameter:
-    """Return the command parameter that represents a setting as an option."""
+    """Return the command-line option for a setting."""
     text, value = row.option, getattr(Settings, name, None)
     if isinstance(help_, str):
         text = help_

@@ -318,7 +318,7 @@ def _written_early(
 def _choose_cuts(
     items: Sequence[_Item], exits: Sequence[_Item], arrays: Collection[str], longest: int
 ) -> list[int]:
-    """Return the ends of blocks of about equal lengths, at which the fewest values cross."""
+    """Return the ends of blocks of similar length, chosen so that the fewest values cross them."""
     n = len(items)
     # The number of live names at a cut is a cumulative sum of +1 after the first use of each name
     # and -1 after its last use.

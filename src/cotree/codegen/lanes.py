@@ -67,7 +67,7 @@ class LanesContext(KernelFile):
     n_prepared: int
     has_outputs: bool
     n_sensitivities: int
-    is_packed: bool  # whether arrays omit sensitivities that always vanish
+    is_packed: bool  # whether arrays omit sensitivities that are identically zero
     stiff: LinearSystem | None
 
     @property

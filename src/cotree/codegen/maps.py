@@ -1,6 +1,6 @@
 """C text of maps: statements for one column, which vectors execute for several columns.
 
-Statements that vanish in the same blocks of columns form a segment, which C skips in these blocks.
+Statements whose values are zero in the same blocks of columns form a segment, which C skips there.
 A value that crosses from one segment to another is stored in an array and set to zero if its
 segment is skipped. Long maps are divided into functions.
 
@@ -58,7 +58,7 @@ class Segments:
 
 @dataclass
 class _Segment:
-    """Statements that vanish in the same blocks of columns, which have zero bits in ``blocks``."""
+    """Statements that are zero in the same blocks of columns (a zero bit in ``blocks``)."""
 
     blocks: int
     nodes: list[Node]
@@ -136,7 +136,7 @@ def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
-    """Sort statements into segments that vanish in the same blocks."""
+    """Sort statements into segments that are zero in the same blocks."""
     readers: dict[Node, list[Node]] = {node: [] for node in linear.statements}
     waiting = {}
     for node in linear.statements:

@@ -242,7 +242,7 @@ _DOP853 = Tableau(
             10: "0.08192320648511571",
             11: "-0.022355307863886294",
         },
-        # The solution minus that of order 3, which has the weights bhh of the program.
+        # The solution minus the embedded one of order 3, with the weights bhh of DOP853.
         {
             0: "-0.18980075407240762",
             5: "4.450312892752409",

@@ -88,7 +88,8 @@ def resistive(
         domain,
         Kind.DISSIPATOR,
         port,
-        # Both forms are needed: a branch uses the law of across, a chord the law of through.
+        # Both forms are needed: a branch uses the law for its across variable, a chord the
+        # law for its through variable.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,

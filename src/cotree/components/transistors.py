@@ -239,7 +239,7 @@ class _Laws:
         return total + symbol("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
-        """Return the derivatives of a junction's charge by its own voltage and by the other's."""
+        """Return a junction charge's derivatives with respect to its own and the other voltage."""
         import sympy
 
         v, capacity = self.voltage[own], sympy.Integer(0)

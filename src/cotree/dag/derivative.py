@@ -284,8 +284,9 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives of each operation by its arguments; None if they are zero. The derivative of
-#: a selection is that of the selected branch; events handle jumps at the zero of its condition.
+#: Partial derivatives of each operation with respect to its arguments; None if they are
+#: zero. The derivative of a selection is that of the selected branch; events handle jumps at the
+#: zero of its condition.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -530,7 +531,7 @@ def tangent(root: Node, seed: Mapping[Node, Node]) -> Node:
 
 
 def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]) -> list[Node]:
-    """Return the derivatives of ``sum(weights * roots)`` by ``wanted``, in reverse mode."""
+    """Return derivatives of ``sum(weights * roots)`` with respect to ``wanted`` in reverse mode."""
     if not roots:
         return []
     zero = roots[0].dag.zero

@@ -363,7 +363,7 @@ class Dag:
         return self._intern("select", (condition, accepted, refused))
 
     def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
-        """Form a node with several results, which ``data`` describes, and return the results."""
+        """Create a node with several results, as described by ``data``, and return the results."""
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
@@ -479,9 +479,9 @@ TIME = "t"
 STATE = "x"
 INPUT = "u"
 PARAMETER = "p"
-#: Symbol of the derivative of state i by parameter or initial value j; its index is j n + i.
+#: Symbol of the derivative of state i with respect to parameter or initial value j; index j n + i.
 SENSITIVITY = "s"
-#: Symbol of such a derivative if those that always vanish are omitted from the numbering.
+#: Symbol of such a derivative if identically zero ones are omitted from the numbering.
 PACKED_SENSITIVITY = "packed"
 #: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
@@ -514,7 +514,7 @@ PARAMETER_CHANGE = "dp"
 #: Symbol of the change of an input, and of a tunable parameter, in a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: Symbol of an explicit derivative by the parameter, at constant states.
+#: Symbol of an explicit derivative with respect to the parameter, at constant states.
 SOURCE = "source"
 #: Symbol of an acceleration or multiplier, and of its derivative along a direction.
 UNKNOWN = "w"

@@ -62,7 +62,7 @@ def neg(a: Vector) -> Vector:
 
 
 def signed(sign: int, a: Vector) -> Vector:
-    """Form a or -a."""
+    """Return ``a`` or ``-a``, depending on ``sign``."""
     return a if sign > 0 else neg(a)
 
 

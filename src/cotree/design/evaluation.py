@@ -1,10 +1,10 @@
 """Evaluation of objective and constraints, with their gradients, by simulation of a model.
 
 A peak value is found from values and sensitivities on a fine time grid. The time derivative of the
-output vanishes at the peak, so that the derivative of the peak value by a parameter is the
-sensitivity at that time. Between grid points the output is interpolated by the polynomial through
-nine points. If a polynomial of lower degree disagrees, a finer grid is requested. Interpolation
-windows end at events, where the output may have a kink or a jump.
+output is zero at the peak, so that the derivative of the peak value with respect to a parameter is
+the sensitivity at that time. Between grid points the output is interpolated by the polynomial
+through nine points. If a polynomial of lower degree disagrees, a finer grid is requested.
+Interpolation windows end at events, where the output may have a kink or a jump.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class CoarseError(SolveError):
 
 
 def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, Array]:
-    """Return the maximum of an output and its derivatives by the parameters, (n_parameters,).
+    """Return the maximum of an output and its derivatives with respect to the parameters.
 
     ``t`` is equidistant, (n_t,), and ``slopes`` are the output's sensitivities, (n_parameters,
     n_t). Raises CoarseError if the grid does not resolve the output, SolveError if the peak is next
@@ -202,7 +202,7 @@ class Evaluation:
         return found
 
     def _quantities(self, run: Settings, values: Mapping[str, float]) -> tuple[list[float], Array]:
-        """Simulate one run; return its quantities and their derivatives by the design variables."""
+        """Simulate a run; return the quantities and gradients with respect to design variables."""
         wanted = self.goals.quantities
         if not wanted:
             return [], np.zeros((0, len(self.over)))

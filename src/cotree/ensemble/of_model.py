@@ -156,7 +156,7 @@ def run_members(
 
 
 class _Compiling(Protocol):
-    """A model that can compile expressions for inputs into a new model."""
+    """A model that can be compiled again with its inputs replaced by expressions."""
 
     _defaults: Any
     kernels: CompiledModel

@@ -1,1 +1,1 @@
-"""Estimation of parameters from measurements, with intervals and optimal further measurements."""
+"""Parameter estimation with confidence intervals, and optimal choice of further measurements."""

@@ -201,7 +201,7 @@ def choose(
 
 
 class _Rating:
-    """Rates added information by a criterion; ratings are tuples, and larger is better."""
+    """Rates additional information by a criterion; ratings are tuples, and larger is better."""
 
     def __init__(self, present: Array, n_open: int, criterion: str, names: Sequence[str]) -> None:
         self.present, self._criterion = present, criterion
@@ -212,7 +212,7 @@ class _Rating:
         self.present = (v * s) @ v.T
 
     def inverse(self, added: Array) -> tuple[Array, Array, int]:
-        """Return the inverse of the information, its undetermined directions, and their number."""
+        """Return the inverse information matrix, the undetermined directions, and their number."""
         whole = self.present + added
         norms = np.sqrt(np.where(np.diag(whole) > 0.0, np.diag(whole), 1.0))
         s, v = np.linalg.eigh(whole / np.outer(norms, norms))

@@ -105,7 +105,7 @@ class Scaled:
             )
 
     def slopes(self, theta: Array) -> Array:
-        """Return the derivatives of the values by the optimiser's variables, shape (..., n)."""
+        """Return the derivatives of the values with respect to optimiser variables, (..., n)."""
         return np.where(self._is_log, self.values(theta) * self._factors, 1.0)
 
 

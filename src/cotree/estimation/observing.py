@@ -80,7 +80,7 @@ class Observer:
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, own_name: str, wanted: Sequence[str]) -> Observed:
-        """Determine the state or output for each measured column of an experiment."""
+        """Determine which state or output each measured column of an experiment contains."""
         found = Observed(experiment, own_name)
         known = {*wanted, *experiment.parameters}
         table, given = experiment.table, experiment.inputs

@@ -57,7 +57,8 @@ def check_inertia(
 ) -> None:
     """Raise SingularSystemError if a coordinate moves no inertia and no constraint determines it.
 
-    ``gradient`` is the derivative of constraint rates by speeds, (n_constraints, n_speeds).
+    ``gradient`` is the derivative of constraint rates with respect to speeds, (n_constraints,
+    n_speeds).
     """
     # This structural test has a clear message; rows that vanish only in some states are detected at
     # run time.

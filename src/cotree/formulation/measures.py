@@ -274,15 +274,15 @@ class Coincidence:
         return view.motion.frames.constant(self.ends.ancestor, self.direction)
 
     def value(self, view: View) -> Any:
-        """Return the component of the vector."""
+        """Return the component of the vector along ``direction``."""
         return vector.dot(self._along(view), self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
-        """Return the component of the relative velocity."""
+        """Return the component of the relative velocity along ``direction``."""
         return vector.dot(self._along(view), self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return the component of the relative acceleration."""
+        """Return the component of the relative acceleration along ``direction``."""
         return vector.dot(self._along(view), self.ends.opening(view))
 
     def pull(self, view: View) -> Pull:

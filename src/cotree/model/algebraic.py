@@ -110,7 +110,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # The rows of g contain derivatives by the fixed states, then by the unknowns.
+            # The rows of g contain derivatives with respect to fixed states, then to unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
@@ -134,7 +134,7 @@ class Algebraic:
         return matrix, linear
 
     def reduced(self, t: float, y: Array) -> Array:
-        """Return the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
+        """Return the derivatives of x' with respect to x along the solutions, shape (n_x, n_x)."""
         matrix, linear = self.linearised(t, y)
         return eliminated(matrix, linear.solve, self.cut)
 

@@ -1,6 +1,7 @@
 """Model rates with exact Jacobians as NumPy, CasADi and JAX functions.
 
-In: a model. Out: functions that return the rates and their derivatives by each argument.
+In: a model. Out: functions that return the rates and their derivatives with respect to each
+argument.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Rates:
         return self.model.rhs(self.t, x, self._given(p), u)
 
     def derivatives(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the derivatives by x, u and p, each of shape (n_states, length of argument)."""
+        """Evaluate the derivatives with respect to x, u and p, each (n_states, argument length)."""
         model, given = self.model, self._given(p)
         n, n_inputs, n_parameters = self.sizes
         by_state = model.jacobian(self.t, x, given, u)
@@ -60,7 +61,7 @@ class Rates:
             by_input = self.linearizer().whole(self.t, x, *own)[1][:n, n:]
         by_parameter = np.zeros((n, 0))
         if n_parameters:
-            # With zero sensitivities, their rates are the partial derivatives of the rates by p.
+            # With zero sensitivities, their rates are the partial derivatives with respect to p.
             at_rest = np.zeros((n, len(model.sensitivities)))
             rates = model.sensitivity_rhs(self.t, x, at_rest, given, u)
             by_parameter = rates[:, [model.sensitivities.index(name) for name in self.names]]
@@ -107,7 +108,7 @@ def casadi_function(rates: Rates) -> Any:
     n = sizes[0]
 
     class Jacobian(casadi.Callback):  # type: ignore[misc]
-        """CasADi function that returns the derivatives of the rates by each argument."""
+        """CasADi function that returns the rate derivatives with respect to each argument."""
 
         def __init__(self, name: str, given: list[str], results: list[str], options: Any) -> None:
             super().__init__()

@@ -269,7 +269,7 @@ def _matrix(q: Array) -> Array:
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:
-    """Find the deviations that remain after all without effect on others have been eliminated.
+    """Find the deviations that remain once those that do not affect any others are eliminated.
 
     For a vehicle on a plane, the positions are eliminated first, then the heading and the wheel
     angles, since no remaining equation depends on them. Each eliminated deviation adds a zero
@@ -290,7 +290,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Return whether the motion is at rest in all deviations of :func:`core`."""
+    """Return whether all deviations found by :func:`core` are constant, as in an equilibrium."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -298,7 +298,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Return whether two linear systems agree in the deviations of :func:`core` of the first."""
+    """Return whether two systems agree in the deviations that :func:`core` finds for the first."""
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)
     change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)

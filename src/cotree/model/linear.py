@@ -62,7 +62,7 @@ def is_sparse(n: int, n_nonzeros: int) -> bool:
 class Linear(NamedTuple):
     """Linear equations of one Newton step; a tuple, since one is created at each step."""
 
-    #: ``solve(b)`` solves with the derivatives by the unknowns; b has one or several columns.
+    #: ``solve(b)`` solves with the derivatives with respect to the unknowns; b may be a matrix.
     solve: Callable[[Array], Array]
     #: Scale of each unknown: its magnitude plus its change if each term of the equations changes by
     #: its own magnitude. Rounding errors are about this scale times the machine precision.

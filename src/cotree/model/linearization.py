@@ -146,7 +146,7 @@ class Linearization(Reported):
         return found[order_of(found)]
 
     def sensitivity(self, name: str) -> LinearSlopes:
-        """Return the derivatives of A, B, C and D by a requested parameter.
+        """Return the derivatives of A, B, C and D with respect to a requested parameter.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Linearization(Reported):
         return self.slopes[name]
 
     def eigenvalue_sensitivity(self, name: str) -> npt.NDArray[np.complex128]:
-        """Return the derivatives of :attr:`eigenvalues` by a parameter, in the same order.
+        """Return the derivatives of :attr:`eigenvalues` with respect to a parameter, in order.
 
         Each is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
 
@@ -172,7 +172,7 @@ class Linearization(Reported):
         Raises
         ------
         ParameterError
-            If the derivatives by this parameter were not requested.
+            If the derivatives with respect to this parameter were not requested.
         SingularSystemError
             If eigenvalues coincide, since these are not differentiable.
         """

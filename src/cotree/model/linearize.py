@@ -1,9 +1,10 @@
 """Linearisation of a model about a state.
 
-In: equations, their derivatives by states and inputs, and numbers. Out: x' = A x + B u,
-y = C x + D u for small deviations of all states or of independent ones, and the derivatives of
-these matrices along any direction. Algebraic unknowns are eliminated. A ``Linearizer`` is
-differentiated once along a symbolic direction; this derivative is evaluated for each parameter.
+In: equations, their derivatives with respect to states and inputs, and numbers. Out:
+x' = A x + B u, y = C x + D u for small deviations of all states or of independent ones, and the
+derivatives of these matrices along any direction. Algebraic unknowns are eliminated. A
+``Linearizer`` is differentiated once along a symbolic direction; this derivative is evaluated for
+each parameter.
 """
 
 from __future__ import annotations

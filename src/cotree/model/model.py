@@ -360,7 +360,7 @@ class CompiledModel:
 
     @locked_cached_property
     def start_in_c(self) -> StartInC | None:
-        """The C search for consistent initial states; None without a compiler."""
+        """The C routine that searches for consistent initial states, or None without a compiler."""
         from cotree.model.start_in_c import start_in_c
 
         return start_in_c(self)
@@ -428,7 +428,7 @@ class CompiledModel:
         return self._at("rhs", t, y, p, u)
 
     def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Return the derivatives of the rates by the states, shape (n_states, n_states)."""
+        """Return the derivatives of the rates with respect to the states, (n_states, n_states)."""
         return self.structure.full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:

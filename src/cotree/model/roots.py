@@ -94,8 +94,8 @@ class Equation:
     value : callable
         ``value(z)`` returns a new array, shape (n_carried + n,).
     slope : callable
-        ``slope(z)`` returns the derivatives by the constant arguments, then by the unknowns, shape
-        (n, m + n): a full matrix, or a SciPy matrix in CSR form.
+        ``slope(z)`` returns the derivatives with respect to the constant arguments, then to the
+        unknowns, shape (n, m + n): a full matrix, or a SciPy matrix in CSR form.
     held : ndarray, shape (m,)
         The constant arguments, which contribute to the magnitude of the terms in each equation.
     n_carried : int
@@ -123,11 +123,11 @@ class Equation:
         return z + step
 
     def by_unknowns(self, z: Array) -> Matrix:
-        """Return the derivatives by the unknowns."""
+        """Return the derivatives with respect to the unknowns."""
         return self.slope(z)[:, -len(z) :]
 
     def square(self, z: Array) -> Array:
-        """Return the derivatives by the unknowns as a full matrix."""
+        """Return the derivatives with respect to the unknowns as a full matrix."""
         slope = self.by_unknowns(z)
         found: Array = slope if isinstance(slope, np.ndarray) else slope.toarray()
         return found
@@ -537,7 +537,8 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        # Exponentials are variables: derivatives by z do not include those through exponentials.
+        # Exponentials are variables: derivatives with respect to z do not include
+        # those through exponentials.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 

@@ -77,7 +77,7 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
 
 @dataclass(frozen=True)
 class ReplacedInputs:
-    """The inputs that a run replaces, each by its index in u."""
+    """The inputs that a run replaces, each identified by its index in u."""
 
     #: Replaced inputs as functions of time.
     by_position: Mapping[int, Signal]

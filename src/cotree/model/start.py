@@ -166,7 +166,8 @@ def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str,
 def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
     """Insert the given initial sensitivities into s.
 
-    Raises ParameterError if the model lacks one of them, or it is nonzero but always vanishes.
+    Raises ParameterError if the model lacks one of them, or if a nonzero value is given for one
+    that is identically zero.
     """
     for name, value in slopes.items():
         if name not in model.slopes:
@@ -206,7 +207,8 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A value that the run gives depends on no parameter; its derivative by itself is one.
+        # A value that the run gives depends on no parameter; its derivative with respect to
+        # itself is one.
         s[i] = [float(other == name) for other in wanted]
     # A run without sensitivities ignores initial sensitivities.
     if slopes and wanted:

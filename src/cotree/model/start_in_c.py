@@ -370,7 +370,7 @@ def filled_tables(objects: CObjects, layout: Layout) -> Any:
 
 
 def start_in_c(model: CompiledModel) -> StartInC | None:
-    """Return the C search for initial states of a model; None without a compiler."""
+    """Return the C routine that searches for initial states, or None without a compiler."""
     library = load_start()
     return None if library is None else StartInC(model, library)
 

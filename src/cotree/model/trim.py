@@ -147,7 +147,7 @@ class TrimPoint(Reported):
         return self.linearizer.about(self.at, self.y, reduced=reduced, directions=directions)
 
     def sensitivity(self, name: str, to: str) -> float:
-        """Return the derivative of an unknown by a parameter, input or state that is not unknown.
+        """Return the derivative of an unknown with respect to a known parameter, input or state.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class TrimPoint(Reported):
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Return the derivatives of the unknowns by a named quantity, and its unit direction."""
+        """Return the unknowns' derivatives with respect to a quantity, and its unit direction."""
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(
@@ -170,7 +170,7 @@ class TrimPoint(Reported):
         return -self.inverse @ changed[list(self.rows)], direction
 
     def _direction(self, name: str) -> Direction:
-        """Return the total derivative of the point by a named quantity."""
+        """Return the total derivative of the point with respect to a named quantity."""
         moved, found = self._moved(name)
         by_kind = {"y": found.y, "u": found.u, "p": found.p}
         for (kind, i), change in zip(self.places, moved, strict=True):
@@ -527,7 +527,7 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
         raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # Residuals are divided by their slopes, since the rates may differ in magnitude.
+    # Each residual is divided by its largest derivative: rates may differ by orders of magnitude.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
     violated = listed(

@@ -69,7 +69,7 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
-    """Return times that divide each interval evenly, and times at both sides of each jump."""
+    """Return times that divide each interval evenly, and times on both sides of each jump."""
     shares = np.arange(1, _PARTS) / _PARTS
     inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
     # At late times a fixed distance would be below the rounding error.

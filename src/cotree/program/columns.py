@@ -7,11 +7,11 @@ operations, which are as many as possible: sources are the largest values that d
 sensitivity.
 
 For parameter j the derivatives of the unknowns solve ``A w_j = b_x s_j + b_j``, in which the matrix
-b_x is the same for all parameters and b_j is the explicit derivative by parameter j. Statements
-written out for each parameter exploit its zeros; those of a map are written once, and C processes
-several columns at a time. The columns of the Jacobian are a map of unit vectors s. If they are
-fewer than the parameters, the Jacobian can also be formed first and multiplied by each s_j. The
-cheapest of these alternatives is used.
+b_x is the same for all parameters and b_j is the explicit derivative with respect to parameter j.
+Statements written out for each parameter exploit its zeros; those of a map are written once, and C
+processes several columns at a time. The columns of the Jacobian are a map of unit vectors s. If
+they are fewer than the parameters, the Jacobian can also be formed first and multiplied by each
+s_j. The cheapest of these alternatives is used.
 
 Implicit methods need three further kernels. The first computes values at a point that the second
 uses. The second is linear in a direction v of the states and is evaluated once in each stage of a
@@ -172,7 +172,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Results count as uses, since a value with several uses must be formed as a whole.
+        # Being a result counts as a use, since a value with several uses is computed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -381,7 +381,7 @@ class _Ways:
         """Return the maps of the cheaper form of the sensitivity rates, the last of which has them.
 
         The form is either a single map of state changes and sources; or the Jacobian, the explicit
-        derivatives by parameters, and a map that multiplies and adds these.
+        derivatives with respect to parameters, and a map that multiplies and adds these.
         """
         n, n_given = len(self._states), sum(map(len, (*self.reached, *self.common.given)))
         if _are_too_many(n_given, len(self.reached), n):
@@ -420,10 +420,10 @@ class _Ways:
     def _products(
         self, columns: Sequence[_Row], alone: Sequence[_Row], changes: Sequence[Sequence[Node]]
     ) -> _Map:
-        """Multiply the Jacobian by the sensitivities, and add the derivatives by parameters."""
+        """Multiply the Jacobian by the sensitivities, and add the parameter derivatives."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        # The explicit derivatives by parameters are additional inputs of each column.
+        # The explicit derivatives with respect to parameters are also inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -577,7 +577,7 @@ _SPEC = KernelSpec(
 
 
 def form_time_slope(program: Program) -> Kernel | None:
-    """Differentiate the rates by time; return None if they depend on neither time nor inputs."""
+    """Differentiate the rates with respect to time; None if independent of time and inputs."""
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}

@@ -185,7 +185,7 @@ def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
 class Impact:
     """One impact, as a function of the state before it."""
 
-    gradient: tuple[Node, ...]  # derivatives D of the gap rate by the speeds
+    gradient: tuple[Node, ...]  # derivatives D of the gap rate with respect to the speeds
     response: tuple[Node, ...]  # changes of speeds and multipliers per unit impulse
     rate: Node  # gap rate g'
     restitution: Node  # coefficient of restitution e

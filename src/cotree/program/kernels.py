@@ -29,7 +29,7 @@ class KernelSpec:
     tail_of: str = ""
     #: Whether every model has the kernel. Other kernels are omitted in C if they have no results.
     is_required: bool = False
-    #: Whether the argument ``s`` and the results omit sensitivities that always vanish.
+    #: Whether the argument ``s`` and the results omit sensitivities that are identically zero.
     is_packed: bool = False
     #: Suffix of the kernel's field in the model structure, if another field has its name.
     of: str = ""

@@ -63,7 +63,7 @@ class Layout:
     #: determines. If the initial content is not given, it follows from that of the unknown.
     followers: tuple[tuple[int, int], ...] = ()
     #: Pattern of the sensitivities in CSC form: the states that depend on each parameter. Other
-    #: sensitivities always vanish.
+    #: sensitivities are identically zero.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
     #: Parameters that are derived from others and are not kernel arguments.

@@ -11,7 +11,7 @@ straight-line code:
   from a solution, and projected onto a solution after each step. Their sensitivities follow without
   integration: ``S_z = -g_z^-1 (g_x S_x + g_p)``.
 - a step from a guess of z towards the solution, and the rates of x at its end. The step is a Taylor
-  series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
+  series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives with respect to s are
 
       z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
 
@@ -199,7 +199,7 @@ def reduced_kernels(
     if not 0 < equations.n_algebraic <= _MOST_UNKNOWNS:
         return found
     with equations.dag.labelled("elimination of algebraic unknowns"):
-        # Residuals are the last rates. Their derivatives by all unknowns are g_z.
+        # Residuals are the last rates. Their derivatives with respect to all unknowns are g_z.
         slopes = _rows_of(columns[cut:], cut, len(rates))
         factorised = factorise_unsymmetric(equations.dag, slopes, _MOST_UPDATES)
         if factorised is None:
@@ -361,7 +361,7 @@ def _sensitivities(
     """Form the rates of sensitivities and the sensitivities of the unknowns.
 
     The right-hand side for S_z is the derivative of the residuals at S_z = 0. The kernel argument s
-    contains neither S_z nor vanishing sensitivities.
+    contains neither S_z nor sensitivities that are identically zero.
     """
     dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)

@@ -225,7 +225,7 @@ def _inner_sums(
     Sums of two kernel arguments are excluded, since the difference of two close arguments is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
-    # Results count as uses: they would be lost if they were merged into another sum.
+    # Being a result counts as a use, since a result merged into another sum would be lost.
     uses.update(results)
     return {
         arg

@@ -316,7 +316,7 @@ def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool
 
 
 def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) -> Equations:
-    """Replace sensitivities that always vanish by zero, which simplifies all derivatives."""
+    """Replace sensitivities that are identically zero by zero, which simplifies all derivatives."""
     dag, n = equations.dag, len(equations.states)
     gone = {
         dag.symbol(SENSITIVITY, j * n + i): dag.zero
@@ -335,7 +335,7 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
 def pack_rates(
     dag: Dag, reached: Sequence[Sequence[int]], n: int, rates: Sequence[Node]
 ) -> list[Node]:
-    """Return the rates without those of sensitivities that always vanish, in packed symbols.
+    """Return the rates of sensitivities that are not identically zero, in packed symbols.
 
     ``rates`` has n entries for each parameter and contains symbols with the same numbering. The
     result has entries only for the states of :func:`reached_states`.

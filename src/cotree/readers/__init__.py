@@ -52,7 +52,7 @@ def _begins_with(source: str | Path, tag: str) -> bool:
 
 
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a shipped scene by its name, a TOML file, or a file of another tool.
+    """Read a TOML file, a file of another tool or, by its name, a shipped scene.
 
     Suffixes are ``.urdf`` for a robot description, ``.cir``, ``.sp`` and ``.net`` for netlists,
     ``.sbml`` for an SBML model, and ``.xml`` for either a model or a robot. Raises ModelError if

@@ -32,7 +32,7 @@ class ComponentMethod:
 
 
 class ComponentMethods:
-    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
+    """One method per component type, which adds an edge: ``scene.revolute("h", "D", "B", ...)``.
 
     Each calls :meth:`cotree.Scene.edge` with the component's name. Fields accept numbers in SI,
     names of parameters, expressions in quotes, and values with a unit, as in

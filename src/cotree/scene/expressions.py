@@ -383,7 +383,7 @@ class Expression:
 
     @classmethod
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
-        """Return an expression from a tree that needs no check."""
+        """Return an expression for a syntax tree, without checking it."""
         return cls(ast.unparse(tree), where, tree, names_in(tree))
 
     def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:

@@ -193,7 +193,7 @@ def _inertia(value: object, where: str) -> FieldValue:
 
 
 def _rotation(value: object, where: str) -> FieldValue:
-    """Check three angles or three matrix rows; numbers must form a rotation matrix."""
+    """Check a rotation of three angles or three matrix rows, which must form a rotation matrix."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
     rows = _rows(value, where)

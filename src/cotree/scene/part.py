@@ -194,7 +194,7 @@ class Rows:
     events: dict[str, Event] = field(default_factory=dict)
 
     def add(self, renaming: Renaming) -> None:
-        """Add all declarations of a part, with its name before theirs."""
+        """Add all declarations of a part, with its name as a prefix."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, table in scene.tables.items():
             self.tables[f"{prefix}{name}"] = renaming.table(table)
@@ -366,7 +366,7 @@ class Part:
     __hash__ = None  # type: ignore[assignment]
 
     def members(self) -> Iterator[tuple[str, dict[str, int]]]:
-        """List the parts of an array, each as its name and the values of its indices."""
+        """List the elements of an array, each as its name and its index values."""
         if not self.counts:
             yield self.name, {}
             return

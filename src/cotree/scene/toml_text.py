@@ -191,7 +191,7 @@ def _scenes_of_parts(
 
 
 def _lookup(table: LookupTable) -> dict[str, object]:
-    """Return a lookup table with its points, even if they were read from a file."""
+    """Return a lookup table with its points inline, including those that were read from a file."""
     values = [value.canonical for value in table.values]
     found: dict[str, object] = {"x": list(table.x)}
     if table.y:

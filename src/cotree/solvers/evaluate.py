@@ -45,8 +45,8 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
     """Return the dense Jacobian of z from its first columns.
 
-    ``first``, (size, n_states), has the derivatives of z' by the states: J, then d(J s_p + f_p)/dy
-    for each parameter. The other diagonal blocks are also J.
+    ``first``, (size, n_states), has the derivatives of z' with respect to the states: J, then
+    d(J s_p + f_p)/dy for each parameter. The other diagonal blocks are also J.
     """
     size = first.shape[0]
     matrix = np.zeros((size, size))
@@ -80,7 +80,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
 def difference_columns(
     problem: Problem, rhs: Callable[[FloatArray], FloatArray], z: FloatArray
 ) -> FloatArray:
-    """Return the derivatives of z' by the states, (size, n_states), by forward differences."""
+    """Approximate the derivatives of z' with respect to the states by forward differences."""
     rtol, atol = augmented_tolerances(problem)
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
@@ -198,7 +198,7 @@ class Evaluator:
         return self._checked(t, self._evaluate(self.problem.sparse_jacobian, t, point))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the derivatives of z' by the states, shape (size, n_states)."""
+        """Return the derivatives of z' with respect to the states, shape (size, n_states)."""
         n_states = self.problem.n_states
         if not self.problem.n_sensitivities:
             return self.state_jacobian(t, z)
@@ -208,8 +208,8 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
-        # The other rows, derivatives of J s_p + f_p by the states, only accelerate the iteration,
-        # so entries that are not finite are replaced by zero.
+        # The other rows, derivatives of J s_p + f_p with respect to the states, only accelerate
+        # the iteration, so entries that are not finite are replaced by zero.
         columns[~np.isfinite(columns)] = 0.0
         return columns
 

@@ -492,7 +492,7 @@ class Job:
         return [(float(row[0]), row[1:]) for row in rows]
 
     def _set_slopes(self, problem: Problem, corners: FloatArray) -> None:
-        """Set the derivatives of breakpoint times by parameters unless all are zero."""
+        """Set the parameter derivatives of the breakpoint times unless all are zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Slopes of breakpoints that do not depend on parameters are zero.

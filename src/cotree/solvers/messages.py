@@ -389,8 +389,8 @@ def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False
 def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
     """Return whether two solutions of the algebraic equations merge near a point, and end there.
 
-    The determinant of the derivatives by the unknowns has different signs on the two sides of a
-    fold.
+    The determinant of the derivatives with respect to the unknowns has different signs on the two
+    sides of a fold.
     """
     m, n = problem.n_algebraic, problem.n_states
     if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:

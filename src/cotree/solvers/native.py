@@ -177,7 +177,7 @@ class Attempt:
     is_waiting: bool = True  # whether the job has not ended
 
     def take_steps(self, n: int) -> None:
-        """Take the first n steps, after which :attr:`Job.z` is their end point."""
+        """Take the first n steps; :attr:`Job.z` then holds the point reached."""
         self._advance(until=n)
         self.job.sync_state()
 

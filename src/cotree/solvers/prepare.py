@@ -171,7 +171,7 @@ class _Same:
 
 
 class Preparation:
-    """The parts of a problem that runs with the same settings share; thread-safe.
+    """Data of a problem that all runs with the same settings share; thread-safe.
 
     Parameters and initial values of ``settings`` are ignored. ``model`` is the given model, without
     sensitivities if none are requested. Raises ModelError if an input is not accepted, and
@@ -328,7 +328,7 @@ def _nothing(t: float, z: FloatArray) -> FloatArray:
 
 
 def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
-    """Return the indices in z of states and nonvanishing sensitivities; None if none vanishes."""
+    """Return the indices in z of entries that are not identically zero; None if these are all."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
     # In z, the n states precede the sensitivities.

@@ -146,8 +146,8 @@ class Problem:
         ``reach(t, z)`` is called at the start of each segment between breakpoints, before any
         evaluation in it, and may change inputs.
     places : ndarray of int or None
-        Indices in z of the entries that methods integrate, in ascending order; all others always
-        vanish. None if all entries are integrated.
+        Indices in z of the entries that methods integrate, in ascending order; all others are
+        identically zero. None if all entries are integrated.
     shared : Shared or None
         Jobs and results of other runs of the same model with the same settings.
     """

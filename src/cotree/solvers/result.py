@@ -208,7 +208,7 @@ class RunRecord(Reported):
         raise UnknownNameError(f"There is no state, output or input '{name}'{_hint(name, known)}")
 
     def sensitivity(self, name: str, parameter: str) -> FloatArray:
-        """Return the derivative of a state, position or output by a parameter, over time.
+        """Return the derivative of a state, position or output with respect to a parameter.
 
         Returns
         -------
@@ -229,7 +229,7 @@ class RunRecord(Reported):
         raise UnknownNameError(f"There is no state or output '{name}'{_hint(name, self._known)}")
 
     def event_sensitivity(self, event: str, parameter: str) -> FloatArray:
-        """Return the derivatives of an event's times by a parameter.
+        """Return the derivatives of an event's times with respect to a parameter.
 
         Returns
         -------

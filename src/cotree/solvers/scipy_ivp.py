@@ -263,7 +263,7 @@ class _Segment:
     """Functions for ``solve_ivp`` between two breakpoints; the object is also its event function.
 
     Time begins at zero, since the spacing of floating-point numbers near a large t would disturb
-    each step. Entries of z that always vanish are omitted.
+    each step. Entries of z that are identically zero are omitted.
     """
 
     terminal = True
@@ -333,7 +333,7 @@ class _Segment:
         return bool(np.vdot(one, other) < -LIMITS.opposed_cosine * sizes)
 
     def whole(self, w: FloatArray) -> FloatArray:
-        """Return z as a new array, with zeros for the entries that always vanish."""
+        """Return z as a new array, including the entries that are identically zero."""
         z = np.zeros(self._run.problem.size)
         z[self._run.problem.integrated] = w
         return z

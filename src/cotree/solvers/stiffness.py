@@ -141,7 +141,7 @@ _STAGES, _AT_A_TIME = 8, 8
 _RATES, _ALL, _SOLUTIONS = 1.6, 1.3, 1.5
 
 # With sensitivities, cvode factorises in each step if this takes at most this many multiplications
-# (FEW_MULTIPLICATIONS in C); otherwise in one of ten steps.
+# (FEW_MULTIPLICATIONS in C); otherwise in every tenth step.
 _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 

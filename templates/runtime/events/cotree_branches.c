@@ -309,8 +309,8 @@ static int bound_quantities(cotree_events *e)
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
-/* Test only the end of the step. Return REFINE if a kink may be reached according to the changes in
- * this and the previous step. */
+/* Test only the end of the step. Return REFINE if, judging by the changes over this and the
+ * previous step, a kink may have been reached. */
 int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);

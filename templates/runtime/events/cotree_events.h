@@ -36,7 +36,7 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_REST_AT_ZERO = 25,    /* a value at rest at zero accelerates through zero */
     COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */
     COTREE_EVENTS_ACCUMULATE = 27,      /* events accumulate at the time detail (Zeno) */
-    COTREE_EVENTS_CHATTER = 28,         /* COTREE_EVENT_CROWD events within detail seconds */
+    COTREE_EVENTS_CHATTER = 28,         /* COTREE_EVENT_CROWD events within `detail` seconds */
     COTREE_EVENTS_CASCADE = 29,     /* events trigger each other endlessly; has_fired marks them */
     COTREE_EVENTS_SLIDING = 40,     /* cascade of jumps: sliding along a switching surface */
     COTREE_EVENTS_LEAVES_JUMP = 41, /* a value leaves a switching surface on which it rested */
@@ -60,8 +60,8 @@ typedef enum cotree_events_status {
 /* Largest number of records written in one call. */
 #define COTREE_EVENTS_AT_ONCE(n_events) ((n_events) + COTREE_EVENT_ROUNDS)
 
-/* Number of values in a record: time, event index, derivatives of the time by the parameters,
- * and states before and after the event. */
+/* Number of values in a record: time, event index, derivatives of the time with respect to the
+ * parameters, and states before and after the event. */
 #define COTREE_EVENTS_RECORD(n_states, n_sensitivities) (2 + (n_sensitivities) + 2 * (n_states))
 
 /* Largest number of pivots in the mode selection for n_edges unilateral constraints. */

@@ -29,9 +29,9 @@ cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cot
 /* Return whether t is a breakpoint. */
 int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t);
 
-/* Compute slopes, the derivatives of a breakpoint time by the parameters, and spreads, the largest
- * differences among the rows that coincide there. The start of a run is fixed: its derivatives are
- * zero, and spreads are the differences from zero. */
+/* Compute slopes, the derivatives of a breakpoint time with respect to the parameters, and spreads,
+ * the largest differences among the rows that coincide there. The start of a run is fixed: its
+ * derivatives are zero, and spreads are the differences from zero. */
 void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 

@@ -19,7 +19,7 @@ COTREE_BEGIN_DECLS
 
 /* Header of a job's memory. */
 typedef struct cotree_engine {
-    cotree_run runs[3];    /* storage of the runs below, which may coincide */
+    cotree_run runs[3];    /* storage for the runs below; several of these pointers may be equal */
     cotree_run *run;       /* run of all integrated entries */
     cotree_run *of_states; /* run of the states only, if the stepper has one; otherwise run */
     cotree_run *watched;   /* run that evaluates event functions */

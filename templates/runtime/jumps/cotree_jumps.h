@@ -2,10 +2,10 @@
  * events.
  *
  * With the rates f, the event function g, the states R(x) after the event, and the marks - and +
- * for before and after it, the derivatives of the event time by the parameters are t_p = -(g_x S- +
- * g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the model has
- * constraints, the states that the event sets are kept, and the others are projected with minimum
- * norm.
+ * for before and after it, the derivatives of the event time with respect to the parameters are
+ * t_p = -(g_x S- + g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the
+ * model has constraints, the states that the event sets are kept, and the others are projected with
+ * minimum norm.
  *
  * w is the vector that a run integrates. Nothing is allocated. */
 #ifndef COTREE_JUMPS_H
@@ -30,7 +30,7 @@ typedef struct cotree_jumps {
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
     cotree_real *state_rates;
     cotree_real *before, *after; /* all states and sensitivities before and after the last event */
-    cotree_real *time_sensitivity; /* derivatives of the event time by parameter */
+    cotree_real *time_sensitivity; /* derivatives of the event time with respect to parameters */
     /* The rest is private. */
     cotree_real *value_slopes, *new_values;
     /* Work space for impacts. */
@@ -114,13 +114,13 @@ int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_rea
 int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                        int *is_dependent);
 
-/* Return whether the times of two events have the same derivatives by all parameters, according to
- * the last call of cotree_jumps_depends_on_parameters. */
+/* Return whether the times of two events have the same derivatives with respect to all parameters,
+ * according to the last call of cotree_jumps_depends_on_parameters. */
 int cotree_jumps_share_time(const cotree_jumps *j, int a, int b);
 
 /* Determine, from the values and rates at two points, whether the times of an event function's
- * zeros near these points have the same derivatives by all parameters. Return the status of the
- * kernels. */
+ * zeros near these points have the same derivatives with respect to all parameters. Return the
+ * status of the kernels. */
 int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                cotree_real t_other, cotree_real *w_other, int *is_same);
 

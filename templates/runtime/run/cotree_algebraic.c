@@ -254,7 +254,7 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
     int i, n;
     for (n = 0; n < MAX_SERIES_STEPS; ++n) {
         cotree_real size = COTREE_F(0.0), rest = COTREE_F(0.0),
-                    left; /* sums, so that nan and infinity propagate */
+                    left; /* sums rather than maxima, so that nan and infinity propagate */
         const int status = run->model->algebraic_step(t, x, run->u, run->p, run->k, run->rates);
         if (status != 0) return status;
         for (i = 0; i < m; ++i) {

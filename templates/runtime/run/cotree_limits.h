@@ -12,7 +12,8 @@
  * it may change a step there by more tolerances. */
 #define COTREE_ENLARGED_ROUNDING COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* A correction opposes its residual if the cosine of the angle between them is below minus this. */
+/* A correction opposes its residual if the cosine of the angle between them is below the negative
+ * of this value. */
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)
 
 /* Maximum number of steps of a projection, and limit of small corrections. A small correction that

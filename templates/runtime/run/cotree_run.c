@@ -124,7 +124,8 @@ int cotree_run_inputs(cotree_run *run, cotree_real t)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Copy the sensitivities of the first n states that do not always vanish to adjacent entries. */
+/* Copy to adjacent entries the sensitivities of the first n states, except those that are
+ * identically zero. */
 void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
 {
     const int *const starts = run->model->sensitivity_starts;

@@ -26,7 +26,7 @@ static int rate(cotree_real t, const cotree_real *z, cotree_real *dz, void *cont
     return cotree_run_packed_rate(run, cotree_run_inside(run, t), z, dz);
 }
 
-/* Return the number of sensitivities, of all states, that do not always vanish. */
+/* Return the number of sensitivities, of all states, that are not identically zero. */
 static int n_reached(const cotree_model *model)
 {
     return model->sensitivity_starts[model->n_sensitivities];

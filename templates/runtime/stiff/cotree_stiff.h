@@ -1,7 +1,7 @@
 /* cotree_stiff.h: a model in the form M z' = f(t, z) for implicit methods, with its linear systems.
  *
  * z holds all states, including algebraic unknowns, then their sensitivities by parameter without
- * those that always vanish. M is diagonal: one for states, zero for algebraic unknowns. A
+ * those that are identically zero. M is diagonal: one for states, zero for algebraic unknowns. A
  * projection after each step solves the algebraic equations.
  *
  *     cotree_stiff stiff;

@@ -41,8 +41,8 @@ static inline MASK cotree_is_solution(int n, int n_rates, const int *starts, con
     return found;
 }
 
-/* Solve for the sensitivities to each parameter. starts and rows list those that do not always
- * vanish. whole: work space of n numbers. */
+/* Solve for the sensitivities to each parameter. starts and rows list those that are not
+ * identically zero. whole: work space of n numbers. */
 static inline void cotree_solve_sensitivities(const cotree_systems *systems, int n,
                                               int n_parameters, const int *starts, const int *rows,
                                               REAL *s, REAL *whole)

@@ -79,7 +79,7 @@ enum {
 };
 
 #if COTREE_SENSITIVITIES
-/* Vectors of SUNDIALS for each sensitivity, including the entries that always vanish. */
+/* Vectors of SUNDIALS for each sensitivity, including the entries that are identically zero. */
 enum {
     OWN_VALUES,
 #if COTREE_IDA

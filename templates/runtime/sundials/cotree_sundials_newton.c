@@ -135,7 +135,7 @@ COTREE_PRIVATE int cotree_bdf_form_matrix(cotree_job *job, cotree_shares shares,
 }
 
 /* Solve for one block of b, and multiply by a factor that corrects for outdated coefficients of the
- * matrix. Sensitivities that always vanish are zero. */
+ * matrix. Sensitivities that are identically zero remain zero. */
 COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, int block,
                                            double *b)
 {

@@ -33,7 +33,7 @@ static void **vectors_of(void *several)
 }
 
 /* Copy vectors to adjacent blocks of an array, starting at block first, without the sensitivities
- * that always vanish. */
+ * that are identically zero. */
 static void gather(const cotree_job *job, void *const *vectors, int first, double *to)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -44,8 +44,7 @@ static void gather(const cotree_job *job, void *const *vectors, int first, doubl
     }
 }
 
-/* Copy blocks back to vectors. Entries of sensitivities that always vanish get the value
- * `others`. */
+/* Copy blocks back to vectors. Sensitivities that are identically zero get the value `others`. */
 static void scatter_among(const cotree_job *job, const double *from, int first, double others,
                           void *const *vectors)
 {

@@ -40,11 +40,11 @@ Setting = str | float
 class Entities:
     """Names in the scene of the model quantities that tables may set, by identifier."""
 
-    #: Parameters of the scene for constants of the model, and for parameters that only formulas
-    #: use.
+    #: Scene parameters that represent the model's constants, and parameters that occur only in
+    #: formulas.
     parameters: Mapping[str, str]
     states: Mapping[str, str]  # states of the scene for quantities that change with time
-    #: Parameters of the scene for the initial values of those states for which they are numbers.
+    #: Scene parameters that represent initial values of these states, where they are numbers.
     initial: Mapping[str, str]
     #: Identifiers in ``parameters`` and ``states`` that have no value in the model.
     valueless: frozenset[str] = frozenset()

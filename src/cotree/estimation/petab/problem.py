@@ -97,7 +97,7 @@ class Prior:
         self._name, self._bounds = estimated.name, (self._scaled.lower[0], self._scaled.upper[0])
 
     def _deviation(self, theta: float) -> tuple[float, float]:
-        """Return the argument of the density and its derivative with respect to ``theta``."""
+        """Return the argument of the prior density and its derivative with respect to ``theta``."""
         if self._is_on_scale:
             return theta, 1.0
         given = np.array([theta])

@@ -151,7 +151,8 @@ class Description:
         if stated_unit(variable.unit):
             own["unit"] = variable.unit
         if variable.derivative_of is not None:
-            # FMI 3 names a value reference; FMI 2 an index from one, and all are listed in order.
+            # FMI 3 refers to a variable by its value reference, FMI 2 by its index, counted from
+            # one; all are listed in order of their value references.
             place = variable.derivative_of + (1 if self.version == 2 else 0)
             own["derivative"] = str(place)
         if variable.is_reset and "ModelExchange" in self.kinds:

@@ -1,8 +1,8 @@
 """The C sources of an FMU: model, further kernels, tables, an integrator, the interface.
 
-Further kernels of an FMU are derivatives by all arguments, and times of kinks. The derivatives are
-formed node by node from the results of the program, by states, inputs and parameters, whichever
-sensitivities were compiled.
+Further kernels of an FMU are derivatives with respect to all arguments, and times of kinks. The
+derivatives are formed node by node from the results of the program, for states, inputs and
+parameters, whichever sensitivities were compiled.
 """
 
 from __future__ import annotations

@@ -351,7 +351,8 @@ class Attached:
     #: Derivatives of these through variables with respect to accelerations, by index of the
     #: acceleration: the inertia of storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
-    #: Names that only fields of friction and dampers on the mechanism use; they may be reactions.
+    #: Names that are used only in the fields of friction and damper elements on the mechanism; they
+    #: may denote reactions.
     reacting: frozenset[str] = frozenset()
 
     @property

@@ -133,7 +133,7 @@ def _store(
 
 
 def _has_loss(port: Port) -> bool:
-    """Return whether the rate of a port's content contains another term."""
+    """Return whether the rate of the quantity stored at a port has a term besides the inflow."""
     is_across = port.kind is Kind.ACROSS_STORAGE
     return (port.terminal.through if is_across else port.terminal.across) is not None
 

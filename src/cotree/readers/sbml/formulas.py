@@ -177,14 +177,14 @@ class FormulaReader:
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
-        """Translate a formula whose value is a number; ``bound`` are the terms of local parameters.
+        """Translate a numerical formula; ``bound`` maps local parameters to their terms.
 
         Messages of an ExpressionError continue the description of the formula.
         """
         return self._inner(bound or {})._value(node)
 
     def condition(self, node: Any) -> Term:
-        """Translate a formula whose value is Boolean."""
+        """Translate a Boolean formula."""
         return self._inner({})._condition(node)
 
     def _inner(self, bound: Mapping[str, Term], *calls: str) -> FormulaReader:

@@ -70,7 +70,7 @@ class SbmlModel(Generic[_Scene]):
 
     scene: _Scene
     symbols: Mapping[str, SbmlSymbol]  # representation of quantities by identifier
-    #: Parameters of the scene for local parameters, by reaction and identifier.
+    #: Scene parameters that represent local parameters, by reaction and identifier.
     local: Mapping[tuple[str, str], str] = field(default_factory=dict)
     #: Quantities without a value in the model, for which the caller has given one.
     assumed: frozenset[str] = frozenset()

@@ -160,7 +160,7 @@ class DeviceModel:
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
-    """Read the parameters of a model; ``own(name, word, unit)`` returns the value for a word."""
+    """Read a model's parameters; ``own(name, keyword, unit)`` returns the value for a keyword."""
     if card.type not in TYPES:
         hint = nearest(card.type, TYPES)
         raise card.at.error(f"models of type '{brief(card.type)}' are not supported{hint}")
