@@ -128,7 +128,7 @@ class ConstraintSet:
     # constraints and their rates; their second derivatives are part of A w = b.
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]  # time derivative of each constraint
-    gradient: tuple[tuple[Node, ...], ...]  # derivatives of ``rates`` by the speeds
+    gradient: tuple[tuple[Node, ...], ...]  # derivatives of ``rates`` with respect to speeds
     #: For each entry of the gradient, the sum of the squares of its terms, which cannot cancel.
     sizes: tuple[tuple[Node, ...], ...]
     #: Edges with a free rotation, each with the four states of its unit quaternion.

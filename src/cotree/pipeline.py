@@ -129,7 +129,7 @@ def formulate(
     with within_range(scene):
         check_scene_units(scene)
         trees = trees_to_try(scene, tree)
-        # Every alternative has circuits, cutsets, elimination and the derivatives by one parameter.
+        # Every alternative has circuits, cutsets, elimination and derivatives for one parameter.
         # Only the chosen one has all sensitivity graphs (Eq. (4) of the paper).
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
         _check_corners(first, sensitivities)
@@ -213,7 +213,7 @@ def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
 
 
 def equations_of_deviations(first: FirstGraph) -> tuple[Equations, tuple[Derivative, ...]]:
-    """Form equations without sensitivities, and their derivatives by each input."""
+    """Form equations without sensitivities, and their derivatives with respect to each input."""
     return form_equations(first, ()), input_columns(first)
 
 

@@ -154,7 +154,7 @@ class Law:
     def partial_values(
         self, dag: Dag, arguments: Mapping[str, Node], names: Iterable[str] | None = None
     ) -> dict[str, Node]:
-        """Build nodes of the nonzero partial derivatives by the given arguments, by default all.
+        """Build the nonzero partial derivatives with respect to the given arguments, or to all.
 
         The stored derivatives are used unless the law has a root or a power of a clipped argument.
         Then the branch is chosen before differentiation (:mod:`cotree.dag.derivative`).

@@ -77,7 +77,7 @@ class CubicTable:
 
 @dataclass(frozen=True)
 class PlaneTable:
-    """A bilinear function of two arguments. Results: value, derivatives by x, y and both."""
+    """A bilinear function of two arguments. Results: value, d/dx, d/dy and d2/dxdy."""
 
     #: Ascending arguments of both axes, at least two each.
     x: tuple[float, ...]

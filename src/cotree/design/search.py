@@ -86,7 +86,7 @@ class Search:
         return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
     def point(self, v: Array) -> Point | Error:
-        """Evaluate a point and its gradients by the scaled coordinates, or return an Error."""
+        """Evaluate a point and its gradients in scaled coordinates, or return an Error."""
         key = np.asarray(v, dtype=float).tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1]

@@ -56,7 +56,8 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Statuses in C: given values contradict the constraints; or their derivatives by a parameter do.
+#: Statuses in C: given values, or their derivatives with respect to a parameter, contradict the
+#: constraints.
 _CONTRADICTIONS = (100, 102)
 
 #: Statuses in C: the algebraic equations have no solution near the guess; or they do not determine
@@ -140,7 +141,7 @@ class StartInC:
         return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
-        """Return the constraint gradients by the speeds, scaled to length one for each edge.
+        """Return the constraint gradients with respect to speeds, scaled to length one per edge.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ Implicit methods need three further kernels. The first computes values at a poin
 uses. The second is linear in a direction v of the states and is evaluated once in each stage of a
 method: it returns d(J s + f_p)/dx v for every parameter, by differentiating the rates of
 sensitivities once more. The third returns the derivatives of the rates of states and sensitivities
-by time at fixed states, including the time dependence of the scene's inputs.
+with respect to time at fixed states, including the time dependence of the scene's inputs.
 """
 
 from __future__ import annotations
@@ -537,7 +537,7 @@ class Curvature:
 
 
 def form_curvature(program: Program) -> Curvature | None:
-    """Differentiate the rates of sensitivities by the states at fixed sensitivities.
+    """Differentiate the sensitivity rates with respect to the states at fixed sensitivities.
 
     Returns None if these derivatives are zero.
     """

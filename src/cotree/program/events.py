@@ -8,10 +8,10 @@ largest linear parts, and values whose ranges cannot be computed. The engine div
 the range of each value, or that of its rate, excludes zero
 (``templates/runtime/events/cotree_scan.c``).
 
-The impulse L of an impact acts along D, the derivatives of the expression's rate by the speeds, and
-constraints transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]`` determines the change a
-of the speeds per unit impulse. ``L = -(1 + e) g' / (D a)`` changes the rate g' of the expression to
--e g'.
+The impulse L of an impact acts along D, the derivatives of the expression's rate with respect to
+the speeds, and constraints transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]``
+determines the change a of the speeds per unit impulse. ``L = -(1 + e) g' / (D a)`` changes the rate
+g' of the expression to -e g'.
 """
 
 from __future__ import annotations

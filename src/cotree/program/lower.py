@@ -184,10 +184,11 @@ def reduced_kernels(
 ) -> dict[str, list[Node]]:
     """Form the results of the kernels for explicit methods with algebraic unknowns.
 
-    ``rates`` are f, then g; ``columns`` has their derivatives by each state, by index of the rate;
-    ``along`` those along each parameter, as functions of state sensitivities; ``motion`` those
-    along the motion, as functions of state rates. ``reached`` are the states with sensitivities to
-    each parameter. Results are empty without algebraic unknowns, or if kernels would be too long.
+    ``rates`` are f, then g; ``columns`` has their derivatives with respect to each state, by rate
+    index; ``along`` those along each parameter, as functions of state sensitivities; ``motion``
+    those along the motion, as functions of state rates. ``reached`` are the states with
+    sensitivities to each parameter. Results are empty without algebraic unknowns, or if kernels
+    would be too long.
     """
     found: dict[str, list[Node]] = {
         "algebraic_step": [],

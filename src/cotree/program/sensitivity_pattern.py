@@ -146,7 +146,7 @@ class _Parts:
 
 
 class _Direction:
-    """One parameter, with the symbols on which the derivatives of the rates by it depend."""
+    """One parameter, with the symbols on which the rate derivatives with respect to it depend."""
 
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n

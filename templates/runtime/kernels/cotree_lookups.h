@@ -100,8 +100,8 @@ static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at,
     return k;
 }
 
-/* Compute a bilinear function on the intervals i and j, and its derivatives by x, by y and by
- * both. */
+/* Compute a bilinear function on the intervals i and j, and its derivatives with respect
+ * to x, y and both. */
 static inline void cotree_bilinear(int m, const cotree_real *x, const cotree_real *y,
                                    const cotree_real *z, int i, int j, cotree_real at,
                                    cotree_real beside, cotree_real *result)
@@ -117,7 +117,7 @@ static inline void cotree_bilinear(int m, const cotree_real *x, const cotree_rea
     result[3] = twist;
 }
 
-/* Compute a bilinear function, and its derivatives by x, by y and by both. */
+/* Compute a bilinear function, and its derivatives with respect to x, y and both. */
 static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, const cotree_real *y,
                                         const cotree_real *z, cotree_real at, cotree_real beside,
                                         cotree_real *result)
@@ -126,8 +126,8 @@ static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, cons
     cotree_bilinear(m, x, y, z, i, j, at, beside, result);
 }
 
-/* Compute a bilinear function, and its derivatives by x, by y and by both; then both ends and the
- * index of the interval on each axis, which is frozen if `held` is nonzero. */
+/* Compute a bilinear function, and its derivatives with respect to x, y and both; then both ends
+ * and the index of the interval on each axis, which is frozen if `held` is nonzero. */
 static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
                                              const cotree_real *y, const cotree_real *z,
                                              cotree_real at, cotree_real beside, cotree_real held_x,

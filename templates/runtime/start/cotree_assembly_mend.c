@@ -47,7 +47,7 @@ void cotree_assembly_start_report(cotree_assembly *a, int level, const cotree_re
     cotree_assembly_copy(n, x + first, a->report->before + first);
 }
 
-/* Return the dimensionless derivative of a row by a motion direction. */
+/* Return the dimensionless derivative of a row along a motion direction. */
 static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
 {
     return cotree_assembly_gradient_of(a, row)[speed] * cotree_assembly_unit_of_speed(a, speed) /
