@@ -252,7 +252,7 @@ class _Boundary:
         conditions = {node.args[0]: None for node in order if node.op in (*_JUMPING, "abs")}
         self._conditions = [node for node in conditions if _argument(node) is not own]
         self._roots = [boundary, above, below, *self._conditions]
-        self._order = order
+        self._order, self._own = order, reachable([boundary])
         constants = {abs(node.value) for node in order if node.op == "constant" and node.value}
         self._constants = sorted(value for value in constants if math.isfinite(value))
         self._numbers = random.Random(1)
@@ -288,6 +288,13 @@ class _Boundary:
         except (ArithmeticError, ValueError):
             return [math.nan] * len(self._roots)
 
+    def _at_boundary(self, place: Mapping[Node, float]) -> float:
+        """Evaluate the boundary alone, which is cheap beside the branches."""
+        try:
+            return float(evaluate(self._roots[:1], place, order=self._own)[0])
+        except (ArithmeticError, ValueError):
+            return math.nan
+
     def _compare(self, place: dict[Node, float], moved: Node) -> tuple[bool, list[float]] | None:
         """Return whether both branches agree near the boundary, and the values of other conditions.
 
@@ -319,7 +326,7 @@ class _Boundary:
         """Search for a zero of the boundary along one symbol by the secant method."""
 
         def boundary(at: float) -> float:
-            return self._evaluated({**place, moved: at})[0]
+            return self._at_boundary({**place, moved: at})
 
         a, b = place[moved], 1.1 * place[moved] + 0.1
         at_a, at_b = boundary(a), boundary(b)
