@@ -147,6 +147,7 @@ static void accept(integrator *d)
 #endif
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Return whether the last trial step is accepted in spite of its error, since rounding of the time
  * hardly permits a shorter one. If the argument of a root reaches zero, sensitivities change like
  * the root of the time, so that their error is the root of a rounding error. */
@@ -158,6 +159,7 @@ static int is_shortest(const integrator *d)
                                             SHORTEST_PART * COTREE_FABS(d->goal - d->t));
     return COTREE_FABS(d->h) <= longest && d->error <= most * most;
 }
+#endif
 
 /* Try steps until one is accepted. */
 static cotree_status take_step(integrator *d)
@@ -177,13 +179,19 @@ static cotree_status take_step(integrator *d)
         cotree_status status = attempt(d);
         int is_accepted = 0;
         if (status == COTREE_OK) status = check(d);
+#if COTREE_HAS_SENSITIVITIES
         if (status == COTREE_OK && (is_passed(d) || is_shortest(d))) {
+#else
+        if (status == COTREE_OK && is_passed(d)) {
+#endif
             status = hold(d, d->t_new);
             is_accepted = status == COTREE_OK;
         }
         if (status == COTREE_OK) {
             choose_step(d, is_accepted);
+#if COTREE_HAS_SENSITIVITIES
             if (is_accepted && d->error > COTREE_F(1.0)) d->step = COTREE_FABS(d->h);
+#endif
             trouble = COTREE_STEP_TOO_SMALL;
         } else {
             d->step = FAILURE_FACTOR * COTREE_FABS(d->h);

@@ -1,5 +1,4 @@
-/* cotree_job.c: the integration loop for any stepper: steps, time events, wanted points and
- * events. */
+/* cotree_job.c: the integration loop over steps, time events, wanted points and events. */
 #include "cotree_job.h"
 #include "cotree_stepper.h"
 
@@ -201,24 +200,25 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
     run->high = COTREE_FMAX(first, last);
 }
 
+#if COTREE_HAS_ALGEBRAIC
 /* Complete a point. Close to a fold, Newton's method may diverge from the unknowns accepted
  * there. */
 static int complete(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const int status = STEPPER->complete(job, t, w, is_exact);
-#if COTREE_HAS_ALGEBRAIC
     cotree_run *const run = ENGINE->run;
     if (job->model->n_algebraic == 0 || !ENGINE->is_running || t != run->t_branch) return status;
     if (status != COTREE_OK || cotree_run_is_far(run, -1, run->full)) {
         cotree_run_keep(run, job->n, w);
         return COTREE_OK;
     }
-#endif
     return status;
 }
+#else
+#define complete(job, t, w, is_exact) STEPPER->complete(job, t, w, is_exact)
+#endif
 
-/* Store a point after projecting it and solving for its algebraic unknowns. is_exact: the point is
- * the end of a step. */
+/* Store a point, projected and with its algebraic unknowns. is_exact: it ends a step. */
 static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const cotree_run *const run = ENGINE->run;
@@ -709,12 +709,10 @@ static int return_before_fold(cotree_job *job, cotree_real start)
     if (COTREE_FABS(length) <= shortest_to_fold(job)) return fail(job, COTREE_FOLD);
     return restart_towards(job, start + length, COTREE_FOLD);
 }
-#endif
 
 /* Repeat a failed step once with the algebraic unknowns at its start, or fail. */
 static int repeat_step(cotree_job *job, cotree_real start, int status)
 {
-#if COTREE_HAS_ALGEBRAIC
     if (job->model->n_algebraic > 0) {
         const cotree_real moved = COTREE_FABS(start - ENGINE->return_time);
         const int is_last = moved <= shortest_to_fold(job) || status == COTREE_RATE_STOPPED;
@@ -722,11 +720,11 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
         return_to(job, start);
         if (!is_last) return restart_towards(job, job->corners[job->corner + 1], status);
     }
-#else
-    (void)start;
-#endif
     return fail(job, status);
 }
+#else
+#define repeat_step(job, start, status) ((void)(start), fail(job, status))
+#endif
 
 #if COTREE_HAS_CONSTRAINTS
 /* Enter a stretch and restart. Before, store the wanted points of the last step. */
@@ -844,7 +842,7 @@ static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
-    cotree_real goal;
+    cotree_real goal = end;
     int status, is_last;
 #if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     memcpy(e->before, e->w, (size_t)job->n * sizeof(cotree_real));
@@ -855,8 +853,6 @@ static int advance(cotree_job *job)
         if (result != COTREE_JOB_DONE) return result;
     }
     goal = goal_of_step(job, end);
-#else
-    goal = end;
 #endif
 #if COTREE_HAS_ALGEBRAIC
     if (e->is_repeated) goal = e->goal;

@@ -146,8 +146,7 @@ cotree_real cotree_job_sensitivity_atol(const cotree_job *job, int seed);
 /* Return the number of bytes of the job's memory. The model, the stepper and n must be set. */
 COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
 
-/* Take up to most_steps steps. The results do not depend on how the steps are divided among
- * calls. */
+/* Take up to most_steps steps; this number does not affect the results. */
 COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
@@ -156,8 +155,7 @@ COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif
-/* Update z and t of an unfinished job to the current point. Finished and waiting jobs are up to
- * date. */
+/* Write the current point of an unfinished job to z and t. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 
 #if COTREE_HAS_SUNDIALS

@@ -25,8 +25,7 @@ typedef int MASK; /* result of a comparison */
 #define cotree_exp(x) COTREE_EXP(x)
 #define cotree_log(x) COTREE_LOG(x)
 
-/* Return the larger number, or b if either is nan. Unlike fmax and fmin, these compile to one
- * instruction. */
+/* Return the larger number, or b if either is nan. Unlike fmax, this is one instruction. */
 static inline REAL cotree_larger(REAL a, REAL b) { return a > b ? a : b; }
 
 static inline REAL cotree_smaller(REAL a, REAL b) { return a < b ? a : b; }

@@ -180,8 +180,7 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 #endif
 }
 
-/* Expand w to run->full. If w contains no algebraic unknowns, they are those of the last
- * solution. */
+/* Expand w to run->full, with the algebraic unknowns found last if w has none. */
 static void expand(cotree_run *run, const cotree_real *w)
 {
     const int lead = run->n_lead;

@@ -2,8 +2,7 @@
  *
  * w holds the states, then their sensitivities by parameter without those that always vanish.
  * Algebraic unknowns are solved for at each point. If the model has rates for them, they may be
- * integrated as part of w instead (call cotree_run_extend between init and narrow). Constraints are
- * satisfied by projection.
+ * part of w (call cotree_run_extend between init and narrow). Constraints hold by projection.
  *
  *     cotree_run run;
  *     cotree_arena arena = {NULL, 0};
@@ -65,9 +64,8 @@ typedef struct cotree_elimination {
 
 typedef struct cotree_run {
     const cotree_model *model;
-    const cotree_real *p,
-        *k;         /* parameters, and values that the kernel prepare computes from them */
-    cotree_real *u; /* n_inputs values at the last time evaluated */
+    const cotree_real *p, *k; /* parameters, and the values prepared from them */
+    cotree_real *u;           /* n_inputs values at the last time evaluated */
 #if COTREE_HAS_INPUTS
     int n_replaced;
     const cotree_table_input *replaced;
@@ -83,14 +81,14 @@ typedef struct cotree_run {
                       require; 0: only after failed steps */
     cotree_real correction; /* largest change of a state x by a projection, over max(1, |x|) */
 #endif
-    cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: up to rounding */
-    cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
-    cotree_real low, high; /* rates are only evaluated at times from low to high, which excludes
-                            * the jumps at the ends of the segment */
-    cotree_real *full;     /* all states and sensitivities at the last completed point */
-    int n;                 /* number of entries of w */
-    int n_full;            /* number of entries of z, all states and sensitivities */
-    int n_packed;          /* number of entries of z without sensitivities that always vanish */
+    cotree_real rtol; /* relative tolerance of algebraic unknowns; 0: up to rounding */
+    cotree_real atol; /* absolute tolerance of algebraic unknowns; 1e-10 by default */
+    cotree_real low,
+        high;          /* bounds of evaluation times, inside the jumps at the ends of the segment */
+    cotree_real *full; /* all states and sensitivities at the last completed point */
+    int n;             /* number of entries of w */
+    int n_full;        /* number of entries of z, all states and sensitivities */
+    int n_packed;      /* number of entries of z without sensitivities that always vanish */
 #if COTREE_HAS_ALGEBRAIC
     cotree_elimination elimination; /* optional linear solver; its functions are NULL by default */
 #endif
