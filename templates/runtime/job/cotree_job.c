@@ -203,7 +203,7 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 #if COTREE_HAS_ALGEBRAIC
 /* Complete a point. Close to a fold, Newton's method may diverge from the unknowns accepted
  * there. */
-static int complete(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
+static int complete_on_branch(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const int status = STEPPER->complete(job, t, w, is_exact);
     cotree_run *const run = ENGINE->run;
@@ -215,7 +215,7 @@ static int complete(cotree_job *job, cotree_real t, cotree_real *w, int is_exact
     return status;
 }
 #else
-#define complete(job, t, w, is_exact) STEPPER->complete(job, t, w, is_exact)
+#define complete_on_branch(job, t, w, is_exact) STEPPER->complete(job, t, w, is_exact)
 #endif
 
 /* Store a point, projected and with its algebraic unknowns. is_exact: it ends a step. */
@@ -223,7 +223,7 @@ static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_ex
 {
     const cotree_run *const run = ENGINE->run;
     cotree_real *const row = job->values + (size_t)job->n_kept * (size_t)run->n_full;
-    const int status = complete(job, t, w, is_exact);
+    const int status = complete_on_branch(job, t, w, is_exact);
     int i;
     if (status != COTREE_OK) return status;
     job->times[job->n_kept] = t;
@@ -267,7 +267,7 @@ static void finish(cotree_job *job)
 {
     const cotree_engine *const e = ENGINE;
     int i;
-    if (complete(job, job->t, e->w, 1) == COTREE_OK) {
+    if (complete_on_branch(job, job->t, e->w, 1) == COTREE_OK) {
         for (i = 0; i < e->run->n_full; ++i) job->z[i] = e->run->full[i];
     }
 #if COTREE_HAS_CONSTRAINTS
