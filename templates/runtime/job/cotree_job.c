@@ -763,7 +763,7 @@ static void record_crossing(cotree_job *job)
 static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
 {
     const cotree_singularity *const s = ENGINE->singularity;
-    if (s == NULL || s->stretch == COTREE_ORDINARY) return end;
+    if (s->stretch == COTREE_ORDINARY) return end;
     return cotree_job_ahead(job) * (end - s->end) > COTREE_F(0.0) ? s->end : end;
 }
 
@@ -851,8 +851,8 @@ static int advance(cotree_job *job)
     if (e->singularity != NULL) {
         const int result = begin_watched_step(job);
         if (result != COTREE_JOB_DONE) return result;
+        goal = goal_of_step(job, end);
     }
-    goal = goal_of_step(job, end);
 #endif
 #if COTREE_HAS_ALGEBRAIC
     if (e->is_repeated) goal = e->goal;
