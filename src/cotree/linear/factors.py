@@ -29,9 +29,6 @@ _SMALLEST_SHARE = 1e-17
 #: the residual. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of
 #: residuals are amplified by the same factor.
 _BEYOND = 1e4
-#: Additional factor if a residual is larger than rounding, so that its multiplier exceeds the limit
-#: long before the row counts as one that motions change; and largest rounding, [m/s^2], [rad/s^2].
-_FURTHER, _ROUNDING = 1e6, 1e-10
 
 
 class LinearSolver(Protocol):
@@ -172,10 +169,7 @@ class HeldFactors:
                 # If no multiplier can satisfy a row, its multiplier exceeds all limits.
                 own = [held[i] for i in core.places]
                 for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
-                    left = rest[i] - _product(row, own)
-                    square = left * left
-                    factor = _BEYOND * (1.0 + _FURTHER * (square / (square + _ROUNDING**2)))
-                    held[i] = held[i] - factor * left / size
+                    held[i] = held[i] - _BEYOND * (rest[i] - _product(row, own)) / size
         return [*found, *held]
 
 
