@@ -458,8 +458,8 @@ int cotree_refine_step(cotree_events *e)
             ++e->n_evaluations;
             status = cotree_run_rate(t, e->point, e->slope, e->run);
         }
-        if (status != 0)
-            return cotree_sample_step(e); /* integration failed: use the coarse samples */
+        /* If the integration fails, use the coarse samples. */
+        if (status != 0) return cotree_sample_step(e);
         cotree_history_add(&e->refined, t, e->point, e->slope);
     }
     cotree_history_add(&e->refined, h->t[last], e->end, h->rate[last]);

@@ -344,8 +344,7 @@ int fmu_reset(fmu *m)
 
 typedef struct fmu_state_head {
     unsigned magic, n;
-    unsigned long long
-        checksum; /* checksum of the bytes that follow, set when the state is serialized */
+    unsigned long long checksum; /* of the bytes that follow, set when the state is serialized */
     char token[64];
 } fmu_state_head;
 

@@ -43,8 +43,7 @@ enum fmu_block {
     FMU_OUTPUT_SLOPES, /* sensitivities of outputs, by parameter */
     FMU_STATE_SLOPES,  /* sensitivities of states, by parameter */
     FMU_N_BLOCKS,
-    FMU_NOMINALS =
-        FMU_N_BLOCKS /* nominal values of continuous states, which have no value references */
+    FMU_NOMINALS = FMU_N_BLOCKS /* nominal continuous states, which have no value references */
 };
 
 /* Sparsity pattern of a matrix in compressed columns. */

@@ -175,9 +175,8 @@ COTREE_PRIVATE int fmu_prepare(fmu *m);
 COTREE_PRIVATE void fmu_set_up_run(fmu *m);
 COTREE_PRIVATE int fmu_refresh(fmu *m, int what);
 COTREE_PRIVATE void fmu_invalidate(fmu *m);
-COTREE_PRIVATE int
-fmu_write_inputs(double t, double *u,
-                 void *context); /* input function that writes the inputs set by the importer */
+/* Input function that writes the inputs set by the importer. */
+COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context);
 
 /* Initialization. fmu_move_start computes the entries of a direction that are not prescribed from
  * those of states, inputs and parameters that are. */

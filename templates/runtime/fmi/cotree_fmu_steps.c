@@ -233,8 +233,8 @@ static int take_step(fmu *m, double t, double step, fmu_progress *progress)
     result = run_job(m, &job, &n_events);
     copy_results(m, &job, result);
     progress->reached = job.t;
-    progress->is_early =
-        m->returns_early && job.t != end; /* otherwise an event ended the simulation */
+    /* If the importer accepts no early return, an event ended the simulation. */
+    progress->is_early = m->returns_early && job.t != end;
     if (result != COTREE_JOB_FAILED) return 0;
     /* If a part of the step was computed, a shorter step succeeds. */
     m->may_discard = job.t > t;

@@ -383,8 +383,7 @@ static int jump_sensitivities(cotree_job *job)
     int status = 0;
     if (!is_moving(job, job->corner)) return 0;
     crossing = corner_data(job, job->corner);
-    if (job->corner ==
-        0) { /* there is no previous segment: evaluate the rates before the start now */
+    if (job->corner == 0) { /* no previous segment: evaluate the rates before the start now */
         run->low = COTREE_FMIN(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         run->high = COTREE_FMAX(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         status = cotree_run_left_rates(run, job->t, ENGINE->w, job->n, &crossing);

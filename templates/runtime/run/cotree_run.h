@@ -81,14 +81,13 @@ typedef struct cotree_run {
                       require; 0: only after failed steps */
     cotree_real correction; /* largest change of a state x by a projection, over max(1, |x|) */
 #endif
-    cotree_real rtol; /* relative tolerance of algebraic unknowns; 0: up to rounding */
-    cotree_real atol; /* absolute tolerance of algebraic unknowns; 1e-10 by default */
-    cotree_real low,
-        high;          /* bounds of evaluation times, inside the jumps at the ends of the segment */
-    cotree_real *full; /* all states and sensitivities at the last completed point */
-    int n;             /* number of entries of w */
-    int n_full;        /* number of entries of z, all states and sensitivities */
-    int n_packed;      /* number of entries of z without sensitivities that always vanish */
+    cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: up to rounding */
+    cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
+    cotree_real low, high; /* bounds of evaluation times, inside the jumps of the segment */
+    cotree_real *full;     /* all states and sensitivities at the last completed point */
+    int n;                 /* number of entries of w */
+    int n_full;            /* number of entries of z, all states and sensitivities */
+    int n_packed;          /* number of entries of z without sensitivities that always vanish */
 #if COTREE_HAS_ALGEBRAIC
     cotree_elimination elimination; /* optional linear solver; its functions are NULL by default */
 #endif

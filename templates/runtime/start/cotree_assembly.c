@@ -178,8 +178,8 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
         const int row = a->places[r];
         a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
                        cotree_assembly_unit_of_row(a, row);
-        if (!(COTREE_FABS(a->values[r]) <= *size))
-            *size = COTREE_FABS(a->values[r]); /* also true for nan */
+        /* The condition also holds for nan. */
+        if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]);
     }
     return status;
 }
@@ -222,8 +222,8 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
             const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
-            if (!(COTREE_FABS(row[i]) <= *largest))
-                *largest = COTREE_FABS(row[i]); /* also true for nan */
+            /* The condition also holds for nan. */
+            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]);
         }
         a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
     }

@@ -213,8 +213,8 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
     for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
     for (j = 0; j < n; ++j) {
         for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
-            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX))
-                return 1; /* full rank is assumed, since the rank cannot be determined */
+            /* Full rank is assumed if the rank cannot be determined. */
+            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1;
             if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
         }
     }

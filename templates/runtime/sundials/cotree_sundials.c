@@ -496,8 +496,8 @@ static int begin(cotree_job *job)
     c->has_jacobian = c->has_matrix = c->has_failed = 0;
     c->step_of_solution = -1;
     c->bend = 1.0;
-    if (e->watched != e->run &&
-        job->model->n_algebraic > 0) { /* use the unknowns after the last event as guesses */
+    /* The unknowns after the last event are guesses. */
+    if (e->watched != e->run && job->model->n_algebraic > 0) {
         cotree_run_narrow(e->of_states, job->t, e->watched->full, vector_of(job, STEP));
         cotree_run_narrow(e->run, job->t, e->watched->full, vector_of(job, STEP));
     }
