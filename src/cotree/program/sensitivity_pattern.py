@@ -85,7 +85,7 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """Where conditions on time occur that depend on one parameter."""
+    """The states and events whose conditions on time depend on one parameter."""
 
     states: set[int]  # states with such a condition in their rates
     is_event: bool  # whether there is such a condition in an event function

@@ -132,7 +132,8 @@ def check_available(method: str) -> None:
         check_installed(method)
     if row.family != "correctors":
         return
-    engine = load_engine(row.stepper)
+    # Correctors run models without events, see ``refusal``.
+    engine = load_engine(row.stepper, has_events=False)
     if isinstance(engine, str):
         raise SolveError(
             f"The method '{method}' cannot be used: {engine}. Or use '{row.instead}', which "
