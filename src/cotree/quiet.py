@@ -1,6 +1,4 @@
-"""Thread-safe suppression of warnings from other libraries, and pauses of the cycle collector.
-
-The cycle collector is paused here, too.
+"""Thread-safe suppression of warnings, a lock for parsers, and pauses of the cycle collector.
 
 ``warnings.catch_warnings`` restores the filters that it found at its start. If two threads overlap,
 the one that ends last restores the filters of the other, and warnings remain suppressed. Here the
@@ -21,6 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+#: Held by callers of ``ast.parse``. Python before 3.11.8 fails in it with a ``SystemError`` if
+#: another thread parses while the cycle collector runs Python code (python/cpython#106905).
+parsing = threading.RLock()
 
 _lock = threading.Lock()
 

@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 from cotree.errors import UnitError, brief, nearest
+from cotree.quiet import parsing
 
 #: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are dimensionless in SI.
 #: Angle and cycles distinguish a speed in rad/s from a frequency in Hz, although both are 1/s.
@@ -222,7 +223,9 @@ def _parts(text: str) -> list[tuple[str, float]]:
     if words == ["-"]:
         return []  # a dash means that there is no unit
     try:
-        return _factors(ast.parse("".join(words), mode="eval").body, names, 1.0)
+        with parsing:
+            tree = ast.parse("".join(words), mode="eval").body
+        return _factors(tree, names, 1.0)
     except SyntaxError:
         raise UnitError("which is no product of powers of symbols") from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import io
 import math
 import os
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 import cotree
+from cotree.ensemble.store import read_array, write_arrays
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache, locked_cached_property
 from cotree.solvers import engine
@@ -191,6 +193,32 @@ def test_compiling_in_four_threads():
     for model in models:
         assert model.kernels.source == known.kernels.source
         assert np.array_equal(model.rhs(0.1, y), known.rhs(0.1, y))
+
+
+def test_threads_parse_while_the_collector_calls_python(tmp_path):
+    """Python before 3.11.8 fails here without a lock (python/cpython#106905)."""
+    archive = tmp_path / "block.npz"
+    write_arrays(archive, {"x": np.arange(4.0)})
+
+    def parse(i):
+        for k in range(60):
+            scene = cotree.Scene("parsed")
+            scene.parameter("a", f"(({k} + 1)*({i} + 2))*((1 + 2) + {k}*(3 + 4))")
+            with np.load(archive) as opened:
+                assert read_array(opened, "x")[3] == 3.0
+        return scene
+
+    def callback(*_):
+        sum(range(50))
+
+    before = gc.get_threshold()
+    gc.callbacks.append(callback)
+    gc.set_threshold(50, 2, 2)
+    try:
+        in_threads(parse)
+    finally:
+        gc.set_threshold(*before)
+        gc.callbacks.remove(callback)
 
 
 def test_one_thread_makes_and_the_others_wait():

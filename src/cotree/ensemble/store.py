@@ -28,6 +28,7 @@ from cotree.ensemble.reasons import Reasons
 from cotree.errors import SolveError, StoreError, brief
 from cotree.files import template_folder
 from cotree.model.signals import read_signals
+from cotree.quiet import parsing
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION
 
@@ -184,7 +185,8 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 def read_array(archive: Any, name: str) -> Any:
     """Return an array of an open archive; texts become an object array."""
-    values = archive[name]
+    with parsing:  # of the header
+        values = archive[name]
     if values.dtype.kind != "S":
         return values
     return np.array(json.loads(values.tobytes()), dtype=object)
@@ -383,7 +385,7 @@ class Store:
         if archive is None:
             file.unlink(missing_ok=True)
             return False
-        self._count(first, archive["status"], read_array(archive, "message"))
+        self._count(first, read_array(archive, "status"), read_array(archive, "message"))
         self._unlock(first)
         return True
 

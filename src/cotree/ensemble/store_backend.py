@@ -80,7 +80,7 @@ def _most_occurrences(path: Path, manifest: dict[str, Any]) -> int:
     most, files = 0, [] if times is None else sorted(block_path(path, 0).parent.glob("*.npz"))
     for file in files:
         with np.load(file) as archive:
-            most = max(most, archive[times].shape[-1])
+            most = max(most, read_array(archive, times).shape[-1])
     return most
 
 

@@ -28,7 +28,7 @@ from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
-from cotree.quiet import without_warnings
+from cotree.quiet import parsing, without_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -44,7 +44,7 @@ def read_tree(text: str) -> ast.expr:
     marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
     try:
         # Python's parser would interpret leading spaces as indentation.
-        with without_warnings(category=SyntaxWarning):  # such text is rejected later
+        with parsing, without_warnings(category=SyntaxWarning):  # such text is rejected later
             tree = ast.parse(marked, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError("is not an expression") from None
