@@ -42,7 +42,7 @@ from cotree.model.kernels import build_engine, shared_code
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
 from cotree.solvers.prepare import prepared
-from cotree.solvers.problem import HeldConstraints, refusal
+from cotree.solvers.problem import refusal
 from cotree.solvers.result import BUDGET_SPENT, Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.result import FAILED as STATUS_FAILED
 from cotree.solvers.simulate import redundancy
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from threading import Event
 
     from cotree.build import LoadedLibrary
+    from cotree.solvers.bound import BoundModel
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 
@@ -162,13 +163,13 @@ class BlockInC(CObjects):
         drift = Drift((), np.zeros((0, n)), float(self.corrections[member]))
         return Trajectory(t, z, 0, "", work, drift)
 
-    def _constraints(self, member: int) -> HeldConstraints | None:
+    def _constraints(self, member: int) -> BoundModel | None:
         p = own_values(self.pattern, self.rows[member : member + 1]).p[0]
         plan = self.pattern.plan
-        return prepared(plan.model, plan.settings).projection(p)
+        return prepared(plan.model, plan.settings).bound(p)
 
     def _is_consistent(
-        self, problem: Problem, run: Trajectory, constraints: Callable[[], HeldConstraints | None]
+        self, problem: Problem, run: Trajectory, constraints: Callable[[], BoundModel | None]
     ) -> bool:
         """Return whether a run succeeded without constraint drift."""
         # If constraints are redundant, reactions are not unique and have no sensitivities.
@@ -310,7 +311,7 @@ class Worker:
             self._width = 2 + m + 2 * problem.n_states
             # Largest number of event records of one step. C returns to Python if there is space for
             # fewer.
-            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
+            self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
             self._grow_records()
 
     def advance(self, interval: float) -> bool:

@@ -27,7 +27,7 @@ from cotree.model.start import Start, scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.pipeline import text_of
-from cotree.solvers.problem import HeldConstraints
+from cotree.solvers.bound import BoundModel
 from cotree.tolerances import RANK, loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Evaluated:
             rows = np.reshape(self.initial("gradient"), (len(edges), -1))
             return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
         # The rank is computed as in a run.
-        held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
+        held = BoundModel(self.model, self.model.default_parameters, lambda t: None)
         return bool(held.singular(0.0, self.start.z))
 
 

@@ -6,13 +6,14 @@ one with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.problem import HeldConstraints, Problem, check_problem
+from cotree.solvers.bound import BoundModel
+from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.result import Drift, RunRecord, Statistics, Trajectory, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 
 __all__ = [
+    "BoundModel",
     "Drift",
-    "HeldConstraints",
     "Problem",
     "RunRecord",
     "Statistics",

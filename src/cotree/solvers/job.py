@@ -347,7 +347,7 @@ class Job:
         # Maximum number of event records in one step, for which C needs space before each step.
         self._at_once = 0
         if problem.events is not None:
-            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
+            self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
         # Content of the structure at the start of each run: mainly pointers.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)

@@ -83,7 +83,7 @@ def _event_reason(job: Job, problem: Problem, name: str) -> str:
     """Return the reason why an event ended the job."""
     c = job.job
     # Kinks of laws are located like events but have no names.
-    rows = problem.events.rows if problem.events is not None else ()
+    rows = problem.events.event_rows if problem.events is not None else ()
     fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
     event = rows[c.event].name if c.event < len(rows) else "kink of a law"
     events = subjects(name, event, fired)
@@ -97,7 +97,7 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
     """Return sentences on impacts that came to rest, and on contacts that jam as a run fails."""
     if problem.events is None:
         return []
-    rested, jammed = rest_note(problem.events.rows, job.event_records), ""
+    rested, jammed = rest_note(problem.events.event_rows, job.event_records), ""
     if has_failed and z.shape[1]:
         jammed = problem.events.jammed(float(job.job.t), np.ascontiguousarray(z[:, -1]))
     return [row for row in (jammed, rested) if row]

@@ -105,7 +105,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])
-        left = [] if problem.held is None else [problem.held.residual(at, point)]
+        left = [] if problem.held is None else [problem.held.constraint_residuals(at, point)]
         if cut < n:
             assert problem.state_rhs is not None  # a problem in C has a model
             left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))
@@ -310,7 +310,8 @@ class Attempt:
                 return 0, "", True
             if result == _STOPPED:
                 assert problem.events is not None  # only events stop a job
-                return 0, f"event '{problem.events.rows[job.job.event].name}' ends the run", False
+                name = problem.events.event_rows[job.job.event].name
+                return 0, f"event '{name}' ends the run", False
             if result != _MORE:
                 return 0, "", False
             progress.reached(float(job.job.t))

@@ -19,59 +19,21 @@ from cotree.model.start import find_start
 from cotree.records import filled
 from cotree.scene.expressions import check_positive
 from cotree.scene.settings import Settings, in_python
+from cotree.solvers.bound import BoundModel
 from cotree.solvers.job import Shared
-from cotree.solvers.problem import DENSE_LIMIT, HeldConstraints, ModelEvents, Problem
+from cotree.solvers.problem import DENSE_LIMIT, Problem
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-    from scipy.sparse import csc_matrix
 
     from cotree.model.start import Start
     from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
     from cotree.solvers.sampling import Samples
 
-    Bound = Callable[[float, FloatArray, FloatArray, FloatArray | None], FloatArray]
     Inputs = Callable[[float], FloatArray | None]
 
 _NONE = np.zeros(0)
-
-
-class Functions:
-    """The functions of a model for one run.
-
-    ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
-    """
-
-    def __init__(self, model: CompiledModel, p: FloatArray, u: Inputs) -> None:
-        self._model, self._p, self._u, self._n = model, p, u, len(model.states)
-        self._bound: dict[str, Bound] = {}
-
-    def augmented_rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of states and sensitivities in a buffer of the kernel."""
-        return self._kernel("augmented_rhs")(t, z[: self._n], z[self._n :], self._u(t))
-
-    def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the rates of the states in a buffer of the kernel."""
-        return self._kernel("rhs")(t, z[: self._n], z[self._n :], self._u(t))
-
-    def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the state Jacobian as a dense matrix."""
-        return self._model.structure.full(self._kernel("jacobian")(t, y, _NONE, self._u(t)))
-
-    def sparse_jacobian(self, t: float, y: FloatArray) -> csc_matrix:
-        """Return the state Jacobian in SciPy's CSC form."""
-        return self._model.jacobian_sparse(t, y, self._p, self._u(t))
-
-    def undefined(self, t: float, y: FloatArray) -> str:
-        """Return the reason why the rates are undefined at a point, or an empty string."""
-        return self._model.why_undefined(t, y, self._p, self._u(t))
-
-    def _kernel(self, name: str) -> Bound:
-        found = self._bound.get(name)
-        if found is None:
-            found = self._bound[name] = self._model.bound(name, self._p)
-        return found
 
 
 # Maximum fraction of nonzero entries for which sparse matrices cost less than dense ones.
@@ -248,15 +210,14 @@ class Preparation:
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
-        z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
         values = {
             **vars(self._template),
-            "z0": z0,
+            "z0": start.z,
             "reach": reach,
             "u": u,
             "note": start.note,
             "native": model.native(p),
-            **self._functions(p, u, held),
+            **self._functions(BoundModel(model, p, u)),
         }
         if samples:
             values |= _replaced_inputs(signals)
@@ -274,10 +235,10 @@ class Preparation:
             raise SolveError(start.on_jump)
         return filled(Problem, values)
 
-    def projection(self, p: FloatArray) -> HeldConstraints | None:
-        """Return the constraints of a run for parameters p; None if there are none."""
+    def bound(self, p: FloatArray) -> BoundModel | None:
+        """Return the model with parameters p if it has constraints onto which runs project."""
         u = _input_function(self.model, p, self._signals)
-        return HeldConstraints(self.model, p, u) if self._is_held else None
+        return BoundModel(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
         """Return the start of a run, which is computed once if it is the same for all runs."""
@@ -305,20 +266,20 @@ class Preparation:
             "shifts": corners.moved,
         }
 
-    def _functions(self, p: FloatArray, u: Inputs, held: HeldConstraints | None) -> dict[str, Any]:
+    def _functions(self, of: BoundModel) -> dict[str, Any]:
         """Return the functions of a problem."""
-        model, of = self.model, Functions(self.model, p, u)
+        layout = self.model.layout
         return {
             # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
-            "rhs": of.augmented_rates if model.sensitivities else of.rates,
+            "rhs": of.augmented_rates if self.model.sensitivities else of.rates,
             "jacobian": of.jacobian,
-            "held": held,
-            "singular": held.singular if held and held.has_rows else None,
+            "held": of if self._is_held else None,
+            "singular": of.singular if self._is_held and layout.constraint_edges else None,
             "state_rhs": of.rates,
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
-            "events": ModelEvents(model, p, u) if model.layout.events else None,
-            "has_kinks": bool(model.layout.corners),
+            "events": of if layout.events else None,
+            "has_kinks": bool(layout.corners),
         }
 
 

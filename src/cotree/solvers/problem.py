@@ -9,7 +9,7 @@ are continuous there, but their sensitivities jump by ``(f- - f+) dt*/dp``, sinc
 prolongs the action of f- at the expense of f+.
 
 C locates and applies events (``templates/runtime/events/cotree_events.h``) and projects onto the
-constraints during a run. Python uses ``HeldConstraints`` to choose methods and check results.
+constraints during a run. Python uses ``BoundModel`` to choose methods and check results.
 """
 
 from __future__ import annotations
@@ -23,22 +23,20 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.corners import RestartTimes
-from cotree.errors import ModelError, SolveError
+from cotree.errors import SolveError
 from cotree.methods import METHODS
-from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
-from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from scipy.sparse import csc_matrix
 
-    from cotree.equations import EventRow
     from cotree.methods import Method
     from cotree.model.kernels import NativeModel
     from cotree.scene.settings import Settings
+    from cotree.solvers.bound import BoundModel
     from cotree.solvers.job import Shared
     from cotree.solvers.result import FloatArray
 
@@ -104,8 +102,8 @@ class Problem:
         The maximum step size, [s]; breakpoints and requested times may require shorter steps.
     steps_taken : int
         Number of steps, part of the limit, that other runs have taken before this one.
-    held : HeldConstraints or None
-        The constraints onto which C projects; None if there are none.
+    held : BoundModel or None
+        The model with the constraints onto which C projects; None if there are none.
     constraints : tuple of str
         Names of the constraint residuals.
     n_algebraic : int
@@ -135,8 +133,8 @@ class Problem:
     singular : callable or None
         ``singular(t, z)`` returns the edges whose constraints are nearly dependent at a point; None
         if no edges are constrained.
-    events : ModelEvents or None
-        The events of the problem, which only C methods locate; time must increase.
+    events : BoundModel or None
+        The model with its events, which only C methods locate; time must increase.
     has_kinks : bool
         Whether the rates have kinks that C methods locate, and at which they restart, if time
         increases.
@@ -167,7 +165,7 @@ class Problem:
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
     steps_taken: int = 0
-    held: HeldConstraints | None = None
+    held: BoundModel | None = None
     constraints: tuple[str, ...] = ()
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     n_algebraic: int = 0
@@ -180,7 +178,7 @@ class Problem:
     functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)
     note: str = ""
     not_native: str = "its equations are Python functions"
-    events: ModelEvents | None = None
+    events: BoundModel | None = None
     has_kinks: bool = False
     places: npt.NDArray[np.intp] | None = None
     n_observed: int = 0
@@ -414,132 +412,6 @@ def turning(problem: Problem, t: float, entry: int) -> str:
     )
 
 
-# Factor above which the increase of a normal force by friction counts as jamming.
-_JAMMED = 100.0
-
-
-class ModelEvents:
-    """The events of a model for fixed parameters.
-
-    ``rows`` contains their names and directions, and whether they end a run. ``u(t)`` returns the
-    inputs, (n_inputs,), or None for the model's own.
-    """
-
-    def __init__(
-        self,
-        model: CompiledModel,
-        p: FloatArray,
-        u: Callable[[float], FloatArray | None],
-    ) -> None:
-        self.rows: tuple[EventRow, ...] = model.layout.events
-        self._model, self._p, self._u = model, p, u
-
-    def _at(self, t: float) -> EvaluationPoint:
-        return EvaluationPoint(self._model, t, self._p, self._u(t))
-
-    def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the states, and the sensitivities with a column for each parameter."""
-        n = len(self._model.states)
-        return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
-
-    def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the values of the event functions in a new array, shape (n_events,)."""
-        return self._at(t).event_values(*self._parts(z))
-
-    def jammed(self, t: float, z: FloatArray) -> str:
-        """Return a sentence on contacts that jam at the end of a failed run; empty if none does.
-
-        Sliding friction may increase the normal force of its contact, which grows without bound if
-        the friction cancels the inertia that the contact accelerates.
-        """
-        from cotree.model.unknowns import solve_states
-
-        y, s = self._parts(z)
-        at, found = self._at(t), []
-        for row in self.rows:
-            # The targets of such an event are its own mode, then the mode of the stop.
-            if not row.is_pressed or round(abs(y[row.targets[0]])) != 1:
-                continue
-            force = next(
-                i
-                for i, other in enumerate(self.rows)
-                if other.is_lift and other.targets[0] == row.targets[1]
-            )
-            other = y.copy()
-            other[row.targets[0]] = 2.0
-            try:
-                other = solve_states(at, other)
-            except (ModelError, SolveError):
-                continue
-            with_friction, without = (at.event_values(point, s)[force] for point in (y, other))
-            if with_friction > _JAMMED * without > 0.0:
-                found.append(f"'{self.rows[force].name.removesuffix(' lifts')}'")
-        if not found:
-            return ""
-        return (
-            f"Sliding at {', '.join(found)} jams: with such strong friction the normal force grows "
-            "without bound (Painleve's paradox): reduce the friction."
-        )
-
-
-# Messages name edges that contribute more than this to a dependent combination of constraints.
-_INVOLVED = 0.1
-
-
-class HeldConstraints:
-    """Residuals and gradients of a model's constraints.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        A model with constraints.
-    p : ndarray, shape (n_parameters,)
-        Parameters of the model.
-    u : callable
-        ``u(t)`` returns the inputs, shape (n_inputs,), or None for the model's own.
-    """
-
-    def __init__(
-        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
-    ) -> None:
-        self.names = tuple(row.name for row in model.layout.constraints)
-        self._model, self._p, self._u = model, p, u
-        self._edges = model.layout.constraint_edges
-        self._residual = model.bound("constraints", p)
-
-    def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
-        """Return the gradients, and the singular value below which they are nearly dependent."""
-        starts, n = self._model.start_in_c, len(self._model.states)
-        assert starts is not None  # only used with a compiler
-        return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])
-
-    @property
-    def has_rows(self) -> bool:
-        """Whether there are constraints besides quaternion norms."""
-        return bool(self._edges)
-
-    def singular(self, t: float, z: FloatArray) -> tuple[str, ...]:
-        """Return the edges whose constraints are dependent, or nearly dependent, at a point."""
-        rows, weakest = self._gradients(t, z)
-        # Eigenvalues of C C^T are squared singular values of C; eigenvectors combine constraints.
-        squares, directions = np.linalg.eigh(rows @ rows.T)
-        weak = directions[:, squares <= weakest**2]
-        involved = np.flatnonzero(np.max(np.abs(weak), axis=1, initial=0.0) > _INVOLVED)
-        return tuple(dict.fromkeys(self._edges[i] for i in involved))
-
-    def redundant(self, t: float, z: FloatArray) -> int:
-        """Count the constraints that follow from the others at a point."""
-        if not self._edges:
-            return 0
-        rows, _ = self._gradients(t, z)
-        return len(rows) - int(np.linalg.matrix_rank(rows, tol=RANK))
-
-    def residual(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the residuals of the constraints in a new array, shape (n_constraints,)."""
-        n = len(self._model.states)
-        return np.array(self._residual(t, z[:n], z[n:], self._u(t)))
-
-
 # Maximum number of states with which algebraic unknowns are eliminated, which fills the Jacobian.
 _MOST_REDUCED = 2000
 
@@ -565,7 +437,7 @@ def refusal(method: str, problem: Problem) -> str:
 def beyond_scipy(problem: Problem) -> str:
     """Return the part of a problem that SciPy's methods do not support, or an empty string."""
     if problem.events is not None:
-        return f"events, such as '{problem.events.rows[0].name}'"
+        return f"events, such as '{problem.events.event_rows[0].name}'"
     if problem.n_algebraic:
         unknowns = problem.names[problem.n_states - problem.n_algebraic :]
         return "algebraic unknowns" + (f", such as '{unknowns[0]}'" if unknowns else "")

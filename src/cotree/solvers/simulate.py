@@ -15,7 +15,7 @@ from cotree.quiet import level_of_user
 from cotree.records import filled
 from cotree.solvers.engine import sweep
 from cotree.solvers.prepare import Preparation, prepared
-from cotree.solvers.problem import HeldConstraints, Problem, check_values
+from cotree.solvers.problem import Problem, check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory, deferred
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
+    from cotree.solvers.bound import BoundModel
 
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")
@@ -157,9 +158,7 @@ def run_values(
     }
 
 
-def redundancy(
-    model: CompiledModel, constraints: HeldConstraints | None, trajectory: Trajectory
-) -> int:
+def redundancy(model: CompiledModel, constraints: BoundModel | None, trajectory: Trajectory) -> int:
     """Return the largest number of redundant constraints at a few points of a trajectory."""
     n = len(trajectory.t)
     if constraints is None or not model.layout.constraint_edges or n == 0:

@@ -248,11 +248,11 @@ def obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     """Return the reason why no other method can start at a point, or an empty string."""
     if problem.events is None:
         return ""
-    values = np.abs(problem.events.values(t, z))
+    values = np.abs(problem.events.event_values(t, z))
     near = np.flatnonzero(values <= _AT_ZERO * float(np.min(problem.settings.atol)))
     if not near.size:
         return ""
-    name = problem.events.rows[int(near[0])].name
+    name = problem.events.event_rows[int(near[0])].name
     return (
         f"{method} continued, although the problem is stiff at t = {t:.6g}: the function of event "
         f"'{name}' is zero there, where no other method can start."
