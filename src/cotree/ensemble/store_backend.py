@@ -77,8 +77,10 @@ def _most_occurrences(path: Path, manifest: dict[str, Any]) -> int:
     """Return how often an event occurs at most in a single member."""
     rows = manifest["variables"].items()
     times = next((name for name, (dims, *_) in rows if dims[-1] == OCCURRENCE), None)
-    most, files = 0, [] if times is None else sorted(block_path(path, 0).parent.glob("*.npz"))
-    for file in files:
+    if times is None:
+        return 0
+    most = 0
+    for file in sorted(block_path(path, 0).parent.glob("*.npz")):
         with np.load(file) as archive:
             most = max(most, read_array(archive, times).shape[-1])
     return most
