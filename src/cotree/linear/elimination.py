@@ -1,15 +1,8 @@
 """Gaussian elimination of a sparse matrix with entries of any type, and plans of it.
 
-The input consists of the nonzeros of a matrix, a choice of pivots, and the arithmetic of the
-entries; the output is the factors. Entries are nodes whose values become code, or placeholders in a
-plan if only the pattern is known. All sparse eliminations of this package use this module; they
-differ in the choice of pivots and the use of symmetry. None depends on values, which are known only
-at run time.
-
-The plan of a Jacobian J, whose last unknowns are algebraic, lists the steps that factorise
-``shift M - J`` and solve with the factors; M is diagonal with ones, but zeros for algebraic
-unknowns. The code that executes the steps checks their results. For banded factors, the plan has
-the bandwidths of the pattern, which is compressed by columns, and the new order of the unknowns.
+Entries are nodes whose values become code, or placeholders in a plan if only the pattern is known.
+All sparse eliminations of this package use this module; they differ in the choice of pivots, which
+never depends on values, since these are known only at run time.
 """
 
 from __future__ import annotations
@@ -76,8 +69,7 @@ def eliminate(
 ) -> Factors[T]:
     """Eliminate unknowns until there is no further pivot; the remainder is left in ``rows``.
 
-    With ``is_symmetric``, all pivots are on the diagonal, and only one of each two symmetric
-    entries is computed.
+    With ``is_symmetric``, all pivots are on the diagonal.
     """
     # A symmetric matrix equals its transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
@@ -131,7 +123,6 @@ def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
 def _set_entry(
     row: dict[int, T], columns: Mapping[int, set[int]], i: int, j: int, entry: T | None
 ) -> None:
-    """Set the entry in row i, column j; update the pattern by columns if there is one."""
     if entry is None:
         row.pop(j, None)
     else:
@@ -141,10 +132,10 @@ def _set_entry(
 
 
 class FewestCouplings:
-    """Minimum-degree pivots: the allowed unknown of a symmetric matrix with the fewest couplings.
+    """Minimum-degree pivots among the allowed unknowns of a symmetric matrix.
 
-    Among unknowns with equally many couplings, the last one is chosen: it is farthest out in the
-    tree and causes the least fill-in.
+    Of unknowns with equally many couplings, the last one is chosen: it is farthest out in the tree
+    and causes the least fill-in.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
@@ -169,17 +160,13 @@ class FewestCouplings:
 
 
 class FewestUpdates:
-    """Pivots whose elimination changes the fewest entries, up to ``most_updates`` in total.
-
-    Pivots on the diagonal, and pivots that change no entry, are preferred. The elimination ends at
-    an equation without unknowns.
-    """
+    """Pivots whose elimination changes the fewest entries, up to ``most_updates`` in total."""
 
     def __init__(self, most_updates: int) -> None:
         self._n_left = most_updates
 
     def __call__(self, left: Remainder) -> Place | None:
-        """Return the next pivot, or None."""
+        """Return the next pivot."""
         # Everything is eliminated, or a row has no entries: then the matrix is always singular.
         if not left.rows or not all(left.rows.values()):
             return None
@@ -196,10 +183,7 @@ class FewestUpdates:
 
 
 class FewestUpdatesOfMatched:
-    """Pivots that change the fewest entries, with one candidate for each column.
-
-    ``row_of`` contains the row of each column's candidate; see :func:`match`.
-    """
+    """Pivots that change the fewest entries, with the row of :func:`match` for each column."""
 
     def __init__(self, left: Remainder, row_of: Sequence[int]) -> None:
         self._row_of = row_of
@@ -229,7 +213,7 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
     """Match each column with a different row that has an entry in it, preferably the diagonal one.
 
-    Returns None if no such matching exists: then the matrix is singular for all values.
+    Return None if no such matching exists: then the matrix is singular for all values.
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
@@ -275,7 +259,11 @@ class FactorStep:
 
 @dataclass(frozen=True)
 class Elimination:
-    """Plan for factorising a matrix and for solving with its factors."""
+    """Plan for factorising ``shift M - J`` and for solving with its factors.
+
+    M is diagonal with ones, but zeros for algebraic unknowns. The executing code checks its
+    results.
+    """
 
     factors: tuple[FactorStep, ...]  # factors in the order of their computation
     #: Row and column of each pivot.

@@ -1,9 +1,8 @@
 """Factors of matrices whose entries are nodes, for any number of right-hand sides.
 
-The factors are computed from the nonzeros of a matrix, and solve by substitution. Symmetric
-matrices are factorised as L D L^T. Rows without a pivot that is certainly nonzero form a dense
-core, whose pivots are chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity,
-regardless of their values; at run time, a bound of the cancellation errors is computed.
+Symmetric matrices are factorised as L D L^T; rows whose pivots may be zero form a dense core, whose
+pivots are chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity; the
+cancellation in them is measured at run time.
 """
 
 from __future__ import annotations
@@ -104,8 +103,6 @@ class SparseFactors:
 
 
 class _OfNodes:
-    """Arithmetic of nodes; identically zero nodes are removed."""
-
     def inverse(self, pivot: Node) -> Node:
         return 1.0 / pivot
 
@@ -127,8 +124,8 @@ def factorise(
 ) -> SparseFactors:
     """Factorise a symmetric matrix, whose pivots may be zero at run time unless they are safe.
 
-    The last unknowns are multipliers, which may be redundant. For each of them ``sizes`` contains
-    the squared terms of its row, in which nothing cancels.
+    The last unknowns are multipliers, which may be redundant. ``sizes`` contains the squared terms
+    of their rows, in which nothing cancels.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
@@ -183,8 +180,8 @@ def hold(
 ) -> HeldFactors:
     """Add a border of columns and rows, which may be redundant, to the factors of a matrix.
 
-    Redundant rows get the multipliers of least norm; a row that depends on no unknown gets a zero
-    multiplier. ``sizes`` contains each row's diagonal entry without cancellation.
+    Redundant rows get the multipliers of least norm, and rows without unknowns get zero.
+    ``sizes`` contains each row's diagonal entry without cancellation.
     """
     border = tuple(tuple(row[:n]) for row in rows)
     pairs = zip(columns, border, strict=True)
@@ -239,7 +236,7 @@ def _product(a: Sequence[Node], b: Sequence[Node]) -> Node:
 
 
 def factorise_definite(dag: Dag, matrix: Sequence[Mapping[int, Node]]) -> SparseFactors:
-    """Factorise a symmetric, positive definite matrix, given by its nonzeros."""
+    """Factorise a symmetric, positive definite matrix from its nonzeros."""
     rows = _nonzeros(matrix)
     with dag.labelled("elimination"):
         factors = eliminate(rows, _OfNodes(), FewestCouplings(rows, rows), is_symmetric=True)
@@ -256,11 +253,10 @@ def _core(
     rows: Mapping[int, Mapping[int, Node]],
     natural: Sequence[Sequence[Node]],
 ) -> Core:
-    """Return the remaining equations of an elimination, scaled by rows and columns.
+    """Return the remaining equations of an elimination, scaled by the roots of diagonal entries.
 
-    Rows and columns are divided by the square roots of the diagonal entries before elimination. For
-    multipliers these entries are zero; instead, their values after elimination are used, which are
-    minus sums of squares, and squared couplings to the rest of the core are added.
+    Diagonal entries of multipliers are zero. Their scales are minus the entries after elimination,
+    which are sums of squares, plus squared couplings to the rest of the core.
     """
     core, n = sorted(rows), len(matrix) - len(natural)
     fresh = [i for i in core if matrix[i][i].is_zero]
@@ -291,11 +287,10 @@ def _core(
 
 
 def kept_size(size: Node, parts: Sequence[Node]) -> Node:
-    """Return a positive size for a multiplier's equation, even if its diagonal entry cancels.
+    """Return a diagonal entry plus a small fraction of its sum without cancellation.
 
-    The diagonal entry is zero if the gradient of a constraint vanishes, and a rounding error if
-    constraints are redundant. A small fraction of the sum without cancellation is added, so that
-    the scaled row is small in these cases.
+    The entry is zero if the gradient of a constraint vanishes, and a rounding error if constraints
+    are redundant; the scaled row is then small.
     """
     return size + _SMALLEST_SHARE * sum(parts, size.dag.zero)
 
@@ -303,11 +298,10 @@ def kept_size(size: Node, parts: Sequence[Node]) -> Node:
 def factorise_unsymmetric(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], most_updates: int
 ) -> tuple[SparseFactors, Node] | None:
-    """Factorise a matrix by pivots whose elimination changes the fewest entries.
+    """Factorise by pivots that change the fewest entries, and measure cancellation at run time.
 
-    Also return a measure of cancellation at run time: the sum of ``|terms of a pivot| / |pivot|``
-    over all pivots that are sums. Return None if the matrix is singular for all values, or if more
-    than ``most_updates`` entries would be changed.
+    The measure is the sum of ``|terms of a pivot| / |pivot|`` over all pivots that are sums. Return
+    None if the matrix is always singular or more than ``most_updates`` entries would change.
     """
     rows = _nonzeros(matrix)
     # The remaining rows have no pivot, or only pivots that cost too much.
@@ -318,7 +312,6 @@ def factorise_unsymmetric(
 
 
 def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node]) -> Node:
-    """Sum the ratios of the terms of each pivot to the pivot itself."""
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [

@@ -1,9 +1,8 @@
 """Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) per solution.
 
-The unknowns are those of a bordered mass matrix, which is not formed. Instead, the articulated
-inertia of a branch, minus the part that its own motion releases, is transferred to the parent.
-Compared with the matrix, this costs less for long chains and more for short ones; the operations of
-both methods are counted.
+The articulated inertia of a branch, minus the part that its own motion releases, is transferred to
+the parent; the mass matrix is not formed. Compared with the matrix, this costs less for long chains
+and more for short ones.
 
 Each speed subtracts w w^T / d from the inertia, where w is the wrench per unit of the speed. This
 term is subtracted at once, or *deferred*: then w is shifted by the next arm, and its effects on the
@@ -66,8 +65,7 @@ def _skew(a: Vector) -> Matrix:
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
     """Return the inertia of a rigid body about a reference point.
 
-    ``moment`` is the first moment h, [kg m], which yields the coupling E = ``-[h]x``; ``tensor`` is
-    the second moment J, [kg m^2].
+    ``moment`` is the first moment h, [kg m]; ``tensor`` is the second moment J, [kg m^2].
     """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
@@ -108,8 +106,7 @@ def released(
 
     ``turning`` and ``shifting`` are the direction s: angular acceleration, and acceleration of the
     reference point, per unit of the speed's rate. The gate contains the wrench w = a s divided by
-    its pivot d = s . w, and 1 / d; the remaining inertia acts on the parent. R. Featherstone, Int.
-    J. Robotics Research 2 (1983) 13.
+    its pivot d = s . w, and 1 / d. R. Featherstone, Int. J. Robotics Research 2 (1983) 13.
     """
     # w = I s is the wrench per unit of the speed; its power along s is the pivot d.
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
@@ -340,9 +337,8 @@ def factorise_bordered(
 ) -> RankedSolver:
     """Factorise a bordered mass matrix [M, -G^T; -G, 0]; with ``links``, along its tree.
 
-    Then the rows of M are not used. For each multiplier ``sizes`` contains the squared terms of its
-    row, in which nothing cancels. ``holding`` are the last unknowns, which are multipliers of
-    friction and stops.
+    With ``links``, the rows of M are not used. ``sizes`` contains the squared terms of each
+    multiplier's row. The last unknowns, ``holding``, are multipliers of friction and stops.
     """
     n = len(matrix) - len(sizes) - len(holding)
     n_inner = n + len(sizes)
@@ -366,7 +362,7 @@ def factorise_bordered(
 
 
 def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
-    """Return the reciprocals of the nonzero entries among the first diagonal entries."""
+    """Return the reciprocals of the nonzero entries among the first n diagonal entries."""
     return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 
@@ -379,9 +375,8 @@ def factorise_tree(
 ) -> TreeFactors:
     """Propagate articulated inertias inwards, and eliminate the accelerations from the border.
 
-    ``links`` are the moving branches, parents first, all with positive pivots. ``border`` contains
-    the coefficients of accelerations in the multipliers' rows, ``sizes`` their squared terms, in
-    which nothing cancels.
+    ``links`` have positive pivots, parents first. ``border`` contains the coefficients of the
+    accelerations in the multipliers' rows, ``sizes`` the squared terms of these rows.
     """
     carried: list[Spatial | None] = [None] * (len(links) + 1)
     gates: list[tuple[Gate, ...]] = [()] * len(links)
@@ -441,7 +436,6 @@ def _outwards(link: TreeLink) -> range:
 
 
 def _entries(row: Sequence[Node]) -> list[tuple[int, Node]]:
-    """Return the nonzero entries of a row with their indices."""
     return [(i, entry) for i, entry in enumerate(row) if not entry.is_zero]
 
 
@@ -465,7 +459,6 @@ def _down(link: TreeLink, a: Vector) -> Vector:
 
 
 def _own_inertia(link: TreeLink) -> Spatial | None:
-    """Return the inertia of the child cluster itself."""
     if link.mass is None or link.moment is None or link.tensor is None:
         return None
     return rigid(link.mass, link.moment, link.tensor)

@@ -1,8 +1,4 @@
-"""Animation of mechanisms.
-
-In: a result and the first graph of its model. Out: an :class:`Animation`, which is saved as a GIF
-or an HTML file. Drawing needs no compiler, since positions are evaluated from the graph.
-"""
+"""Animation of mechanisms, from a result and the first graph of its model, without a compiler."""
 
 from __future__ import annotations
 

@@ -166,7 +166,6 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
 
 
 def _short(values: Sequence[float] | Array) -> list[float]:
-    """Round to six digits."""
     return [float(f"{float(v):.6g}") + 0.0 for v in values]
 
 
@@ -320,7 +319,6 @@ class Animation:
         return page(self.drawing)
 
     def _repr_html_(self) -> str:
-        """Show the page in a notebook, in an isolated frame."""
         return (
             # Names are untrusted: the sandbox separates the page from the notebook.
             f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '

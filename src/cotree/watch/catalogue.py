@@ -1,9 +1,4 @@
-"""Catalogue of the shapes that represent edges.
-
-Arms are shown as bars, bodies without arms as boxes, joints as the parts that turn or slide in
-them; springs, dampers and other edges between bodies are struts. Shapes from a robot's file replace
-all these where they are available.
-"""
+"""Catalogue of the shapes that represent edges; shapes from a robot's file replace them."""
 
 from __future__ import annotations
 
@@ -86,11 +81,10 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Return the homogeneous box with the given mass and inertia, or None if there is none.
+    """Return lengths, [m], and axes of the homogeneous box with a mass and a tensor, or None.
 
-    Returns its lengths, [m], from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m,
-    zero along a principal axis for which no homogeneous box exists, and the principal axes,
-    right-handed, as columns.
+    From I1 = m (b^2 + c^2) / 12 and so on, a^2 = 6 (I2 + I3 - I1) / m; a length is zero if no
+    homogeneous box exists. The principal axes are right-handed columns.
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None

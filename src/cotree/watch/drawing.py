@@ -1,7 +1,7 @@
 """An animated drawing: solids on tracks, struts between them, and their poses over time.
 
-A drawing is built from a graph and rendered as pictures and pages. In planar scenes, bars are
-plates, struts are behind all plates, and bodies that share a joint are in different layers.
+In planar scenes, bars are plates, struts are behind all plates, and bodies that share a joint are
+in different layers.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ class Drawing:
     def floor(self) -> Array:
         """Return the lines of a fixed reference grid, shape (n_lines, 2, 3), [m].
 
-        In space it is below the mechanism; if the camera follows the mechanism, dashes along its
-        path replace the grid. In a plane there is a grid only if the camera follows the mechanism.
+        It is below the mechanism in space. A plane has a grid only if the camera follows the
+        mechanism; in space, dashes along its path then replace the grid.
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
@@ -125,10 +125,7 @@ class Drawing:
         return np.array(lines)
 
     def bounds(self, axes: Array) -> tuple[Array, Array]:
-        """Return the bounding box of all shapes in each frame along ``axes`` (columns).
-
-        Least and greatest coordinates have shape (n_frames, 3), [m].
-        """
+        """Return the bounding box of each frame along ``axes``, two arrays (n_frames, 3), [m]."""
         n = len(self.frames.times)
         low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
         corners: dict[int, list[Array]] = {}
@@ -148,7 +145,7 @@ class Drawing:
 
 
 def _dashes(path: Array, length: float) -> Array:
-    """Return dashes of about the given length along a path, at most 300, shape (n_lines, 2, 3)."""
+    """Return at most 300 dashes of about a given length along a path, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     # Dashes and gaps have the same length.
     n = int(min(300.0, 0.5 * way[-1] / length))
@@ -171,11 +168,7 @@ def _outermost(points: Array) -> Array:
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Assign to each of n clusters the lowest layer that no neighbour with a smaller number has.
-
-    Clusters are neighbours if a joint or constraint of ``edges`` connects them; ``places`` are
-    those of the nodes.
-    """
+    """Assign to each of n clusters the lowest layer that no jointed cluster before it has."""
     neighbours: list[set[int]] = [set() for _ in range(n)]
     for edge in edges:
         if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
@@ -190,10 +183,7 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
 
 
 class DrawingBuilder:
-    """A builder of drawings, to which edges add their shapes in cluster axes.
-
-    ``with_visuals`` are the clusters with shapes from a robot's file.
-    """
+    """A builder of drawings, to which edges add their shapes in cluster axes."""
 
     def __init__(
         self,
@@ -268,16 +258,13 @@ class DrawingBuilder:
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
     ) -> None:
-        """Add a shape that moves with a body, by default in the body's colour.
-
-        ``label`` writes its name beside it.
-        """
+        """Add a shape that moves with a body, by default in its colour, and perhaps its name."""
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
             self.label(name, cluster, mesh.points.mean(axis=0))
 
     def label(self, name: str, cluster: int, local: Array) -> None:
-        """Label a point of a body, given in body axes, [m]."""
+        """Label a point in the axes of a body, [m]."""
         self.labels.append(Label(name, cluster, local))
 
     def upright(self) -> Array:
@@ -333,10 +320,7 @@ class DrawingBuilder:
         return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
-        """Draw an element between two nodes; several between the same nodes are drawn side by side.
-
-        The mesh has length one along z.
-        """
+        """Add an element between two nodes, with a mesh of length one along z."""
         one, two = self.places[first], self.places[second]
         # Struts within one body or between coincident points are not drawn.
         if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:

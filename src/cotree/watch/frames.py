@@ -1,9 +1,8 @@
-"""Frame times, and the coordinates of a run at these times.
+"""Evenly spaced frame times, and the coordinates of a run at these times.
 
-In: the points of a result. Out: coordinates at times that are evenly spaced. Between points each
-coordinate follows the polynomial that has its value, rate and acceleration at both ends, which the
-states and the model's right-hand side give (quintic Hermite interpolation: the error of a sine is
-(w h)^6/46080 of its amplitude, 3e-5 where points are a sixth of its period apart).
+Between points, each coordinate is the quintic Hermite polynomial of its values, rates and
+accelerations at both ends. Its error for a sine is (w h)^6/46080 of the amplitude: 3e-5 if points
+are a sixth of the period apart.
 """
 
 from __future__ import annotations
@@ -49,7 +48,6 @@ class WatchedModel(Protocol):
     @property
     def spec(self) -> BuildSpec:
         """The specification of the model, which provides the first graph."""
-        ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the states; see :meth:`cotree.Model.rhs`."""
@@ -74,10 +72,10 @@ class Moments:
 def choose_frames(
     start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
 ) -> Moments:
-    """Return evenly spaced frame times from ``start`` to ``end`` of a run, [s].
+    """Return evenly spaced frame times of a run, [s], of which ``fps`` are shown each second.
 
-    ``fps`` frames, 1 to 100, are shown each second. ``speed`` is the time of the run per time of
-    the animation; by default it is 1 for a run of 2 to 30 s, else 1, 2 or 5 times a power of ten.
+    ``speed`` is the time of the run per time of the animation; by default it is 1 for a run of 2 to
+    30 s, else 1, 2 or 5 times a power of ten.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
         raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")

@@ -1,7 +1,7 @@
 """Robot meshes: search for their files, reading with limits on size, and coarsening.
 
-STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
-Files are untrusted: their sizes are bounded and every number is checked.
+STL and OBJ are read here, other formats by trimesh. Files are untrusted: their sizes are bounded
+and every number is checked.
 """
 
 from __future__ import annotations
@@ -42,10 +42,9 @@ class MeshError(Exception):
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
     """Find the file of a mesh: a path, ``file://`` or ``package://PACKAGE/...``.
 
-    Packages are looked up in the folder of the robot's file and the folders above it, then along
-    ROS_PACKAGE_PATH. Unless ``trust_paths``, the file must be inside the folder of the robot's file
-    or the package that it names: an untrusted file must not copy other files into an animation.
-    Raises MeshError if there is no such file or it is outside these folders.
+    Packages are in the folder of the robot's file, in folders above it or on ROS_PACKAGE_PATH.
+    Unless ``trust_paths``, the mesh must be inside its package or the folder of the robot's file,
+    so that an untrusted file cannot copy other files into an animation. Raise MeshError otherwise.
     """
     scheme, _, rest = name.rpartition("://")
     # Other schemes could access a network.
@@ -181,8 +180,8 @@ def _read_other(data: bytes, suffix: str) -> Mesh:
 def coarser(mesh: Mesh, most: int) -> Mesh:
     """Coarsen a mesh to about ``most`` triangles by merging corners in the same grid cell.
 
-    Cells grow until few enough triangles have corners in three different cells; merged corners are
-    at their mean position (J. Rossignac and P. Borrel, Multi-resolution 3D approximations, 1993).
+    Merged corners are at their mean position (J. Rossignac and P. Borrel, Multi-resolution 3D
+    approximations, 1993).
     """
     low = mesh.points.min(axis=0)
     extent = float(np.ptp(mesh.points, axis=0).max()) or 1.0
@@ -214,7 +213,7 @@ def visual_meshes(
 ) -> dict[int, list[tuple[str, Mesh]]]:
     """Return, for each cluster, its visual shapes with the names of their nodes.
 
-    Warns once if meshes are missing or cannot be read; their links are then drawn as bars.
+    Warn once if meshes are missing or cannot be read; their links are then drawn as bars.
     """
     files: dict[str, Mesh] = {}
     failed: dict[str, str] = {}

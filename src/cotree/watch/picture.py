@@ -34,10 +34,10 @@ class Camera:
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
-        """Project points of a frame, (n, 3) in ground axes, [m].
+        """Project points of a frame, (n, 3) in ground axes, [m], to the picture.
 
-        Returns their coordinates in the picture, (n, 2), -1 to 1 from left to right and from bottom
-        to top, and their nearness, (n,), larger in front and linear over the picture of a plane.
+        Coordinates in the picture, (n, 2), are -1 to 1 to the right and upwards. Nearness, (n,), is
+        larger in front and linear over the picture of a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
         # Parallel projection: nearness is the coordinate towards the viewer.
@@ -51,9 +51,8 @@ class Camera:
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
     """Position the camera so that every frame shows all shapes at the same scale.
 
-    ``aspect`` is width by height; None takes that of the mechanism in a plane, between 0.6 and 2,
-    and 4:3 in space. The reach is half the extent to the right, upwards and towards the viewer,
-    [m].
+    The default ``aspect``, width by height, is that of the mechanism in a plane, 0.6 to 2, and 4:3
+    in space. The reach is half the extent to the right, upwards and towards the viewer, [m].
     """
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
@@ -148,7 +147,6 @@ class Painter:
         return np.asarray((0.62 + 0.38 * lit)[:, None])
 
     def _write(self, draw: Any, frame: int) -> None:
-        """Write the time and the note on the picture."""
         from PIL import ImageFont
 
         font = ImageFont.load_default(13)
@@ -188,10 +186,7 @@ def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
 def _visible(
     pixels: Array, nearness: Array, faces: npt.NDArray[np.int64], width: int, height: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the pixels that faces cover, and the nearest face at each pixel.
-
-    Every row of pixels that a face crosses is filled between the edges of the face.
-    """
+    """Fill each row of pixels that a face crosses; return the pixels and their nearest faces."""
     corners = pixels[faces]
     x, y = corners[:, :, 0], corners[:, :, 1]
     area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
@@ -235,11 +230,7 @@ def _visible(
 
 
 def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
-    """Return a GIF that repeats.
-
-    Sizes are in pixels; if the height is None, it follows from the drawing. If there are more than
-    ``most`` frames, only every second, third, ... is drawn.
-    """
+    """Return a GIF that repeats; with more than ``most`` frames, only every k-th is drawn."""
     from PIL import Image
 
     painter = Painter(drawing, width, height)

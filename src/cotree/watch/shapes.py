@@ -1,8 +1,4 @@
-"""Triangle meshes of boxes, cylinders, capsules, spheres, plates, rings, wheels and coils.
-
-Lengths are in metres. Shapes with an axis have it along z, and are centred at the origin; shapes
-between two points extend from zero to one along z.
-"""
+"""Triangle meshes, in metres; their axis is z, from the centre or from z = 0 to z = 1."""
 
 from __future__ import annotations
 
@@ -105,7 +101,7 @@ def capsule(radius: float, length: float) -> Mesh:
 def plate(radius: float, length: float, thickness: float) -> Mesh:
     """Make a flat bar with round ends, long along z and thin along y.
 
-    ``length`` is the distance between the centres of the ends, ``radius`` is that of the ends.
+    ``length`` is the distance between the centres of the ends.
     """
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)

@@ -1,8 +1,4 @@
-"""Preparation of a drawing: view directions, sizes, and poses of all clusters.
-
-In: the motion of the first graph and coordinates over time. Out: positions and axes of every
-cluster. Branches are evaluated one after another, with arrays over time.
-"""
+"""Preparation of a drawing: view directions, sizes, and poses of all clusters over time."""
 
 from __future__ import annotations
 
@@ -58,9 +54,9 @@ class Stage:
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
-    """Choose view directions and sizes; ``view`` is the viewer's azimuth and elevation, [deg].
+    """Choose view directions and sizes.
 
-    Without ``view``, planar scenes are seen along their normal.
+    ``view`` is the viewer's azimuth and elevation, [deg], by default along the normal of a plane.
     """
     system = first.system
     poses = values.poses()
