@@ -1,9 +1,4 @@
-"""Algebraic unknowns as functions of time and states: z(t, x) with 0 = g(t, x, z).
-
-In: rates and Jacobian of M y' = (f, g) with y = (x, z). Out: y with its z solved for, the reduced
-Jacobian and sensitivities. Close to a solution Newton's method continues with the last matrix; from
-a poor guess :mod:`cotree.model.roots` searches for one.
-"""
+"""Algebraic unknowns as functions of time and states: z(t, x) with 0 = g(t, x, z)."""
 
 from __future__ import annotations
 
@@ -29,9 +24,9 @@ Jacobian = Callable[[float, Array], Matrix]
 class Algebraic:
     """Newton's method for algebraic unknowns, which reuses its last matrix.
 
-    ``rates(t, y)``, (n,), returns x', then g; ``jacobian(t, y)``, (n, n), returns their derivatives
-    by y, full or compressed by rows. The last ``n_algebraic`` entries of y are the unknowns. If the
-    method fails from y, ``improve(t, y)`` returns a better guess of the unknowns, or None.
+    ``rates(t, y)`` returns x', then g; ``jacobian(t, y)``, full or compressed by rows, their
+    derivatives by y. The last ``n_algebraic`` entries of y are the unknowns. If the method fails
+    from y, ``improve(t, y)`` returns a better guess of them, or None.
     """
 
     def __init__(
@@ -60,9 +55,8 @@ class Algebraic:
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns in place from any guess, and return the rates.
 
-        Raises SolveError, which names the unknown with the largest residual, if no solution is
-        found, and SingularSystemError, which names the unknowns, if the equations do not determine
-        them.
+        Raise SolveError if no solution is found, and SingularSystemError if the equations do not
+        determine the unknowns.
         """
         guess = y.copy()
         equation = self._equation(t, y)
@@ -91,8 +85,8 @@ class Algebraic:
     def check_index(self, t: float, y: Array) -> None:
         """Raise SingularSystemError if the equations leave unknowns undetermined near a solution.
 
-        One regular point suffices: junctions that hardly conduct determine their voltages, but the
-        matrix may be singular to rounding of larger entries.
+        One regular point suffices: the matrix may be singular to rounding of larger entries, as
+        with junctions that hardly conduct.
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
@@ -119,7 +113,7 @@ class Algebraic:
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
         """Return the Jacobian at a solution, and its factorised last block.
 
-        The Jacobian is a buffer that the next call may overwrite.
+        The next call may overwrite the Jacobian.
         """
         matrix = self._jacobian(t, y)
         try:
@@ -143,7 +137,7 @@ class Algebraic:
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
-        """Raise SingularSystemError if unknowns are undetermined at all of the given points."""
+        """Raise SingularSystemError if no matrix determines all unknowns."""
         involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
@@ -169,7 +163,7 @@ class Algebraic:
 
 
 def _nearby_points(z: Array) -> tuple[Array, Array]:
-    """Return two random points around the given point, the same at every call."""
+    """Return two random points around a point, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away
@@ -178,7 +172,7 @@ def _nearby_points(z: Array) -> tuple[Array, Array]:
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
     """Eliminate the last n unknowns of a (cut + n, m + n) matrix, and return a (cut, m) matrix.
 
-    ``solve(b)`` solves with the last diagonal block, (n, n), for right-hand sides of shape (n, m).
+    ``solve(b)`` solves with the last diagonal block, (n, n), for right-hand sides (n, m).
     """
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut

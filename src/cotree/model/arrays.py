@@ -46,8 +46,8 @@ def as_parameters(
 ) -> Array:
     """Return the parameter array from values by name or from an array of all parameters.
 
-    Raises ParameterError if a name is unknown, a value is not a finite number, or an array has
-    another shape. Messages use ``derived``, the parameters that follow from these.
+    Raise ParameterError if a name is unknown, a value is not finite or the shape is wrong. The
+    message on a derived parameter names those from which it follows.
     """
     values = by_name(values)
     if not isinstance(values, Mapping):
@@ -96,10 +96,7 @@ def pointer_to(ffi: Any, array: Array) -> Any:
 class CObjects:
     """C objects, made by cffi, that live as long as this object.
 
-    Attributes
-    ----------
-    errors : list of BaseException
-        Exceptions raised by Python functions that C has called.
+    ``errors`` contains the exceptions raised by Python functions that C has called.
     """
 
     def __init__(self, ffi: Any, *kept: Any) -> None:
@@ -107,16 +104,16 @@ class CObjects:
         self.errors: list[BaseException] = []
 
     def new(self, *what: Any) -> Any:
-        """Return a new C object from ``ffi.new`` with the given arguments."""
+        """Return a new C object from ``ffi.new``."""
         self._kept.append(self._ffi.new(*what))
         return self._kept[-1]
 
     def ints(self, values: Sequence[int]) -> Any:
-        """Return a new C array of the given integers, or of a single zero if there are none."""
+        """Return a new C array of integers, of a single zero if there are none."""
         return self.new("int[]", list(values) or [0])
 
     def quantities(self, rows: Sequence[Quantity]) -> Any:
-        """Return the given quantities as a C array of ``cotree_quantity``."""
+        """Return a C array of ``cotree_quantity``."""
         found = self.new("cotree_quantity[]", max(1, len(rows)))
         for row, own in zip(rows, found, strict=False):
             own.name, own.unit = (

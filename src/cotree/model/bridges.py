@@ -1,8 +1,4 @@
-"""Model rates with exact Jacobians as NumPy, CasADi and JAX functions.
-
-In: a model. Out: functions that return the rates and their derivatives with respect to each
-argument.
-"""
+"""Model rates with exact Jacobians as NumPy, CasADi and JAX functions."""
 
 from __future__ import annotations
 
@@ -76,8 +72,8 @@ def rates_of(
 ) -> Rates:
     """Return the rates of a model as a function; messages name the calling method ``bridge``.
 
-    Raises ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
-    on time and no t, [s], is given.
+    Raise ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
+    on time and t, [s], is None.
     """
     layout = model.layout
     if layout.n_algebraic or layout.constraints:
@@ -184,9 +180,8 @@ def _flat(value: Any) -> Any:
 def jax_function(rates: Rates) -> Any:
     """Return a JAX function with arguments x, u and p.
 
-    It may be compiled, mapped over points and differentiated once, in forward and in reverse mode.
-    Its derivatives are computed in C, so JAX cannot differentiate them again. Raises
-    ParameterError if the package is missing or computes in single precision.
+    It may be compiled, mapped over points and differentiated once, since its derivatives are
+    computed in C. Raise ParameterError if the package is missing or computes in single precision.
     """
     try:
         jax: Any = import_module("jax")

@@ -29,9 +29,9 @@ def in_columns(
 ) -> Array:
     """Evaluate a kernel at m points; the result has shape (n_results, m).
 
-    t is a number or has shape (m,); y has shape (n_states, m); s, if the kernel takes it, has shape
-    (n_states, n_sensitivities, m); p and u may have m columns, too. Raises ParameterError if an
-    array has the wrong shape or parameters are rejected. Errors at one point name the column.
+    Shapes: t () or (m,), y (n_states, m), s (n_states, n_sensitivities, m); p and u may have m
+    columns. Raise ParameterError for wrong shapes or rejected parameters; other errors name the
+    column.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None

@@ -1,7 +1,7 @@
 """Linear systems in independent deviations that satisfy the constraints; tests for steady motion.
 
-Along a motion x(t) small deviations follow dx' = A dx. Those that satisfy the constraints to first
-order are N z, with as many z as there are degrees of freedom. They continue to satisfy them:
+Along a motion x(t), small deviations follow dx' = A dx. Those that satisfy the constraints to first
+order are dx = N z, with one z for each degree of freedom. They continue to satisfy them:
 C A N + C' N = 0 with the Jacobian C of the constraints along the motion. Hence
 
     z' = N^+ (A N - N') z + N^+ B u,
@@ -80,17 +80,7 @@ class Reduced:
 
 
 def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
-    """Transform a linear system to independent deviations.
-
-    Parameters
-    ----------
-    point : Slopes
-        The linear system in all differential states.
-    names : sequence of str
-        Names of these states.
-    chosen : sequence of str, optional
-        The independent deviations; by default those that determine the others best.
-    """
+    """Transform a linear system to independent deviations, by default the best conditioned."""
     if not point.turns and not len(point.held_rates):
         # Without constraints and quaternions all states are independent.
         unit = np.eye(len(point.y))
@@ -136,26 +126,10 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
 def reduce_along(
     point: Slopes, change: Slopes, found: Reduced, names: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Differentiate a reduced system along a given change of the full system.
+    """Return the derivatives of the reduced A, B and C along a ``change`` of the full system.
 
-    Parameters
-    ----------
-    point, change : Slopes
-        The full system, and the derivatives of its matrices and constraint Jacobians.
-    found : Reduced
-        The result of :func:`reduce` for the full system.
-    names : sequence of str
-        Names of the states.
-
-    Returns
-    -------
-    ndarray, shapes (n_z, n_z), (n_z, n_inputs) and (n_outputs, n_z)
-        Derivatives of A, B and C.
-
-    Raises
-    ------
-    SingularSystemError
-        If rotations are quaternions, or the change makes redundant constraints contradictory.
+    Raise SingularSystemError if rotations are quaternions, or the change makes redundant
+    constraints contradictory.
     """
     if not point.turns and not len(point.held_rates):
         return change.A, change.B, change.C
@@ -271,9 +245,8 @@ def _matrix(q: Array) -> Array:
 def core(system: Reduced) -> npt.NDArray[np.int_]:
     """Find the deviations that remain once those that do not affect any others are eliminated.
 
-    For a vehicle on a plane, the positions are eliminated first, then the heading and the wheel
-    angles, since no remaining equation depends on them. Each eliminated deviation adds a zero
-    eigenvalue.
+    For a vehicle on a plane, these are the positions, then the heading and the wheel angles. Each
+    eliminated deviation adds a zero eigenvalue.
     """
     scale = np.maximum(
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),

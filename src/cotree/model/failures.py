@@ -1,9 +1,4 @@
-"""Messages on failed kernels: C returns only a status, and Python finds the cause.
-
-In: a program and the arguments of a call. Out: the operation that yields nan or infinity, with its
-arguments, the element field that contains it, and the variables on which it depends; or the joints
-without inertia; or the guard that rejects parameters.
-"""
+"""Messages on failed kernels: C returns only a status, and Python finds the cause."""
 
 from __future__ import annotations
 
@@ -33,14 +28,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
     """Describe the operation that makes kernel results nan or infinite, or return an empty string.
 
-    Parameters
-    ----------
-    program : Program
-        The program.
-    kernel : str
-        A name in ``KERNELS``.
-    known : mapping of str to sequence of float
-        The kernel arguments by kind, including ``p``; ``t`` is a sequence of one entry.
+    ``known`` contains the kernel arguments by kind, including ``p``; ``t`` is a sequence.
     """
     order = reachable(program.kernels[kernel].results)
     given = {
@@ -65,10 +53,9 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Return the name of the innermost element field that contains an operation.
+    """Return the name of the innermost element field that contains an operation or an argument.
 
-    If none contains it, the fields of its arguments are searched, the last argument first, so that
-    a quotient is attributed to its divisor.
+    The last argument is searched first, so that a quotient is attributed to its divisor.
     """
     found: list[tuple[int, str]] = []
     for node, name in list(

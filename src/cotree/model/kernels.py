@@ -1,9 +1,7 @@
-"""Compiled C kernels as Python functions.
+"""Compiled C kernels as Python functions of contiguous arrays of doubles.
 
-Arguments and results are contiguous arrays of doubles. A result is a buffer of its kernel: copy it
-to keep it. Each thread has its own buffers and prepared parameters.
-
-The kernels of implicit methods (``cotree_newton``) are built at the first use of one of them.
+A result is a buffer of its kernel: copy it to keep it. Each thread has its own buffers and prepared
+parameters. The kernels of implicit methods (``cotree_newton``) are built at their first use.
 """
 
 from __future__ import annotations
@@ -143,8 +141,7 @@ class NativeModel:
 class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
     """Kernels of one thread, each bound to its argument pointers at its first call.
 
-    A kernel name maps to the C function, its arguments, the result array, and whether time is the
-    first argument.
+    A kernel name maps to C function, arguments, result, and whether time is the first argument.
     """
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
@@ -212,7 +209,7 @@ class Kernels:
     def prepare(self, p: Array) -> None:
         """Set the parameters for all further calls in this thread.
 
-        Raises ParameterError if a guard of the model rejects them.
+        Raise ParameterError if a guard of the model rejects them.
         """
         bound = self._own.bound
         bound.p[:] = p
@@ -229,7 +226,7 @@ class Kernels:
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; arguments that it does not use are ignored.
 
-        Raises SingularSystemError if a linear system of the kernel is singular at this point.
+        Raise SingularSystemError if a linear system of the kernel is singular.
         """
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]

@@ -1,9 +1,4 @@
-"""Linear systems of Newton steps: small inverses, sparse factorisations, least squares.
-
-In: the derivatives of equations, full or in SciPy's compressed form. Out: a solver for Newton
-steps, the rounding scale of each unknown, and the unknowns that a singular matrix leaves
-undetermined; for gradients with redundant rows, minimum-norm steps and independent columns.
-"""
+"""Linear systems of Newton steps: small inverses, sparse factorisations, least squares."""
 
 from __future__ import annotations
 
@@ -87,8 +82,7 @@ class Linear(NamedTuple):
     def is_met(self, g: Array) -> bool:
         """Return whether residuals are cancellation errors of larger terms.
 
-        Required in addition to short steps: with a nearly singular matrix, the scales are so large
-        that every step appears short.
+        Short steps do not suffice: a nearly singular matrix has large scales.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
 
@@ -101,7 +95,7 @@ def longest(step: Array) -> float:
 def linearise(slope: Matrix, y: Array) -> Linear:
     """Factorise the last columns of a Jacobian at y; the last entries of y are the unknowns.
 
-    Raises LinAlgError if the matrix is singular or not finite.
+    Raise LinAlgError if the matrix is singular or not finite.
     """
     n = slope.shape[0]
     # Rounding errors of an equation are proportional to the summed magnitudes of its terms.
@@ -126,7 +120,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
     """Solve a square system whose matrix is the sum of ``values`` at ``rows`` and ``columns``.
 
-    Raises LinAlgError if the matrix is singular or not finite.
+    Raise LinAlgError if the matrix is singular or not finite.
     """
     from scipy.sparse import coo_matrix
 
@@ -194,9 +188,8 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
     """Solve rows @ step = target for the minimum-norm step, by least squares.
 
-    ``whole``, (n_rows, n_all), is a gradient with redundant rows, and ``rows``, (n_rows, n), has
-    some of its columns. Singular values that are rounding errors compared with those of ``whole``
-    count as zero.
+    ``rows`` are columns of the gradient ``whole``, which may have redundant rows. Singular values
+    that are rounding errors of those of ``whole`` count as zero.
     """
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
@@ -209,10 +202,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """Return the columns of a gradient that can be chosen freely.
-
-    They are selected such that the other columns can be solved for accurately.
-    """
+    """Return the columns of a gradient that are free if all others are solved for accurately."""
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
@@ -225,10 +215,9 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that all given square matrices leave undetermined.
+    """Return the unknowns that all matrices leave undetermined; none if one matrix is regular.
 
-    The result is empty if one of the matrices is regular. It does not depend on units, since rows
-    and columns are scaled first.
+    The result does not depend on units, since rows and columns are scaled.
     """
     involved: tuple[int, ...] = ()
     for slope in slopes:

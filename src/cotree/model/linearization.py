@@ -1,8 +1,8 @@
 """Linear systems for users: named matrices, eigenvalues, their derivatives, exports.
 
 The derivative of an eigenvalue is w A' v / (w v), with its left eigenvector w and its right
-eigenvector v; see J. R. Magnus, On differentiating eigenvalues and eigenvectors,
-Econometric Theory 1 (1985). Multiple eigenvalues have no such derivative and raise an error.
+eigenvector v; see J. R. Magnus, On differentiating eigenvalues and eigenvectors, Econometric Theory
+1 (1985). It does not exist for multiple eigenvalues.
 """
 
 from __future__ import annotations

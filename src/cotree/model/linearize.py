@@ -1,10 +1,7 @@
-"""Linearisation of a model about a state.
+"""Linearisation of a model about a state, in deviations of all states or of independent ones.
 
-In: equations, their derivatives with respect to states and inputs, and numbers. Out:
-x' = A x + B u, y = C x + D u for small deviations of all states or of independent ones, and the
-derivatives of these matrices along any direction. Algebraic unknowns are eliminated. A
-``Linearizer`` is differentiated once along a symbolic direction; this derivative is evaluated for
-each parameter.
+Algebraic unknowns are eliminated. A ``Linearizer`` is differentiated once along a symbolic
+direction; this derivative is evaluated for each parameter.
 """
 
 from __future__ import annotations
@@ -64,7 +61,7 @@ class Direction:
 
 
 class Variation:
-    """Directional derivatives of given nodes along a symbolic direction, formed once."""
+    """Directional derivatives of nodes along a symbolic direction, formed once."""
 
     def __init__(self, dag: Dag, nodes: Sequence[Node]) -> None:
         seed = {
@@ -80,7 +77,7 @@ class Variation:
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
-        """Evaluate the derivatives along a direction, shape (n_nodes,), for given symbol values."""
+        """Evaluate the derivatives along a direction, shape (n_nodes,)."""
         by_kind = {
             STATE_CHANGE: direction.y,
             INPUT_CHANGE: direction.u,
@@ -165,12 +162,10 @@ class Linearizer:
 
     @property
     def _n_differential(self) -> int:
-        """Number of differential states and modes."""
         return len(self._equations.states) - self._equations.n_algebraic
 
     @cached_property
     def _kept(self) -> list[int]:
-        """Indices of the differential states except modes."""
         return [i for i in range(self._n_differential) if i not in self.modes]
 
     @property
@@ -182,8 +177,7 @@ class Linearizer:
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
         """Evaluate the linearisation at a point that satisfies the algebraic equations.
 
-        Raises SingularSystemError if the mass matrix, or the matrix of the algebraic unknowns, is
-        singular.
+        Raise SingularSystemError if the matrix of masses or of algebraic unknowns is singular.
         """
         rates, whole, held = self.whole(t, y, p, u)
         return self._slopes(y, rates, self._without_algebraic(whole), held)
@@ -193,9 +187,8 @@ class Linearizer:
     ) -> tuple[Array, Array, Array]:
         """Evaluate the rates and the full Jacobian, in which algebraic unknowns count as states.
 
-        Returns rates and residuals of the algebraic equations, (n_states,); the Jacobian of these
-        and of the outputs, (n_states + n_outputs, n_states + n_inputs); and that of the
-        constraints, then of their rates, (n_rows, n_states). Errors are those of :meth:`at`.
+        Return rates and algebraic residuals, (n_states,); the Jacobian of these and of the outputs
+        by states and inputs; and that of constraints, then of their rates, by states.
         """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
@@ -238,8 +231,8 @@ class Linearizer:
     def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
         """Differentiate the equations along a direction of states, inputs and parameters.
 
-        Returns the derivatives of rates and algebraic residuals, of outputs, of constraints, and of
-        constraint rates.
+        Return the derivatives of rates and algebraic residuals, of outputs, of constraints, and of
+        constraint rates, in one array.
         """
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
@@ -314,9 +307,7 @@ class Linearizer:
     ) -> Linearization:
         """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
 
-        The scene's inputs may vary with time; given inputs are constant. If ``reduced``, the result
-        is in independent deviations. ``directions`` has the derivative of the point by each
-        requested name.
+        ``directions`` contains the derivative of the point by each requested name.
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
@@ -348,7 +339,7 @@ class Linearizer:
         point: Slopes,
         found: Reduced | None,
     ) -> LinearSlopes:
-        """Differentiate the matrices along a direction: the reduced ones if ``found`` is given."""
+        """Differentiate the matrices, with ``found`` the reduced ones, along a direction."""
         change = self._changed(at, y, direction)
         if found is None:
             return LinearSlopes(change.A, change.B, change.C, change.D)
@@ -425,7 +416,6 @@ class Linearizer:
 def _columns(
     equations: Equations, solved: SolvedSystem, columns: Sequence[Derivative]
 ) -> list[Node]:
-    """Return the derivatives of rates and outputs, column by column."""
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     return [
         node
@@ -465,7 +455,7 @@ def linearize(
 
 
 def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]:
-    """Return the sensitivities of the initial states to each of the given names."""
+    """Return the sensitivities of the initial states by name."""
     known = at.model.sensitivities
     for name in names:
         if name not in known:
@@ -478,14 +468,9 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
 
 
 def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
-    """Return the unit direction of a parameter, an input or a state.
+    """Return the unit direction of a parameter, an input or a state, else raise ParameterError.
 
-    The scene's inputs change with the parameters on which they depend, unless a call gives inputs.
-
-    Raises
-    ------
-    ParameterError
-        If the name is none of these.
+    The scene's inputs change with the parameters on which they depend.
     """
     model = at.model
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))

@@ -1,8 +1,7 @@
 """Loading of models from C text: libraries, operating points, and pickles for other processes.
 
-In: a program with its C text. Out: a ``CompiledModel``. Its pickle contains program, text and
-options: the receiver compiles the text or finds the library in its cache, but does not formulate
-the equations again.
+A pickle contains program, text and options: the receiver compiles the text or finds the library in
+its cache, but does not formulate the equations again.
 """
 
 from __future__ import annotations
@@ -36,26 +35,10 @@ if TYPE_CHECKING:
 def load_model(
     text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
-    """Compile and load the C text of a model.
+    """Compile and load the C text of a model; warn if there is no compiler.
 
-    Parameters
-    ----------
-    text : ModelText
-        The program and its C text.
-    options : BuildOptions
-        The user's choices for the compiler.
-    at_rest : callable, optional
-        Returns the C text of the network at rest, if the model starts at its operating point.
-
-    Returns
-    -------
-    CompiledModel
-        The model; without a compiler, its calls raise an error.
-
-    Warns
-    -----
-    RuntimeWarning
-        If there is no compiler.
+    ``at_rest`` returns the C text of the network at rest, if the model starts at its operating
+    point.
     """
     toolchain = find_toolchain()
     if toolchain is None:
@@ -95,14 +78,7 @@ class OperatingPoint:
     The operating point is the steady state of another scene, whose storages are at rest
     (:mod:`cotree.scene.variants`). That scene has no states, only algebraic unknowns, which are
     found with limited junctions, parallel conductances and source stepping. Its sensitivity graphs
-    yield the sensitivities of the start.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    text : callable
-        Returns the C text of its network at rest.
+    yield the sensitivities of the start. ``text`` returns the C text of the network at rest.
     """
 
     def __init__(self, model: CompiledModel, text: Callable[[], ModelText]) -> None:
@@ -121,15 +97,8 @@ class OperatingPoint:
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
         """Return the states at rest and their sensitivities.
 
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
-            Parameters and inputs; if u is None, the scene's inputs are used.
-        s : ndarray, shape (n_states, n_sensitivities)
-            Sensitivities of the scene's initial values, overwritten except for those to initial
-            values.
+        ``s``, (n_states, n_sensitivities), contains the sensitivities of the scene's initial
+        values; it is overwritten except for columns of initial values.
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
@@ -161,13 +130,7 @@ def _reduced(model: CompiledModel) -> tuple[Any, ...]:
 
 
 def _arrived(versions: dict[str, str], data: bytes) -> CompiledModel:
-    """Load a model from another process.
-
-    Raises
-    ------
-    BuildError
-        If another version of cotree sent it, or its text cannot be read or compiled here.
-    """
+    """Load a model from another process; raise BuildError if this version cannot read it."""
     # Another version could read the program and compute different results.
     if any(versions.get(name) != _versions()[name] for name in ("cotree", "ABI")):
         raise BuildError(

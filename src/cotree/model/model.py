@@ -1,8 +1,7 @@
 """The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays.
 
-In: a program and its kernels. Out: for solvers, kernels as functions of time, states, sensitivities
-and inputs, without checks and copies; for users, methods with checked arrays and full
-sensitivities. ``StatesOnly`` is a model with the same kernels, but without sensitivities.
+Solvers call kernels without checks and copies; users call methods with checked arrays and full
+sensitivities.
 """
 
 from __future__ import annotations
@@ -553,26 +552,11 @@ class EvaluationPoint:
 
     @property
     def inputs(self) -> Array:
-        """The given inputs, or the scene's inputs if none are given, shape (n_inputs,)."""
+        """The inputs of the point, or else of the scene, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
     def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
-        """Evaluate a kernel.
-
-        Parameters
-        ----------
-        kernel : str
-            A name in ``KERNELS``.
-        y : ndarray, shape (n_states,)
-            States.
-        s : ndarray, shape (n_states, n_parameters), optional
-            Sensitivities, if the kernel has them as an argument.
-
-        Returns
-        -------
-        ndarray
-            A new array, in which the sensitivities to each parameter are consecutive.
-        """
+        """Evaluate a kernel; its new result has consecutive sensitivities to each parameter."""
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
 

@@ -75,9 +75,9 @@ class Residuals(Protocol):
         ...
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear equations of a Newton step; raise LinAlgError if they are singular.
+        """Return the linear equations of a Newton step at the point that was evaluated last.
 
-        z is the point that was evaluated last.
+        Raise LinAlgError if they are singular.
         """
         ...
 
@@ -89,17 +89,10 @@ class Residuals(Protocol):
 class Equation:
     """Equations in n unknowns with their derivatives.
 
-    Parameters
-    ----------
-    value : callable
-        ``value(z)`` returns a new array, shape (n_carried + n,).
-    slope : callable
-        ``slope(z)`` returns the derivatives with respect to the constant arguments, then to the
-        unknowns, shape (n, m + n): a full matrix, or a SciPy matrix in CSR form.
-    held : ndarray, shape (m,)
-        The constant arguments, which contribute to the magnitude of the terms in each equation.
-    n_carried : int
-        Number of leading values that are not residuals.
+    ``value(z)`` returns a new array, shape (n_carried + n,). ``slope(z)`` returns the derivatives
+    with respect to the constant arguments ``held``, (m,), then to the unknowns: a full or CSR
+    matrix, (n, m + n). The constant arguments contribute to the magnitude of the terms in each
+    equation.
     """
 
     def __init__(
@@ -167,10 +160,7 @@ _REFACTOR = _Following()
 class NaturalTest:
     """Test that accepts a step if the next step with the same matrix is shorter.
 
-    Attributes
-    ----------
-    share : float
-        The next step must be shorter by this fraction times the damping factor.
+    The next step must be shorter by the fraction ``share`` times the damping factor.
     """
 
     share = 0.25  # as recommended by Deuflhard
@@ -183,7 +173,7 @@ class NaturalTest:
         self._before = max(length, TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return what the next iteration reuses if the step is accepted, else None."""
+        """Return the matrix and step to reuse if the step is accepted, else None."""
         step = -self._linear.solve(g)
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
@@ -212,7 +202,7 @@ class ResidualTest:
         self._before = float(np.linalg.norm(self._weights * point.g))
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Return what the next iteration reuses if the step is accepted, else None."""
+        """Return the matrix and step to reuse if the step is accepted, else None."""
         after = float(np.linalg.norm(self._weights * g))
         return _REFACTOR if after <= (1.0 - _ARMIJO * damping) * self._before else None
 
@@ -235,22 +225,9 @@ def iterate(
 ) -> Root:
     """Take Newton steps until a step is a rounding error.
 
-    Parameters
-    ----------
-    equations : Residuals
-        The equations to solve; if ``limits`` has a test, they must be an :class:`Equation`.
-    z : ndarray, shape (n,)
-        The initial point.
-    limits : NewtonLimits
-        Number of steps, damping and test.
-    linear : Linear, optional
-        Linear equations of a point nearby, reused as long as they converge fast.
-
-    Returns
-    -------
-    Root
-        The root; or the point with the least residual if no step is accepted, a matrix is singular
-        or the maximum number of steps is reached.
+    ``linear`` contains equations of a point nearby, reused as long as they converge fast. Return
+    the root; or the point with the least residual if no step is accepted, a matrix is singular or
+    the maximum number of steps is reached. Limits with a test require an :class:`Equation`.
     """
     point = best = _at(equations, z)
     least = best.size
@@ -317,10 +294,7 @@ def _damped(
     *,
     is_old: bool,
 ) -> tuple[Root, _Following] | None:
-    """Take the largest accepted fraction of a step, at least ``least``.
-
-    Returns the new point and what the next iteration reuses, or None if no fraction is accepted.
-    """
+    """Take the largest accepted fraction of a step, at least ``least``, or return None."""
     damping = 1.0
     while damping >= least:
         trial = _at(equation, equation.moved(point.z, damping * step))
@@ -401,23 +375,10 @@ def find_root(
     improve: Callable[[], Array | None] = lambda: None,
     linear: Linear | None = None,
 ) -> Root:
-    """Search for a root.
+    """Return the first root found, or the point with the least residual in the units of g.
 
-    Parameters
-    ----------
-    equation : Equation
-        The equations; their values may be infinite or nan outside their domain.
-    guess : ndarray, shape (n,)
-        The initial point.
-    improve : callable, optional
-        Returns a better guess, or None; called if Newton's method fails from ``guess``.
-    linear : Linear, optional
-        Linear equations of a point near the guess.
-
-    Returns
-    -------
-    Root
-        The first root found, or the point with the least residual in the units of g.
+    Values of the equations may be infinite or nan outside their domain. If Newton's method fails
+    from ``guess``, ``improve`` returns a better one, or None; ``linear`` belongs to a point nearby.
     """
     return _best(_searches(equation, guess, improve, linear))
 
@@ -425,7 +386,7 @@ def find_root(
 def find_near(equation: Equation, guess: Array) -> Root:
     """Search for a root from a guess, zero and points nearby, in few steps each.
 
-    The numbers of equations and unknowns may differ. See :func:`find_root` for the parameters.
+    The numbers of equations and unknowns may differ.
     """
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
@@ -543,15 +504,7 @@ class Junctions:
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
     def at(self, t: float, y: Array, p: Array, u: Array) -> FrozenSystem:
-        """Return the equations for fixed time, states, parameters and inputs.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
-            States, parameters and inputs; algebraic unknowns in y are ignored.
-        """
+        """Return the equations for fixed time, states, parameters and inputs."""
         return FrozenSystem(self, t, y, p, u)
 
 
@@ -615,7 +568,7 @@ class FrozenSystem:
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
         """Take Newton steps in unknowns and exponents, with limited steps of exponents.
 
-        Returns unknowns and exponents, or None if the iteration does not converge.
+        Return None if the iteration does not converge.
         """
         self._conductance = conductance
         limits = NewtonLimits(_MOST_LIMITED_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)

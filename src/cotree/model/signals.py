@@ -33,7 +33,7 @@ class Sampled:
         return self.function(*args)
 
     def at(self, t: float, measured: Mapping[str, float]) -> float:
-        """Return the value of the function at a time, given states and outputs by name."""
+        """Return the value of the function at a time from states and outputs by name."""
         return self.function(t, measured) if self.reads_states else self.function(t)
 
 
@@ -77,7 +77,7 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
 
 @dataclass(frozen=True)
 class ReplacedInputs:
-    """The inputs that a run replaces, each identified by its index in u."""
+    """Inputs that a run replaces, by index in u."""
 
     #: Replaced inputs as functions of time.
     by_position: Mapping[int, Signal]
@@ -97,7 +97,7 @@ class ReplacedInputs:
 def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedInputs:
     """Read the inputs of a run: numbers, texts, (times, values) or functions, by name.
 
-    Raises ParameterError if a name is not an input, ModelError if a value is not accepted.
+    Raise ParameterError if a name is not an input, ModelError if a value is not accepted.
     """
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
@@ -151,6 +151,5 @@ def _constant(value: float) -> Signal:
 
 
 def _function_of_time(value: Table) -> Signal:
-    """Return a function of time that interpolates in a table."""
     x, y = np.array(value.x), np.array(value.y)
     return lambda t: float(np.interp(t, x, y))

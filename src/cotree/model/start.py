@@ -1,16 +1,14 @@
 """The start of a run: initial states and sensitivities that satisfy all equations.
 
-In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. It is found in these
-steps, each of which keeps the results of the steps before it:
+Each of these steps, which C takes (:mod:`cotree.model.start_in_c`), keeps the results of earlier
+ones:
 
-1. Take the given values: those of the scene or its operating point, replaced by those of the run.
+1. Take the initial values of the scene or its operating point, replaced by those of the run.
 2. Satisfy the constraints of mechanisms (``templates/runtime/start``).
 3. Find algebraic unknowns, and storage contents from the variables that determine them; then the
    modes of jumps inside expressions, and the unknowns again.
-4. Check redundant initial values of network variables. They have no effect if they agree with the
-   values that follow from the states; otherwise an error lists all that do not.
-
-C takes all steps (:mod:`cotree.model.start_in_c`).
+4. Check redundant initial values of network variables, which must agree with the values that follow
+   from the states; otherwise an error lists all that do not.
 """
 
 from __future__ import annotations
@@ -89,12 +87,7 @@ def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Arra
 def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     """Find initial states and sensitivities; see :meth:`cotree.Model.start`.
 
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model with the time, parameters and inputs of the start.
-    initial : mapping of str to float
-        Initial values of states and sensitivities that replace the scene's.
+    ``initial`` contains values of states and sensitivities that replace the scene's.
     """
     model = at.model
     initial, slopes = _apart(initial)
@@ -126,12 +119,8 @@ def scene_start(model: CompiledModel) -> Start:
 def check_start(model: CompiledModel) -> None:
     """Check that a model can be evaluated at its initial state.
 
-    Raises
-    ------
-    ParameterError
-        If the scene's parameter values are rejected.
-    SingularSystemError
-        If the mass matrix is singular at the initial state, or a rate is not finite.
+    Raise ParameterError if the scene's parameters are rejected, SingularSystemError if the mass
+    matrix is singular or a rate is not finite.
     """
     try:
         y = scene_start(model).y
@@ -164,11 +153,7 @@ def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str,
 
 
 def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> None:
-    """Insert the given initial sensitivities into s.
-
-    Raises ParameterError if the model lacks one of them, or if a nonzero value is given for one
-    that is identically zero.
-    """
+    """Insert initial sensitivities into s; raise ParameterError if unknown or always zero."""
     for name, value in slopes.items():
         if name not in model.slopes:
             raise ParameterError(
@@ -195,10 +180,9 @@ def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
 def _given_values(
     at: EvaluationPoint, initial: Mapping[str, float], slopes: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Return the initial states and sensitivities as given, before equations are solved.
+    """Return the initial states and sensitivities before equations are solved.
 
-    ``slopes`` are initial sensitivities by name. Without one, an initial value that the run gives
-    depends on no parameter.
+    Without a value in ``slopes``, an initial value of the run depends on no parameter.
     """
     model = at.model
     names, wanted = model.states, model.sensitivities

@@ -1,15 +1,13 @@
 """Search for consistent initial states by ``templates/runtime/start/cotree_start.c``.
 
-In: a model at the start, and initial values of a run. Out: a ``Start``. Python searches for
-algebraic unknowns if the iteration in C fails, and factorises large systems of algebraic unknowns.
+Python searches for algebraic unknowns if the iteration in C fails, and factorises large systems of
+algebraic unknowns. If a kernel fails, Python evaluates it again and raises an exception that names
+the cause.
 
 Given values are kept, and the others follow from the constraints. If the given values are nearly
 consistent, those given last are changed as little as possible, with a warning; otherwise an error
 lists the residual of each joint. Values of the run have priority over those of the scene, which are
-used in the scene's order. A ``Report`` writes the messages.
-
-If a kernel fails, C returns a status. Python then evaluates the kernels again and raises an
-exception that names the cause.
+used in the scene's order.
 """
 
 from __future__ import annotations
@@ -83,21 +81,8 @@ _LINEAR = (
 class StartInC:
     """Search for consistent initial states of one model.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    library : LoadedLibrary
-        The library from :func:`load_start`.
-
-    Attributes
-    ----------
-    tables : cdata
-        The model's ``cotree_start_tables``.
-    address, function : int
-        Addresses of ``tables`` and of ``cotree_start_once``.
-    is_sparse : bool
-        Whether Python factorises the systems of algebraic unknowns.
+    ``tables`` is the model's ``cotree_start_tables`` at ``address``; ``function`` is the address of
+    ``cotree_start_once``. If ``is_sparse``, Python factorises the systems of algebraic unknowns.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
@@ -118,42 +103,19 @@ class StartInC:
     def find(
         self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
     ) -> Start:
-        """Find the start of a run.
+        """Find the start of a run from values of states, ``initial``, that replace the scene's.
 
-        Parameters
-        ----------
-        at : EvaluationPoint
-            The model at the start.
-        initial : mapping of str to float
-            Finite initial values of states that replace the scene's.
-        given : ndarray, shape (n_states * (1 + n_sensitivities),), optional
-            All initial values with their sensitivities; by default, C evaluates the scene's.
-
-        Raises
-        ------
-        ParameterError
-            If given values contradict the constraints or each other.
-        SolveError
-            If the algebraic equations have no solution, or no modes of jumps are consistent.
-        SingularSystemError
-            If a linear system is singular at the start.
+        ``given``, (n_states * (1 + n_sensitivities),), replaces all initial values and
+        sensitivities of the scene. Raise ParameterError if initial values contradict the
+        constraints or each other, SolveError if algebraic equations or modes of jumps have no
+        solution, and SingularSystemError.
         """
         return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
         """Return the constraint gradients with respect to speeds, scaled to length one per edge.
 
-        Parameters
-        ----------
-        at : EvaluationPoint
-            The model with time, parameters and inputs.
-        y : ndarray, shape (n_states,)
-            The states.
-
-        Returns
-        -------
-        ndarray, shape (n_rows, n_speeds), and float
-            The gradients, and the singular value below which they are nearly dependent.
+        Also return the singular value below which the gradients are nearly dependent.
         """
         call, layout = StartCall(self, at, {}, None), at.model.layout
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
@@ -166,12 +128,7 @@ class StartInC:
 class UnknownsOfStart(CObjects):
     """Python functions that C calls to find the algebraic unknowns of a start.
 
-    Attributes
-    ----------
-    algebraic : Algebraic
-        The algebraic equations.
-    helper : cdata
-        The ``cotree_helper``, whose function is called if the iteration in C fails.
+    C calls the function of ``helper``, a ``cotree_helper``, if its iteration fails.
     """
 
     def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
@@ -211,15 +168,7 @@ class UnknownsOfStart(CObjects):
 
 
 class StartCall(CObjects):
-    """One call of ``cotree_start_once`` with all its arguments.
-
-    Parameters
-    ----------
-    starts : StartInC
-        The starts of the model.
-    at, initial, given
-        As for :meth:`StartInC.find`.
-    """
+    """One call of ``cotree_start_once`` with all its arguments."""
 
     def __init__(
         self,
@@ -304,7 +253,6 @@ class StartCall(CObjects):
         raise SolveError(f"a kernel fails near the start at t = {self._at.t:.10g}")
 
     def _unsolved(self) -> SolveError:
-        """Return the exception for algebraic equations that cannot be solved."""
         model, initial = self._at.model, self._initial
         states = [model.states[i] for i, _ in model.layout.followers]
         names = ", ".join(f"'{name}'" for name in states if name not in initial)
@@ -345,15 +293,7 @@ class StartCall(CObjects):
 
 
 def filled_tables(objects: CObjects, layout: Layout) -> Any:
-    """Return a model's ``cotree_start_tables``.
-
-    Parameters
-    ----------
-    objects : CObjects
-        C objects of a library that declares the structure; they keep it alive.
-    layout : Layout
-        The layout of the model.
-    """
+    """Return a model's ``cotree_start_tables``, which ``objects`` keeps alive."""
     tables, c = start_tables(layout), objects.new("cotree_start_tables *")
     if tables.has_assembly:
         c.assembly = rows = objects.new("cotree_assembly_tables *")
@@ -389,14 +329,7 @@ _LEVELS = ("positions", "velocities")
 class Report:
     """Messages on given values that violate the constraints, based on arrays that C fills.
 
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model at the start.
-    places : ndarray of int
-        Indices of the states whose values the run gives, in the run's order.
-    call : StartCall
-        The C call, to which the report arrays are attached.
+    ``places`` are the indices of the states whose values the run gives, in the run's order.
     """
 
     def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
@@ -516,14 +449,8 @@ def contradiction(
 ) -> ParameterError:
     """Return the exception for initial values that contradict those of states or sources.
 
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model at the start.
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        The initial states and sensitivities.
-    is_apart : ndarray of bool, shape (1 + n_parameters, n_redundant)
-        Whether each redundant value, then each of its derivatives, contradicts y and s.
+    ``is_apart``, (1 + n_parameters, n_redundant), marks each redundant value, then each of its
+    derivatives, that contradicts y and s.
     """
     rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
     if is_apart[0].any():
@@ -553,7 +480,7 @@ def contradiction(
 
 
 def _hint(rows: Iterable[RedundantRow]) -> str:
-    """Return advice for messages on positions, which follow from node positions; else empty."""
+    """Return advice on positions, which follow from node positions, for messages; else empty."""
     if not any(row.is_position for row in rows):
         return ""
     return (

@@ -1,10 +1,8 @@
 """Trim: search for equilibria and steady motions with prescribed rates and outputs.
 
-In: a model; the states, inputs and parameters that are unknown; prescribed rates and outputs. Out:
-a ``TrimPoint``. The conditions F(z, p) = 0 on the unknowns z prescribe rates and outputs and
-include the constraints and quaternion norms. They may be redundant, so each Newton step of
-:mod:`cotree.model.roots` is the minimum-norm least-squares solution. The derivatives of the
-unknowns are dz/dp = -F_z^+ F_p.
+The conditions F(z, p) = 0 on the unknowns z prescribe rates and outputs and include the constraints
+and quaternion norms. They may be redundant, so each Newton step of :mod:`cotree.model.roots` is the
+minimum-norm least-squares solution. The derivatives of the unknowns are dz/dp = -F_z^+ F_p.
 """
 
 from __future__ import annotations
@@ -229,19 +227,17 @@ class _Search:
 
     @property
     def unknown_names(self) -> list[str]:
-        """Names of the unknowns."""
         model = self.at.model
         by_kind = {"y": model.states, "u": model.inputs, "p": model.parameters}
         return [by_kind[kind][i] for kind, i in self.unknowns]
 
     @property
     def guess(self) -> Array:
-        """The values of the unknowns before the search."""
         known = {"y": self.y, "u": self.at.inputs, "p": self.at.p}
         return np.array([known[kind][i] for kind, i in self.unknowns])
 
     def point(self, z: Array) -> tuple[EvaluationPoint, Array]:
-        """Return the evaluation point and states that contain the given values of unknowns."""
+        """Return the evaluation point and states for values of the unknowns."""
         at, y, p = self.at, self.y.copy(), self.at.p.copy()
         for (kind, i), value in zip(self.unknowns, z, strict=True):
             if kind != "u":
@@ -351,9 +347,9 @@ class _TrimEquation(Equation):
 
 
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
-    """Return the pseudo-inverse of a scaled matrix, scaled back, and a basis of its null space.
+    """Return the pseudo-inverse of a matrix, and a basis of its null space as rows.
 
-    The scaling makes the rank independent of units. The basis vectors are rows.
+    The matrix is scaled during the computation, so that the rank does not depend on units.
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
@@ -412,8 +408,7 @@ def find_trim(
 def _is_met(search: _Search, z: Array) -> bool:
     """Return whether all residuals are rounding errors, though the iteration converged slowly.
 
-    At a double root, steps only halve, and the slopes vanish. The terms of the residuals are
-    therefore also evaluated at the guess.
+    At a double root, steps only halve, and the slopes vanish; slopes at the guess are used, too.
     """
     left = np.abs(search.value(z))
     # Slopes at the guess are multiplied by the guess: unknowns that diverge would hide residuals.
@@ -424,7 +419,6 @@ def _is_met(search: _Search, z: Array) -> bool:
 def _posed(
     model: CompiledModel, linearizer: Linearizer, at: EvaluationPoint, conditions: Conditions
 ) -> _Search:
-    """Check the conditions and set up the search."""
     states, inputs, parameters = (list(x) for x in (model.states, model.inputs, model.parameters))
     _check_names(model, conditions)
     values = {
@@ -551,7 +545,6 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
 
 
 def _point(search: _Search, z: Array) -> TrimPoint:
-    """Return the trim point for a solution of the search."""
     at, y = search.point(z)
     model = at.model
     inverse, free = pseudo_inverse(search.slope(z))

@@ -1,11 +1,8 @@
 """Algebraic unknowns, storage contents and modes at a point.
 
-A scene may give the initial value of a voltage although the state is a charge. Absolute tolerances
-also refer to voltages; those of charges follow from them. Modes of jumps inside expressions are
-found together with the algebraic unknowns.
-
-During a run, C determines the modes of dry friction of all edges together. At a point of
-linearisation or trim, the modes are given and are checked against speeds and forces.
+A scene may give the initial value of a voltage although the state is a charge; absolute tolerances
+of charges also follow from those of voltages. Modes of dry friction are given at a point of
+linearisation or trim and checked here; during a run, C determines those of all edges together.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
     """Return a factor for the absolute tolerance of each state, (n_states,); None if all are one.
 
     For a storage content, the factor is the change of the content per unit of the across or through
-    variable, such as a capacitance. It is one for all other states.
+    variable, such as a capacitance.
     """
     followers = at.model.layout.followers
     if not followers:
@@ -46,10 +43,7 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
 
 
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Return the states y with consistent modes of jumps inside expressions.
-
-    Modes that contradict their event function are changed; algebraic unknowns are not.
-    """
+    """Return the states with those modes of jumps changed that contradict their event function."""
     rows, settled = at.model.layout.events, y.copy()
     for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
         # An event has occurred if its function has the sign of its direction.
@@ -112,20 +106,9 @@ _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Change the modes of dry friction that contradict speeds or normal forces.
+    """Return the states with the modes of dry friction that speeds and normal forces require.
 
-    Parameters
-    ----------
-    at : EvaluationPoint
-        The model with time, parameters and inputs.
-    y : ndarray, shape (n_states,)
-        States, including modes, that satisfy the equations.
-    fixed : collection of str
-        Names of modes that do not change.
-
-    Returns
-    -------
-    ndarray, shape (n_states,)
+    Modes in ``fixed`` do not change.
     """
     settled = y.copy()
     speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
@@ -145,8 +128,8 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
     """Initialise the modes of dry friction in a guess, and the joint forces that they depend on.
 
-    An edge that sticks is in equilibrium at any point within its limits. Without the mode for
-    sticking, the search would move the edge.
+    Without the mode for sticking, the search would move an edge that sticks, though it is in
+    equilibrium at any point within its limits.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y
@@ -158,14 +141,7 @@ def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Arr
 
 
 def check_friction(at: EvaluationPoint, y: Array) -> None:
-    """Check that the modes of dry friction at a point agree with speeds and forces.
-
-    Raises
-    ------
-    SolveError
-        If an edge sticks beyond its limits or while it moves, slides against its mode, or its mode
-        contradicts its normal force.
-    """
+    """Raise SolveError if modes of dry friction contradict speeds or forces."""
     for place, speed in _speeds(at, y).items():
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
         if mode not in _MODES:

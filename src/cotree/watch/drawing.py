@@ -168,7 +168,7 @@ def _outermost(points: Array) -> Array:
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Assign to each of n clusters the lowest layer that no jointed cluster before it has."""
+    """Assign layers to n clusters, different for clusters that share a joint or a constraint."""
     neighbours: list[set[int]] = [set() for _ in range(n)]
     for edge in edges:
         if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
@@ -258,7 +258,7 @@ class DrawingBuilder:
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
     ) -> None:
-        """Add a shape that moves with a body, by default in its colour, and perhaps its name."""
+        """Add a shape that moves with a body, by default in the body's colour."""
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
             self.label(name, cluster, mesh.points.mean(axis=0))
