@@ -151,7 +151,7 @@ class Accelerations:
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
     """Compute the geometry of branches and the angular velocities of clusters ([1] eq. 2).
 
-    A sensitivity graph passes ``first``, the motion of the first graph, and reuses constant values.
+    ``first`` is the first graph's motion for a sensitivity graph, which reuses constant values.
     """
     geometry = []
     # The ground comes first: it does not rotate. Each branch comes after the branches that carry
@@ -179,7 +179,6 @@ def relative_spin(frames: Frames, geometry: Geometry) -> Vector:
 
 
 def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) -> Vector:
-    """Return the sum of the motion space's directions, each times its speed."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
     speeds = [frames.seen(v.symbol) for v in geometry.branch.speeds]
     return weighted(zero, directions, speeds)
@@ -204,7 +203,7 @@ def carrier_spin(motion: Motion, branch: Branch) -> Vector:
 def accelerate(
     motion: Motion, rates: Sequence[Node], first: Accelerations | None = None
 ) -> Accelerations:
-    """Compute the cluster accelerations for given time derivatives of the speeds.
+    """Compute the cluster accelerations from the time derivatives of the speeds.
 
     A sensitivity graph passes ``first``, the first graph's accelerations, and keeps ``rates``
     constant: their derivatives are its unknowns.

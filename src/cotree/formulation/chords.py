@@ -158,7 +158,7 @@ def _axis_of(edge: BoundEdge) -> Vector:
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
     """Return the rotation angle of a chord joint as a measure that does not jump at half a turn.
 
-    Raises FormulationError if only its sine and cosine are known, so that the angle would jump.
+    Raise FormulationError if only its sine and cosine are known.
     """
     angle = joint_angle(motion, edge)
     if angle.sum is None:
@@ -177,7 +177,6 @@ def joint_angle(motion: Motion, edge: BoundEdge) -> Angle:
 
 
 def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
-    """Return the angle of an edge's second node about an axis of its first node, as a measure."""
     ends = chord_ends(motion, edge)
     reference = plane_axes(axis)[0]
     return Angle(
@@ -220,7 +219,7 @@ def chord_measure(
 ) -> Measure | None:
     """Return the measure of a chord's coordinate or rate by name, or None if it does not exist.
 
-    ``space`` is the motion space that a body would have as a branch; joints define their own.
+    ``space`` is the motion space of a body as a branch; joints have their own.
     """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
@@ -289,7 +288,6 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
 
 
 def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
-    """Return the row of a joint with a prescribed motion."""
     name = edge.component.motion_space[0].coordinates[0][0]
     measure = named_measure(motion, f"{edge.name}.{name}")
     assert measure is not None  # only joints with a single coordinate have the field ``motion``

@@ -1,12 +1,9 @@
 """Rigid clusters: nodes connected by branches with an empty motion space.
 
-Such branches give no equation. Their across variables are constant in the cluster's frame, so their
-circuit sums are computed once, from parameters only, and the inertias of all nodes of a cluster are
-lumped at its origin. Moving branches connect the clusters. If the trees of translation and rotation
-differ, different branches lead to a cluster's origin and to its axes.
-
-The translation tree determines the positions of the cluster origins, the rotation tree the
-directions of the cluster axes. If the trees are equal, both are determined in one step.
+Circuit sums within a cluster depend on parameters only, and the inertias of all nodes of a cluster
+are lumped at its origin. Moving branches connect the clusters. The translation tree determines the
+positions of the cluster origins, the rotation tree the directions of the cluster axes. If the trees
+differ, different branches lead to both.
 """
 
 from __future__ import annotations
@@ -82,7 +79,7 @@ class Branch:
 
     @property
     def turns(self) -> bool:
-        """Return whether the branch rotates its child."""
+        """Whether the branch rotates its child."""
         return self.step is not None and self.step.kind.rotates
 
     @property
@@ -192,7 +189,7 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
 def lump(system: System) -> Clusters:
     """Group the nodes into rigid clusters and lump their inertias.
 
-    Raises SceneError if a body does not begin at the ground, FormulationError if the trees reach
+    Raise SceneError if a body does not begin at the ground, FormulationError if the trees reach
     bodies in opposite orders.
     """
     found = _Walks(system)
@@ -287,7 +284,6 @@ class _Walks:
         return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
 
     def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
-        """Determine the position of the other node of an arm or a weld."""
         arm = edge.vectors.get("vector")
         if step.sign > 0:
             # The arm is given in the axes of the edge's first node, which is the inner node here.
@@ -330,7 +326,6 @@ class _Walks:
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
-        """Build a branch for each step of an edge's motion space."""
         # An edge that points inwards is traversed from its second node: its last step comes first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
@@ -354,8 +349,7 @@ def _branch(
 ) -> tuple[Branch, Point]:
     """Build one branch of a joint that starts at ``place``, and its outer node.
 
-    ``turned`` is the point at which the branch's rotation begins; it differs from ``place`` only if
-    the trees differ.
+    The branch's rotation begins at ``turned``, which is ``place`` unless the trees differ.
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)

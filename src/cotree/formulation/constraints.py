@@ -43,8 +43,7 @@ class Constraints:
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
     """Form the constraints of a scene, and list the rows that no motion can change.
 
-    Such rows act out of the plane of motion, for example. ``view`` is the first graph at zero
-    accelerations; ``baumgarte`` is the decay rate of constraint violations, [1/s].
+    ``view`` has zero accelerations; ``baumgarte`` is the decay rate of violations, [1/s].
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
-    """Return the angular velocity and acceleration of the first node's cluster."""
     cluster = ends.first.cluster
     return view.omega(cluster, ends.ancestor), view.alpha(cluster, ends.ancestor)
 
@@ -371,7 +370,7 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     """Return the measure of the gap or of a slip at one point of a contact.
 
-    Raises FormulationError if a planar contact law acts in a system that is not planar.
+    Raise FormulationError if a planar contact law acts in a system that is not planar.
     """
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
@@ -391,9 +390,8 @@ def _direction(
 ) -> Facing:
     """Return a slip direction: a tangent, or the tangential part of an axis of a ball.
 
-    The two tangents and the normal form a right-handed system. In a planar system the first tangent
-    is normal x e, where e is the axis perpendicular to the plane of motion, and the second one is
-    -e.
+    Both tangents and the normal are right-handed. In a planar system the first tangent is normal x
+    e, where e is the axis perpendicular to the plane of motion, and the second one is -e.
     """
     dag, plane, index = motion.system.dag, motion.system.plane, int(quantity[-1]) - 1
     axes = vector.identity(dag)

@@ -1,8 +1,4 @@
-"""Numerical checks of a scene and its first graph before expensive work begins.
-
-Sensitivities, C text and compilation take minutes for a large robot; these checks find errors in
-the numbers at once.
-"""
+"""Numerical checks of a scene and its first graph before sensitivities, C text and compilation."""
 
 from __future__ import annotations
 
@@ -52,7 +48,6 @@ def within_range(scene: SceneDescription) -> Iterator[None]:
 
 
 def _numbers(scene: SceneDescription) -> Iterator[tuple[float, str]]:
-    """List the numbers in a scene, with descriptions of their owners."""
     for edge in scene.edges.values():
         for name, value in (*edge.fields.items(), *edge.initial.items()):
             for number in _constants(value):
@@ -79,8 +74,8 @@ def _constants(value: object) -> Iterator[float]:
 def check_numbers(first: FirstGraph) -> None:
     """Raise an error if the scene's values make the equations unsolvable in every state.
 
-    ParameterError if scene values violate a guard; SingularSystemError if the bordered mass matrix
-    is singular in every configuration.
+    ParameterError if they violate a guard; SingularSystemError if the bordered mass matrix is
+    singular in every configuration.
     """
     system = first.system
     names = list(system.tunable)

@@ -56,7 +56,7 @@ class Sums:
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench with the given nodes must be added to a cluster's sum."""
+        """Return whether a wrench must be added to a cluster's sum; ``parts`` are its nodes."""
         return True
 
 

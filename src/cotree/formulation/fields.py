@@ -64,10 +64,10 @@ class Resolvers:
 def bind_edge(
     edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge to nodes, and normalise its axes to unit length.
+    """Bind the fields of an edge to nodes, and normalise its axes; also return the guards.
 
-    Also return the guards on parameter values. ``at_scene`` evaluates a node of parameters at scene
-    values. Raises ParameterError if an axis has no direction or a constant has the wrong sign.
+    ``at_scene`` evaluates nodes of parameters at scene values. Raise ParameterError if an axis has
+    no direction or a constant has the wrong sign.
     """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
@@ -189,7 +189,7 @@ def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
-    """Return the matrix whose columns are the rotated axes, from three rows or from angles, [rad].
+    """Return the matrix of rotated axes (columns) from three rows, or from angles, [rad].
 
     Roll, pitch and yaw are rotations about the fixed x, y and z axes, in this order.
     """
@@ -206,7 +206,7 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
-    """Return two unit axes that form a right-handed system with the given unit normal.
+    """Return two unit axes that form a right-handed system with a unit normal.
 
     If the normal is a coordinate axis, they are the other two. Otherwise the first one is the
     projection on the plane of the coordinate axis that follows the normal's largest entry.
@@ -233,8 +233,8 @@ def resolver_of(
 ) -> Resolver:
     """Return a function from names to nodes; later mappings in ``known`` take precedence.
 
-    Error messages contain ``allowed``, the permitted names, and ``advice``, an alternative. Names
-    in ``refused`` exist but are not allowed here; each has its own advice.
+    Error messages contain ``allowed`` names and ``advice``. Names in ``refused`` exist but are not
+    allowed here; each has its own advice.
     """
     others = refused or {}
     by_name = {name: node for mapping in known for name, node in mapping.items()}
@@ -257,9 +257,8 @@ def resolver_of(
 class FieldNames:
     """The names that fields may use: parameters, inputs, states, outputs and across variables.
 
-    Across variables are computed only after the first fields have been bound. Therefore a field
-    that uses one gets a symbol for it, until :meth:`gathered` is called. ``others`` are the nodes
-    and edges of the scalar networks.
+    Across variables are computed after the first fields have been bound: until :meth:`gathered`, a
+    field gets a symbol for each. ``others`` are the nodes and edges of the scalar networks.
     """
 
     def __init__(
@@ -279,7 +278,7 @@ class FieldNames:
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
         """Return the node of a name; ``resolve`` returns the nodes of names inside an output.
 
-        Raises ExpressionError if the name is unknown, or an output depends on itself.
+        Raise ExpressionError if the name is unknown, or an output depends on itself.
         """
         # In expressions a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
@@ -320,10 +319,10 @@ def initial_values(
     resolve: Resolver,
     start: Mapping[str, Node],
 ) -> dict[str, Node]:
-    """Bind the initial values of a branch; keys are short names of its coordinates and rates.
+    """Bind the initial values of a branch by short names of its coordinates and rates.
 
-    ``start`` contains the values that the scene does not give; all others are zero. Raises
-    SceneError if the scene gives a value for a coordinate that the branch does not have.
+    ``start`` contains the values that the scene does not give; all others are zero. Raise
+    SceneError if the branch does not have a coordinate that the scene gives.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
     # The identity rotation is the quaternion (1, 0, 0, 0).
@@ -389,9 +388,9 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Return guards on prescribed motions and on prescribed values of constraints.
+    """Return guards on prescribed motions and prescribed values of constraints.
 
-    Raises FormulationError if a value or its rate jumps.
+    Raise FormulationError if a value or its rate jumps.
     """
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return

@@ -1,8 +1,7 @@
 """The first graph: from a scene and its trees to the equations of motion, step by step.
 
-The steps of the branch-chord formulation are, in order: bind the components, lump rigid clusters,
-f-circuits (across variables), terminal equations (loads), f-cutsets (through variables) projected
-on the motion spaces.
+The steps are: bind the components, lump rigid clusters, f-circuits (across variables), terminal
+equations (loads), f-cutsets (through variables) projected on the motion spaces.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def bind_events(
 ) -> tuple[EventRow, ...]:
     """Bind the events of a scene to the states that they change.
 
-    Raises SceneError if an event sets anything except modes and states with a rate, or sets a speed
+    Raise SceneError if an event sets anything except modes and states with a rate, or sets a speed
     that its impact changes.
     """
     places = {state.name: i for i, state in enumerate(states)}
@@ -109,7 +108,6 @@ def _check(
     places: Mapping[str, int],
     speeds: Collection[str],
 ) -> None:
-    """Raise if an event sets a variable that must not be set."""
     if event.restitution is not None and not speeds:
         raise SceneError(f"event '{event.name}' has an impact, but the scene has no moving mass")
     for target in event.set:
@@ -213,25 +211,13 @@ def form_first_graph(
 ) -> FirstGraph:
     """Form the governing equations of a scene in the coordinates of its branches.
 
-    Parameters
-    ----------
-    scene, trees : SceneDescription, Trees
-        The scene, and the trees of its translation and rotation graphs.
-    own_axes : collection of int
-        Clusters whose vectors are resolved in their own axes (:mod:`cotree.formulation.frames`).
-    baumgarte : float
-        Rate b, [1/s], with which c'' + 2 b c' + b^2 c = 0 replaces c'' = 0
-        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); with zero, only projection
-        keeps c small.
+    Vectors of the clusters ``own_axes`` are resolved in their own axes
+    (:mod:`cotree.formulation.frames`). With ``baumgarte``, b [1/s], c'' + 2 b c' + b^2 c = 0
+    replaces c'' = 0 (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); with zero, only
+    projection keeps c small.
 
-    Raises
-    ------
-    ModelError
-        If an expression or a field of the scene is invalid.
-    ParameterError
-        If a constraint that no motion can affect is violated.
-    SingularSystemError
-        If a coordinate moves no inertia.
+    Raise ModelError for invalid expressions and fields, ParameterError if a constraint that no
+    motion can affect is violated, SingularSystemError if a coordinate moves no inertia.
     """
     dag = Dag()
     whole = with_stops(with_friction(with_ball_joints(scene)))
@@ -338,7 +324,6 @@ def form_first_graph(
 
 
 def _network_names(scene: SceneDescription) -> frozenset[str]:
-    """Return the names of edges and nodes that belong to scalar networks."""
     edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
     return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
 
@@ -499,7 +484,6 @@ def _border(
 
 
 def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
-    """List the states: all coordinates, then all speeds."""
     coordinates = [State(c.name, c.unit, c.symbol, c.initial) for c in system.coordinates]
     speeds = [State(v.name, v.unit, v.symbol, v.initial) for v in system.speeds]
     return tuple(
@@ -508,7 +492,6 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 
 
 def _is_given(scene: SceneDescription, name: str) -> bool:
-    """Return whether the scene gives the initial value of a state."""
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
     # The four entries of a quaternion are given together, or none is.
@@ -519,7 +502,6 @@ def _is_given(scene: SceneDescription, name: str) -> bool:
 
 
 def _kinematic_rates(system: System) -> tuple[Node, ...]:
-    """Return the rates of the coordinates as functions of the speeds."""
     rates: list[Node] = []
     for steps in system.steps.values():
         for step in steps:

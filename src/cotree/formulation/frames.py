@@ -2,8 +2,8 @@
 
 A cluster's vectors are resolved in its parent's axes or in its own axes. Ground axes for all
 clusters suit planar chains, in which rotation angles add; own axes suit spatial arms, since
-inertias are then constant. Both choices yield equal values; :mod:`cotree.choice` compares their
-costs. If the trees differ, a cluster has two parents, and ground axes are used.
+inertias are then constant. :mod:`cotree.choice` compares their costs. If the trees differ, a
+cluster has two parents, and ground axes are used.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 class Frames:
     """The axes of all clusters, and functions that transform vectors and tensors between them.
 
-    The first graph uses plain values. In a sensitivity graph the axes rotate with the seed, and
-    values are dual numbers (:class:`cotree.sensitivity.turning.Turning`).
+    In a sensitivity graph the axes rotate with the seed, and values are dual numbers
+    (:class:`cotree.sensitivity.turning.Turning`).
     """
 
     #: Rotation from each cluster's axes to its basis, the axes in which its vectors are resolved.
@@ -119,7 +119,6 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
 
 
 def _turned(parent: Rotation, branch: Branch) -> Rotation:
-    """Return the rotation of a branch's child, from the rotation of its turn parent."""
     if not branch.turns:
         return parent
     if branch.quaternion is None:

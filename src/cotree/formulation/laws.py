@@ -1,7 +1,6 @@
 """Through variables along measures: laws of chord joints, of bushings, and user-defined laws.
 
-A law is a formula whose arguments are values and rates of measures, and fields of the edge. Its
-value is a through variable along a measure.
+The arguments of a law are values and rates of measures, and fields of the edge.
 """
 
 from __future__ import annotations
@@ -99,7 +98,6 @@ def _act(
 
 
 def _symbols(motion: Motion) -> tuple[Node, Node]:
-    """Return the symbols that represent a measure and its rate."""
     dag = motion.system.dag
     return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
 
@@ -275,7 +273,7 @@ def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
 def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
     """Return the measure of ``joint`` or ``joint.coordinate``, on which a component acts.
 
-    Raises SceneError if it does not exist, or is a translation but the component needs a rotation.
+    Raise SceneError if it does not exist, or is a translation but the component needs a rotation.
     """
     # The name of a joint within a part contains dots.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)

@@ -1,23 +1,17 @@
 """The mass matrix: singularity checks, augmented bodies, and pivots that are certainly positive.
 
 Suppose that each joint moves the inertia of the cluster that it carries while all other joints are
-locked. If that inertia is positive definite for every joint, every motion has kinetic energy: the
-cluster velocities are a linear map of the coordinate velocities; from the ground outwards its
-matrix is block triangular, and its diagonal blocks are injective. Then the mass matrix is positive
-definite in every configuration, and so is each of its Schur complements.
-
-This requires that the kinetic energy of a cluster is never negative. If the inertia tensor of a
-cluster is physically impossible at the scene's values, the pivots of all joints that move it are
-unsafe.
+locked. If that inertia is positive definite for every joint, so is the mass matrix in every
+configuration, and each of its Schur complements: the cluster velocities are a linear map of the
+coordinate velocities; from the ground outwards its matrix is block triangular, and its diagonal
+blocks are injective. This requires that the kinetic energy of a cluster is never negative, else the
+pivots of all joints that move it are unsafe.
 
 If the trees differ, the clusters beyond a branch do not move as one body, so that they have no
 composite inertia. But all mass that the translation tree carries beyond a branch moves with the
 branch's outer node, and acts as a point mass of the inner cluster at that node (augmented body: J.
 Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). Then the equations of a cluster's rotation
 contain only its augmented first moment and inertia.
-
-Elimination along the tree needs O(n) operations and no mass matrix, which has n^2 entries for a
-chain. Therefore the matrix is formed only if its rows are used.
 """
 
 from __future__ import annotations
@@ -57,8 +51,7 @@ def check_inertia(
 ) -> None:
     """Raise SingularSystemError if a coordinate moves no inertia and no constraint determines it.
 
-    ``gradient`` is the derivative of constraint rates with respect to speeds, (n_constraints,
-    n_speeds).
+    ``gradient``, (n_constraints, n_speeds), is that of the constraint rates.
     """
     # This structural test has a clear message; rows that vanish only in some states are detected at
     # run time.
@@ -76,7 +69,7 @@ def check_inertia(
 def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
     """Return guards for the constraints that no motion changes.
 
-    Raises ParameterError if such a constraint is violated for all parameter values.
+    Raise ParameterError if such a constraint is violated for all parameter values.
     """
     guards = []
     for row in rows:
@@ -107,10 +100,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return for each coordinate whether its own cluster gives it inertia, and the guards.
-
-    The guards are values that must remain positive when parameters change.
-    """
+    """Return for each coordinate whether its own cluster gives it inertia, and the guards."""
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
     # A tensor with negative energy reduces the inertia of every joint that moves it.
@@ -169,7 +159,7 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
 
 
 def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
-    """Return the given clusters, and all clusters whose motion also moves them."""
+    """Return the ``outer`` clusters, and all clusters whose motion also moves them."""
     found: set[int] = set()
     waiting = list(outer)
     while waiting:
@@ -238,7 +228,6 @@ def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
 
 
 def _central(inertia: Inertia) -> Matrix:
-    """Return the inertia tensor about the centre of mass."""
     offset = vector.scale(1.0 / inertia.mass, inertia.moment)
     moved = carried_inertia(inertia, vector.neg(offset))
     return moved.tensor
@@ -383,7 +372,11 @@ def is_deep(motion: Motion) -> bool:
 
 
 class LateMatrix(Sequence[Sequence["Node"]]):
-    """A bordered mass matrix whose first ``n`` rows, above the border, are formed on first use."""
+    """A bordered mass matrix whose first ``n`` rows, above the border, are formed on first use.
+
+    Elimination along the tree needs O(n) operations and no mass matrix, which has n^2 entries for a
+    chain.
+    """
 
     def __init__(
         self,

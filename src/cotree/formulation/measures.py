@@ -1,9 +1,9 @@
 """Measures: scalar across variables with their rates, and the dual through variables.
 
-A measure has a value, a rate, an acceleration, and a pull. The pull consists of the forces and
-torques on clusters and coordinates per unit of the dual through variable; its power is the rate of
-the measure. A constraint keeps a measure zero, and its multiplier acts along the pull. Laws of
-chord joints, couplings, prescribed motions and outputs use measures, too.
+The pull of a measure consists of the forces and torques on clusters and coordinates per unit of the
+dual through variable; its power is the rate of the measure. A constraint keeps a measure zero, and
+its multiplier acts along the pull. Laws of chord joints, couplings, prescribed motions and outputs
+use measures, too.
 """
 
 from __future__ import annotations
@@ -165,8 +165,8 @@ def pair_pull(
 ) -> Pull:
     """Return a force and a torque on the second node, and their opposites on the first node.
 
-    Both are in the basis of the nodes' common ancestor. ``arms`` are the vectors from the clusters'
-    origins to the points of action, which are the nodes by default.
+    Both are in the basis of the nodes' common ancestor. ``arms`` lead from the clusters' origins to
+    the points of action, by default the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -193,7 +193,7 @@ def pair_pull(
 def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
     """Return a force along ``axis`` on the second node, and its opposite on the first body.
 
-    Both act at the same point, which is at ``beyond`` from the second node.
+    Both act at the same point, ``beyond`` the second node.
     """
     # The arms lead from the origins of both clusters to the second node.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
@@ -209,7 +209,7 @@ def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
 
 
 def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
-    """Attach a vector, given in node axes, to a node."""
+    """Attach a vector in node axes to a node."""
     point = (ends.first, ends.second)[end]
     return Carried(point, local, ends.ancestor, motion.system.time)
 
@@ -263,8 +263,7 @@ class CoordinateMeasure:
 class Coincidence:
     """A component of the vector between two nodes that a constraint keeps at one point.
 
-    The component is along an axis of the ancestor's basis. If the constraint is satisfied, the
-    vector and its rates are zero, so that any axes may be used.
+    The component is along any axis of the ancestor's basis: vector and rates are zero.
     """
 
     ends: Ends
@@ -424,10 +423,7 @@ class Spin:
 
 @dataclass(frozen=True)
 class Angle(Spin):
-    """The angle of the second node relative to the first, about a unit axis fixed in both nodes.
-
-    Therefore rate, acceleration and pull are those of the spin.
-    """
+    """The angle of the second node relative to the first, about a unit axis fixed in both nodes."""
 
     #: Two directions perpendicular to the axis, fixed in the first and in the second node; they
     #: coincide at angle zero.

@@ -1,7 +1,4 @@
-"""Outputs, and the values of all observable names with their units.
-
-Only values that an output or a field uses are computed.
-"""
+"""Outputs, and the values of all observable names with their units."""
 
 from __future__ import annotations
 
@@ -54,8 +51,8 @@ DRIVE = "drive"
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
     """Return the position or velocity ``node.variable`` or ``edge.coordinate``, or None.
 
-    ``is_acting`` states that the value affects the motion; then FormulationError is raised if it is
-    an angle that is known only between -pi and pi.
+    If ``is_acting``, the value affects the motion, and FormulationError is raised for an angle that
+    is known only between -pi and pi.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -77,7 +74,6 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
 
 
 def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: bool) -> Node | None:
-    """Return a chord joint's coordinate or its rate."""
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
@@ -95,7 +91,6 @@ def _in_ground(motion: Motion, a: Vector, cluster: int) -> Vector:
 
 
 def _axes(motion: Motion, point: Point) -> Matrix:
-    """Return the axes of a node in ground axes."""
     units = vector.identity(motion.system.dag)
     columns = [
         # Transform from node axes to cluster axes, to the cluster's basis, to ground axes.
@@ -163,7 +158,6 @@ class Observer:
         return found
 
     def _unknown(self, name: str) -> str:
-        """Return an error message about an unknown name."""
         system = self.motion.system
         # A variable of one of several ports contains a dot that does not follow the owner's name.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
@@ -363,7 +357,7 @@ class Outputs:
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
     """Form the outputs of a scene and the expressions of its events.
 
-    Raises ExpressionError if an output uses an unknown name.
+    Raise ExpressionError if an output uses an unknown name.
     """
     motion = observer.motion
     system = motion.system

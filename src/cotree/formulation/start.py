@@ -1,8 +1,8 @@
 """Initial states: absolute coordinates from forward kinematics, and conditions on chords.
 
-If bodies are in the tree, the joints determine their initial states: these are the across variables
-of the joints' own tree at its initial coordinates. If the scene gives the initial value of a
-coordinate that is not a state, the consistent start must satisfy it as a condition.
+The across variables of the joints' own tree at its initial coordinates are the initial states of
+bodies in the tree. The consistent start must satisfy initial values of coordinates that are not
+states.
 """
 
 from __future__ import annotations
@@ -41,10 +41,7 @@ _TURN = ("rotation", "q0", "q1", "q2", "q3")
 def body_starts(
     scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
-    """Return the initial states of bodies in the tree, by short names of coordinates and rates.
-
-    Bodies that no joint reaches are omitted: they start at the scene's values.
-    """
+    """Return the initial states of all bodies in the tree that joints reach, by short names."""
     # Bodies in the tree have absolute coordinates, whose initial values a scene need not give.
     placed = [name for name in trees.branches if scene.edges[name].component.role is Role.BODY]
     if not placed:
@@ -100,18 +97,7 @@ def _start(
 class Condition:
     """Initial value that a scene gives for a coordinate, or its rate, that is not a state.
 
-    Attributes
-    ----------
-    name, unit : str
-        ``edge.coordinate`` or the name of its rate, and its unit.
-    measure : Measure
-        The coordinate as a measure.
-    is_rate : bool
-        Whether the value is that of the rate.
-    given : Node
-        The value, a function of parameters only.
-    gradient : tuple of Node
-        Derivatives of the measure's rate with respect to the speeds.
+    ``gradient`` contains the derivatives of the measure's rate with respect to the speeds.
     """
 
     name: str
@@ -125,7 +111,7 @@ class Condition:
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
     """List the initial values that the scene gives for chords: joints and bodies.
 
-    Raises SceneError if the chord does not have the coordinate.
+    Raise SceneError if the chord does not have the coordinate.
     """
     system = motion.system
     given = [

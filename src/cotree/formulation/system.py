@@ -1,8 +1,4 @@
-"""A scene bound to nodes: all symbols, coordinates and fields are nodes of one program.
-
-A scene and its trees become a :class:`System`, which :mod:`cotree.formulation` and
-:mod:`cotree.sensitivity` evaluate.
-"""
+"""A scene bound to nodes: all symbols, coordinates and fields are nodes of one program."""
 
 from __future__ import annotations
 
@@ -148,8 +144,8 @@ def bind(
 
     ``starts`` contains initial values of branches that the scene does not give, ``names`` the names
     of nodes and edges in the scalar networks. With ``is_start``, initial values replace coordinates
-    and speeds. Raises ExpressionError if a name is unknown or not allowed, and ParameterError if an
-    axis has no direction.
+    and speeds. Raise ExpressionError if a name is unknown or not allowed, ParameterError if an axis
+    has no direction.
     """
     time = dag.symbol(TIME, 0)
     tunable, parameters = _parameters(scene, dag)
@@ -217,7 +213,6 @@ def bind(
 
 
 def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dict[str, Node]]:
-    """Return the symbols of parameters that runs may change, and the nodes of all parameters."""
     names = [name for name, row in scene.parameters.items() if row.is_argument]
     tunable = {name: dag.symbol(PARAMETER, i) for i, name in enumerate(names)}
 
@@ -260,7 +255,6 @@ def _modes(
 
 
 def _at(values: Mapping[Node, float], node: Node) -> float:
-    """Evaluate a node that depends on parameters only."""
     return float(evaluate([node], values)[0])
 
 

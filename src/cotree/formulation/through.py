@@ -1,9 +1,8 @@
 """f-cutsets: through variables of branches as suffix sums, projected on motion spaces.
 
-The cutset equation of a branch states that its through variable is the sum of the through variables
-of all chords beyond it (paper, Eq. (1)). The chords are force elements and inertias; only the
-terminal equations of inertias contain accelerations. Projection on the motion space yields one
-equation per coordinate (Eq. (5)).
+The through variable of a branch is the sum of those of all chords beyond it (paper, Eq. (1)). The
+chords are force elements and inertias; only the terminal equations of inertias contain
+accelerations. Projection on the motion space yields one equation per coordinate (Eq. (5)).
 """
 
 from __future__ import annotations
@@ -75,7 +74,7 @@ class Balance:
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
     """Sum the forces of the elements, evaluate joint laws, and resolve inertias in the bases.
 
-    A sensitivity graph passes ``first``, the loads of the first graph.
+    ``first`` contains the first graph's loads for a sensitivity graph.
     """
     sums = Sums(len(motion.omega))
     for action in elements:
@@ -272,7 +271,6 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
 
 
 def _up(motion: Motion, cluster: int, inertia: Inertia) -> Inertia:
-    """Transform a composite inertia to the parent's basis."""
     step = motion.frames.steps[cluster]
     return inertia if step is None else resolved(inertia, step)
 

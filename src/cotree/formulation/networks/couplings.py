@@ -49,7 +49,7 @@ class Coupling:
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
     """Return the couplings of all transducers, with symbolic accelerations of the mechanism.
 
-    Raises SceneError if a joint or node is unknown, or if a port rotates but its joint slides.
+    Raise SceneError if a joint or node is unknown, or if a port rotates but its joint slides.
     """
     found = {}
     for name, port in ports.items():

@@ -63,7 +63,6 @@ class Names:
 
 
 def _symbols(port: Port) -> dict[str, str]:
-    """Return the symbol of each quantity of a port."""
     row = DOMAINS[port.terminal.domain]
     found = {"across": row.across_symbol, "through": row.through_symbol}
     integral = integral_of(port.terminal)
@@ -93,10 +92,9 @@ def state_name(port: Port, symbol: str) -> str:
 def argument_of(
     port: Port, name: str, fields: Container[tuple[str, str]], reference: str
 ) -> Variable:
-    """Return the variable that an argument of a port's law represents.
+    """Return the variable of a port's law argument; ``fields``, (edge, field), take precedence.
 
-    ``fields`` are pairs (edge, field), which take precedence; node potentials are relative to
-    ``reference``.
+    Node potentials are relative to ``reference``.
     """
     first, underscore, rest = name.partition("_")
     is_field = (port.edge.name, name) in fields

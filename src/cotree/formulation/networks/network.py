@@ -115,28 +115,13 @@ def form_network(
 ) -> tuple[Network, dict[str, Node]]:
     """Form the equations of a scene's scalar networks, and the nodes of the ``wanted`` names.
 
-    Parameters
-    ----------
-    scene, system : SceneDescription, System
-        The scene, and its multibody system, whose states come before those of the networks.
-    couplings : mapping of str to Coupling
-        The ports that act on the multibody system.
-    wanted : sequence of str
-        Names that outputs and other fields use.
-    is_motion : callable
-        Function that returns whether a name of the mechanism is that of a position or velocity.
-    has_multipliers : bool
-        Whether the forces of friction and stops on the mechanism are multipliers. If so, their
-        fields that name forces or accelerations are algebraic unknowns; otherwise their forces are.
+    The states of ``system`` come before those of the networks. ``is_motion`` returns whether a name
+    of the mechanism is that of a position or velocity. With ``has_multipliers``, the forces of
+    friction and stops on the mechanism are multipliers, and their fields that name forces or
+    accelerations are algebraic unknowns; otherwise their forces are.
 
-    Raises
-    ------
-    TopologyError
-        If a graph has no normal tree.
-    FormulationError
-        If dry friction acts where no inertia determines whether it sticks.
-    ParameterError, ExpressionError
-        If a field or an initial value is invalid.
+    Raise TopologyError if a graph has no normal tree, FormulationError if dry friction acts where
+    no inertia determines whether it sticks, ParameterError or ExpressionError for invalid fields.
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
@@ -237,7 +222,6 @@ def form_network(
 
 
 def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
-    """Return the state entry of a field that is an algebraic unknown."""
     edge, _, field = name.partition("|")
     row = next(p.edge.component.field(field) for p in ports.values() if p.edge.name == edge)
     unit = row.unit if row else ""
@@ -246,7 +230,6 @@ def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
 
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
-    """Return whether a field depends on parameters only."""
     field = port.edge.fields.get(name)  # time and potentials are not fields
     return field is not None and all(
         n in scene.parameters or n == "pi"
@@ -255,7 +238,6 @@ def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
 
 
 def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
-    """List the names that occur in the fields of all components."""
     values = (value for port in ports.values() for value in port.edge.law_fields.values())
     return {name for value in values for name in value.names}  # type: ignore[union-attr]
 
@@ -335,7 +317,7 @@ def _bind_fields(
 
 
 def _negative(node: Node, what: str, at_scene: float) -> Guard:
-    """Return a guard on the sign of a value that is negative or zero at the scene's values."""
+    """Return a guard on the sign of a value that is not positive at the scene's values."""
     breach = "must be negative, as in the scene" if at_scene else "must not be zero"
     return Guard(-node, what, True, breach)
 

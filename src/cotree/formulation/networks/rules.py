@@ -1,12 +1,9 @@
 """Rules: how each variable of a network is computed from others, and its derivatives.
 
-A variable is a pair of a quantity and a name. Its rule is a sum (an f-circuit or f-cutset equation)
-or a law (a terminal equation). The derivative of a sum is a sum; that of a law is a sum with its
-partial derivatives as factors. Therefore a sensitivity graph has the same topology (paper, Eq.
-(4)).
-
-A terminal equation that is solved for a rate, that is a residual, or that is differentiated with
-respect to time is a SymPy expression, whose partial derivatives are also computed only once.
+A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
+of a sum is a sum; that of a law is a sum with its partial derivatives as factors. Therefore a
+sensitivity graph has the same topology (paper, Eq. (4)). The partial derivatives of a SymPy law,
+also of one solved for a rate or differentiated with respect to time, are computed only once.
 """
 
 from __future__ import annotations
@@ -57,7 +54,7 @@ class Rule:
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Return the partial derivatives with respect to the given variables."""
+        """Return the partial derivatives with respect to the ``changing`` variables."""
         raise NotImplementedError
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
@@ -115,7 +112,7 @@ class Sum(Rule):
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Return the signs of the given variables."""
+        """Return the signs of the ``changing`` variables."""
         # The topology has no parameters, so that the sensitivity graph has the same signs.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
@@ -164,7 +161,6 @@ class FieldRule(Rule):
         return tuple(variable for _, variable in self.variables)
 
     def _symbol_values(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
-        """Return the values of the symbols that represent variables."""
         return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
@@ -198,7 +194,7 @@ class FieldRule(Rule):
 class Unknown(Rule):
     """An unknown, which the equation ``residual`` = 0 determines.
 
-    Its value is the solution of a block of equations (:mod:`cotree.formulation.networks.solved`).
+    A block of equations is solved for it (:mod:`cotree.formulation.networks.solved`).
     """
 
     residual: Variable
@@ -219,8 +215,7 @@ def _or_zero(law: Law | None) -> Any:
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     """Return a storage's terminal equation, solved for the rate of its state.
 
-    For a capacity, ``rate = (through - leak) / capacity``; for an inertance,
-    ``rate = (across - drop) / inertance``.
+    It is ``(through - leak) / capacity`` or ``(across - drop) / inertance``.
     """
     assert terminal.storage is not None
     # Both cases have the same form: through minus loss over capacity, or across minus loss over

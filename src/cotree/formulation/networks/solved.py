@@ -6,12 +6,12 @@ equation each, so that all other variables can be computed one after the other.
 
 Unknown branches divide their tree into parts; the across variable of each branch is the difference
 between the potentials of two parts. If these potentials are the unknowns, and the balances of the
-parts replace the f-cutset equations, a chord couples only the two parts that it connects; in terms
-of branch variables, it would couple all branches along its f-circuit.
+parts replace the f-cutset equations, a chord couples only the two parts that it connects, not all
+branches along its f-circuit.
 
 Linear blocks are solved by elimination. Unknowns that occur nonlinearly become algebraic unknowns,
-and their equations residuals. A sensitivity graph is evaluated in the same order with
-differentiated rules; the matrix of a block is the same, so that it is factorised only once.
+and their equations residuals. A sensitivity graph has the same matrices of blocks, which are
+factorised only once.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class Plan:
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Return the order in which the variables for the given roots are computed.
+    """Return the order in which the variables for ``roots`` are computed.
 
-    Raises FormulationError if an equation does not depend on its unknown.
+    Raise FormulationError if an equation does not depend on its unknown.
     """
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
@@ -188,9 +188,9 @@ def factorise_nodal(
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of parts of the tree.
 
-    Returns the solver and the nonlinear unknowns, whose values it takes as known. Returns None
-    unless the block consists of one-port resistances whose unknowns are branches and whose chords
-    are linear, and unless potentials have fewer entries than the ``n_nonzeros`` of the branch
+    Return the solver and the nonlinear unknowns, whose values it takes as known. Return None unless
+    the block consists of one-port resistances whose unknowns are branches and whose chords are
+    linear, and unless potentials have fewer entries than the ``n_nonzeros`` of the branch
     equations.
     """
     conductances = _conductances(terminals, block, rules, values)
@@ -314,9 +314,9 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
 def factorise_block(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
 ) -> LinearSolver:
-    """Factorise the equations of a block, given as rows of nonzero entries.
+    """Factorise the equations of a block, as rows of nonzero entries.
 
-    ``is_safe`` states that the matrix, if symmetric, is positive definite in every state. The first
+    ``is_safe`` states that a symmetric matrix is positive definite in every state. The first
     ``n_determined`` unknowns must have a unique solution.
     """
     # If the matrix is symmetric and positive definite, any order of pivots is stable.
@@ -329,7 +329,7 @@ def factorise_block(
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
     """Return whether symmetric entries of a matrix are the same nodes.
 
-    The entries have opposite signs if both branches and chords are torn.
+    They have opposite signs if both branches and chords are torn.
     """
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
@@ -388,8 +388,7 @@ def solve_plan(
     """Compute the values of all variables in a plan.
 
     ``is_safe`` returns whether a block's linear equations must be symmetric and positive definite
-    for physical reasons. ``is_static`` states that there are no states, so that only a start is
-    computed.
+    for physical reasons. If ``is_static``, there are no states and only a start is computed.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
@@ -500,9 +499,8 @@ def _linearise(
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Separate linear from nonlinear unknowns, and return the matrix of the linear ones.
 
-    ``stays`` returns whether an unknown is solved for iteratively although the equations are linear
-    in it, such as at a start from a given total of contents. ``is_shared`` returns whether an
-    unknown may be indeterminate.
+    If an unknown ``stays``, it is solved for iteratively although the equations are linear in it,
+    as at a start from a total of contents. If it ``is_shared``, it may be indeterminate.
     """
     # Variables outside the block count as constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
@@ -537,10 +535,7 @@ def _differentiate(
 
 
 def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
-    """Differentiate a plan along several directions at once, in their sensitivity graphs.
-
-    For each variable, directions on which it does not depend are omitted.
-    """
+    """Differentiate a plan along several directions at once; zero derivatives are omitted."""
     d: dict[Variable, Tangent] = {}
     for step in solved.plan.steps:
         if isinstance(step, Block):

@@ -71,10 +71,9 @@ def position_trees(
 ) -> dict[str, Topology]:
     """Choose the trees of positions, whose branches are states if they are needed.
 
-    Positions are across variables: positions of chords follow from f-circuits ([1] eq. 2). Branches
-    are first the springs whose stretch a balance of springs determines, then edges with an initial
-    value, then edges whose laws depend on their position, in the scene's order. ``used`` contains
-    the names in fields and outputs.
+    Branches are first the springs whose stretch a balance of springs determines, then edges with an
+    initial value, then edges whose laws depend on their position, then edges named in ``used``, in
+    the scene's order. Positions of chords follow from f-circuits ([1] eq. 2).
     """
     found = {}
     for domain, graph in graphs.items():
@@ -105,10 +104,9 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """List the states of the networks; raise ParameterError if a given content is not a state.
+    """List the states of the networks; raise ParameterError if an initial content is not a state.
 
-    ``positions`` are the trees of positions, and ``stores`` the contents that are states. Integrals
-    are states if fields or outputs use them (``used``), or if they have an initial value.
+    Integrals are states if they are ``used`` in fields or outputs, or have an initial value.
     """
     found = []
     for port in ports.values():
@@ -148,10 +146,7 @@ def summed_positions(
     used: AbstractSet[str],
     places: Mapping[Variable, int],
 ) -> tuple[PositionRow, ...]:
-    """List the positions that are sums of states and that fields or outputs use.
-
-    ``places`` contains the index of each state.
-    """
+    """List the positions that are sums of states and that fields or outputs use."""
     rows = []
     for domain, topology in positions.items():
         for name in topology.tree.chords:
@@ -210,7 +205,7 @@ def _names(terminal: Terminal, argument: str) -> bool:
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
     """Return the entry of a state.
 
-    Raises ParameterError if the scene gives two initial values that determine each other.
+    Raise ParameterError if the scene gives two initial values that determine each other.
     """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
@@ -231,7 +226,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Return the entry of a port's algebraic unknown; its initial value is only a guess.
+    """Return the entry of an algebraic unknown, whose initial value is only a guess.
 
     ``quantity`` is the across or through variable, or the rate of one of them.
     """
@@ -259,10 +254,7 @@ class Redundant:
 def redundant_values(
     ports: Mapping[str, Port], held: Iterable[Held], dag: Dag, of_parameters: Resolver
 ) -> list[Redundant]:
-    """List the initial values of variables that are not states.
-
-    They must agree with the initial values of the states. Values that may be guesses are omitted.
-    """
+    """List the initial values, except guesses, of variables that follow from the states."""
     # States use their initial values directly; other initial values must agree with them.
     known = {item.variable for item in held}
     return [
@@ -274,7 +266,6 @@ def redundant_values(
 
 
 def _given(port: Port) -> list[Held]:
-    """List the variables of a port for which an initial value is given."""
     quantities = ["across", "through"]
     if integral_of(port.terminal) is not None:
         quantities.append("stretch")

@@ -42,7 +42,7 @@ class Store:
 
     @property
     def is_alone(self) -> bool:
-        """Return whether it is the content of a single storage."""
+        """Whether it is the content of a single storage."""
         return len(self.parts) == 1
 
     @property
@@ -86,10 +86,7 @@ def find_stores(
     cutsets: Mapping[str, Topology],
     contents: Mapping[str, Law],
 ) -> dict[str, Store]:
-    """Return the totals of contents that are states, by port.
-
-    ``topologies`` and ``cutsets`` contain the trees of across and through variables, by domain.
-    """
+    """Return the totals of contents that are states, by port."""
     found = {}
     for name in contents:
         port = ports[name]

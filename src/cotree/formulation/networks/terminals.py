@@ -97,7 +97,7 @@ class Terminals:
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Divide a tree at the given branches; see :meth:`Topology.parts`."""
+        """Divide a tree at branches; see :meth:`Topology.parts`."""
         return self._topology(branches[0]).parts(branches)
 
     def rule(self, variable: Variable) -> Rule:

@@ -2,7 +2,7 @@
 
 Circuits are differences of prefix sums that start at the nearest common ancestor. Cutsets are
 suffix sums over the cutsets of outer branches, unless a chord of these ends at the node in between.
-Thus common parts of equations are computed once, and no term is added and subtracted again.
+Common parts are computed once, and no term is added and subtracted again.
 """
 
 from __future__ import annotations
@@ -58,10 +58,7 @@ class Topology:
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Divide the tree into paths that follow the largest subtrees.
-
-        Returns for each node the first node of its path, and the next node outwards on it.
-        """
+        """Return the first node of each node's heavy path, and the next node outwards on it."""
         # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): any
         # path outwards changes between heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
@@ -79,7 +76,6 @@ class Topology:
         return tops, following
 
     def _ancestor(self, a: str, b: str) -> str:
-        """Return the nearest common ancestor of two nodes."""
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
             # Leave the path that begins farther from the reference.
@@ -189,7 +185,6 @@ class Topology:
 
     @cached_property
     def _outer(self) -> dict[str, str]:
-        """The node to which each branch leads."""
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
@@ -236,7 +231,7 @@ class Topology:
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Divide the tree at the given branches; return for each node the branch's index, or -1."""
+        """Divide the tree at branches; return for each node the branch's index, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
         for node, place in self._places.items():  # parents before children

@@ -82,7 +82,6 @@ def used_by_friction(
 
 
 def _edges(ports: Mapping[str, Port], *kinds: Kind) -> set[str]:
-    """Return the edges that have ports of the given kinds on the mechanism."""
     return {port.edge.name for port in ports.values() if port.kind in kinds and port.is_coupling}
 
 
@@ -121,9 +120,7 @@ def reacting_fields(
 ) -> frozenset[tuple[str, str]]:
     """List the fields of holding ports and dampers that depend on forces or accelerations.
 
-    Fields of dampers may use network forces, like other fields. ``measured`` contains the symbols
-    of network variables in fields; ``is_motion`` returns whether a symbol of the mechanism is a
-    position or velocity.
+    Fields of dampers may use network forces, which symbols in ``measured`` represent.
     """
     edges = {ports[name].edge.name for name in holding}
     dampers = _edges(ports, Kind.DISSIPATOR)
