@@ -33,8 +33,7 @@ class Circuits:
     frames: Frames
     #: Function that returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: The first graph's circuits if this is a sensitivity graph; they supply values that do not
-    #: change.
+    #: For a sensitivity graph, the first graph's circuits, which supply values that do not change.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
@@ -47,8 +46,7 @@ class Circuits:
             # Paths from one ancestor share their beginnings: each sum adds one term to a known sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are in the ancestor's basis, but each term is in the parent's basis:
-                # transform it.
+                # Sums are in the ancestor's basis, but each term is in the parent's.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -60,8 +58,7 @@ class Circuits:
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
     """Transform a vector from a cluster's basis to an ancestor's basis."""
     while cluster != ancestor:
-        # Bases change one branch at a time; a cluster that shares its parent's basis needs no
-        # transformation.
+        # Bases change one branch at a time; a cluster may share its parent's basis.
         a = frames.up(cluster, a)
         branch = clusters.branches[cluster]
         assert branch is not None
@@ -90,8 +87,7 @@ class Motion:
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that leads to a cluster."""
-        # Each cluster except the ground (number 0) is the child of one branch, and branches are
-        # numbered like their child clusters.
+        # Branches are numbered like their child clusters, from 1; cluster 0 is the ground.
         return self.geometry[cluster - 1]
 
     @cached_property
@@ -166,8 +162,7 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            # Angular velocities add up along the rotation tree, positions along the translation
-            # tree.
+            # Angular velocities add up along the rotation tree, positions along the other.
             total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)
@@ -223,8 +218,7 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # The term of the branch is unchanged; the sum to the origin is unchanged only if the
-            # sum to the parent is.
+            # The branch's term is unchanged, and the sum to the origin if that to the parent is.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
@@ -243,7 +237,6 @@ def accelerate(
 
 
 def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
-    """Compute the relative angular acceleration of a branch whose carrier rotates."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
     # The axes of the motion space are constant in the carrier; their rate in space is spin x e.
     gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
@@ -257,7 +250,6 @@ def _shift(
     spin: Vector,
     matrix: Sequence[Matrix],
 ) -> Vector:
-    """Compute the acceleration of a branch's outer origin relative to its inner origin."""
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
     # Tangential and centripetal acceleration of the arm that is fixed in the parent.
@@ -301,8 +293,7 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
-        # In the view for the right-hand side all accelerations are zero; in the view for the
-        # balances they are symbols.
+        # Accelerations are zero for the right-hand side, and symbols for the balances.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:

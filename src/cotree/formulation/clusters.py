@@ -57,12 +57,10 @@ class Branch:
     #: of its second node for angular velocities.
     carrier: int
     anchor: Vector  # position of the branch's inner node in the parent's frame
-    #: Coordinates and speeds of the branch; None if the branch only combines an origin and axes
-    #: that the two trees determine separately.
+    #: Coordinates and speeds; None if the branch only combines an origin and axes of both trees.
     step: Step | None
     axes: tuple[Vector, ...]  # direction of each speed, in the axes of the carrier
-    #: Translation along the axis per unit of each speed: one for a translation, zero for a
-    #: rotation, the pitch for a screw.
+    #: Translation along the axis per unit of each speed: 1; 0 for a rotation; the pitch of a screw.
     slides: tuple[Node, ...]
     #: For a free rotation: the child's axes at identity rotation, in axes of ``turn_parent``.
     mount: Matrix | None = None
@@ -240,7 +238,6 @@ class _Walks:
         return True
 
     def _opposite(self, waiting: list[TreeStep]) -> str:
-        """Return an error message about bodies that the two trees reach in opposite orders."""
         step = next(step for step in waiting if step.parent in self.points)
         turning = self._entering(step.child)
         return (
@@ -315,8 +312,7 @@ class _Walks:
         if self.system.steps.get(turning.edge):
             place = self._along(turning, place, turned)
         else:
-            # The rotation tree leads here by an edge without a motion space: the branch only
-            # combines origin and axes.
+            # The edge of the rotation tree has no motion space: only combine origin and axes.
             place = self._add(turning, None, place, turned)
         self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
         if step.sign < 0:
@@ -353,8 +349,7 @@ def _branch(
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
-    # At zero coordinates the child's axes equal those of the turn parent, so that the inner node's
-    # rotation also applies to the outer node.
+    # At zero coordinates the child has the turn parent's axes, so the node rotation is the same.
     inner, outer = turned.cluster, Point(child, zero, turned.turn)
     carrier = inner if sign > 0 else child
     mount: Matrix | None = None

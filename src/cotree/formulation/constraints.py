@@ -34,8 +34,7 @@ class Constraints:
     sizes: tuple[tuple[Node, ...], ...]
     values: tuple[Node | None, ...]  # values of the measures; None if a measure has only a rate
     rates: tuple[Node, ...]  # rates of the measures
-    #: Accelerations of the measures if all coordinate accelerations are zero, plus stabilisation
-    #: terms.
+    #: Accelerations of the measures at zero coordinate accelerations, plus stabilisation terms.
     biases: tuple[Node, ...]
     baumgarte: float  # decay rate of constraint violations
 

@@ -164,8 +164,7 @@ class Tilted:
         return vector.neg(vector.add(vector.scale(change, between), vector.scale(share, n_rate)))
 
 
-#: Perpendicular unit vectors, multiplied by seven. By symmetry, no body lies in the direction
-#: opposite to the last one.
+#: Perpendicular unit vectors, times seven. By symmetry, no body lies opposite to the last one.
 _SKEW = ((3, -6, 2), (6, 2, -3), (2, 3, 6))
 
 

@@ -147,8 +147,7 @@ def _line(
     # The rate requires velocities: compute it only if the law depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
-        # The rate of e.r is e.r' + e'.r. Along the line between the nodes e'.r vanishes, since e'
-        # is perpendicular to it.
+        # The rate of e.r is e.r' + e'.r; along the line between nodes, e' is perpendicular to r.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             turn = axis_spin(motion, first, ancestor, direction)

@@ -215,8 +215,7 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     # The size of a symbolic entry is unknown; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt orthogonalisation. The start axis does not belong to the largest entry, so that
-    # it is never parallel to the normal.
+    # Gram-Schmidt; the start axis, not that of the largest entry, is never parallel to the normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:

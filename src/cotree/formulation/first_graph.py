@@ -232,8 +232,7 @@ def form_first_graph(
     still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
     view = View(motion, accelerate(motion, accelerations))
-    # Networks come before the loads, since the through variables of transducers act on the
-    # mechanism.
+    # Networks come before the loads, since transducers act on the mechanism.
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
     # Terminal equations (Eq. (3)): these laws depend on positions and velocities only.

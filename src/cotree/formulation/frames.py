@@ -107,12 +107,10 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
             relative = _turned(rotations[branch.turn_parent], branch)
             if branch.turns and branch.child in own_axes:
                 rotations.append(no_rotation(system.dag))
-                # The child has its own basis: its fields are constant in it, and this rotation
-                # transforms them to the parent's basis.
+                # The child has its own basis, in which its fields are constant.
                 steps.append(relative.matrix)
             else:
-                # The child shares its parent's basis: its vectors need no transformation to the
-                # parent, but its fields do.
+                # The child shares its parent's basis: only its fields are transformed.
                 rotations.append(relative)
                 steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
@@ -126,8 +124,7 @@ def _turned(parent: Rotation, branch: Branch) -> Rotation:
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
-    # The quaternion rotates from the axes of the edge's second node to those of its first; an edge
-    # that points inwards needs the inverse.
+    # The quaternion rotates from the second node's axes to the first's; inwards, use its inverse.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
         # A weld or an arm may have rotated the inner node within its cluster.
@@ -141,8 +138,7 @@ class Geometry:
 
     branch: Branch
     axes: tuple[Vector, ...]  # unit axes of the motion space, from first to second node
-    #: The vector from the parent's origin to the child's origin has two parts: one is fixed in the
-    #: parent, the other in the child.
+    #: The parts of the vector between the origins that are fixed in the parent and in the child.
     from_parent: Vector
     from_child: Vector
     #: Motion space: the child's angular velocity and its origin's velocity, per unit of each speed.
@@ -179,8 +175,7 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
         # Speeds are positive along the edge, but sums run outwards; hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
-        # If the child rotates about a point of its parent, the part of the vector that is fixed in
-        # the child moves, too.
+        # A rotation about a point of the parent also moves the part that is fixed in the child.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(
         branch, axes, from_parent, from_child, tuple(turning), tuple(shifting), tuple(sliding)

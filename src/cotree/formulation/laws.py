@@ -103,7 +103,6 @@ def _symbols(motion: Motion) -> tuple[Node, Node]:
 
 
 def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate the law of a chord joint along the joint's coordinate."""
     law = edge.component.law
     if law is None:
         return
@@ -284,8 +283,7 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
         raise SceneError(
             f"edge '{element.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
         )
-    # Rotational components act on revolute joints, translational ones on sliding joints. A free
-    # rotation has no single angle.
+    # Components act on revolute or sliding joints; a free rotation has no single angle.
     steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
     known = [step.name for step in steps if step.rotates is element.turns]
     names = [name for name in known if wanted in ("", name)]

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Largest gap between two nodes, in metres or radians, that counts as a rounding error if no motion
-#: can close the gap.
+#: Gap between two nodes, [m] or [rad], up to which it is a rounding error if no motion closes it.
 _LARGEST_GAP = 1e-9
 
 
@@ -53,8 +52,7 @@ def check_inertia(
 
     ``gradient``, (n_constraints, n_speeds), is that of the constraint rates.
     """
-    # This structural test has a clear message; rows that vanish only in some states are detected at
-    # run time.
+    # This structural test has a clear message; rows that vanish in some states fail at run time.
     for speed, row in zip(system.speeds, matrix, strict=True):
         held = (constraint[speed.index] for constraint in gradient)
         if all(entry.is_zero for entry in (*row, *held)):
@@ -75,8 +73,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
     for row in rows:
         gap = row.measure.value(view)
         kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
-        # Parameters alone cannot violate a constraint that has only a rate, or that depends on
-        # states.
+        # Parameters alone cannot violate a constraint that has only a rate or depends on states.
         if gap is None or not kinds <= {"p", "t"}:
             continue
         guard = Guard(
@@ -126,8 +123,7 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
             found.append(cluster)
-    # Even if the scene's values compensate for an impossible tensor, other values may not, and the
-    # tensor has no guard.
+    # Other values may not compensate for an impossible tensor, which has no guard.
     for body in system.bodies:
         if body.inertia is None or _is_real(system, body.inertia):
             continue
@@ -146,8 +142,7 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
         mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
         if inertia is not None and mass:
             moment = np.array([system.at_scene(entry) for entry in inertia.moment])
-            # Steiner's theorem: about its centre of mass, the tensor of a real body has no negative
-            # eigenvalue.
+            # Steiner: about its centre of mass, a real body's tensor has no negative eigenvalue.
             central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
         if system.plane:
             # In planar motion, rotations are about the plane's normal only.
@@ -212,8 +207,7 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if turning[0] is not branches[-1]:
             return []  # the axis rotates relative to the cluster
         axis = turning[0].axes[0]
-        # If translations are free, the kinetic energy of a rotation is at least that of the
-        # rotation about the centre of mass.
+        # With free translations, a rotation about the centre of mass has the least energy.
         return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
 
@@ -289,8 +283,7 @@ def _arm(branch: Branch) -> Vector:
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
     """Return, for each cluster, the sum of all inertia tensors that rotate with it."""
-    # A torque on a cluster acts on all rotations that move it, so tensors add along the rotation
-    # tree.
+    # A torque on a cluster acts on all rotations that move it, so tensors add along their tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):
         parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
@@ -304,8 +297,7 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     """Compute the forces due to a unit acceleration, and the clusters on which they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
-    # These are all clusters that rotate with the branch. In the rotation tree parents come first,
-    # so one pass is sufficient.
+    # All clusters that rotate with the branch: one pass, since parents come first.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
         if other.branch.turn_parent in turned:
@@ -313,8 +305,7 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     for cluster in sorted(turned):
         body = bodies[cluster]
         if body is not None:
-            # alpha x h: the augmented first moment h contains all mass that this rotation
-            # accelerates.
+            # alpha x h: the augmented first moment h contains all mass that this accelerates.
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
@@ -346,8 +337,7 @@ def _own(
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
-        # The carried mass adds to the inertia of the branch's own translation; entries further
-        # inwards are added in _forces.
+        # The carried mass adds to the branch's translation; _forces adds entries further inwards.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found
@@ -365,8 +355,7 @@ def is_deep(motion: Motion) -> bool:
         branch = geometry.branch
         below = depths[branch.parent]
         depths[branch.child] = below + len(branch.speeds)
-        # A speed at depth d is coupled with all d speeds above it; elimination changes d^2 entries.
-        # entries.
+        # A speed at depth d is coupled with d speeds above it; elimination changes d^2 entries.
         squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
     return sum(squares) > _DEEP * len(squares)
 

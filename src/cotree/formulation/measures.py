@@ -54,8 +54,7 @@ class Pull:
     def plus(self, other: Pull) -> Pull:
         """Return the sum of this pull and another one."""
         efforts = dict(self.efforts)
-        # Wrenches are only listed, since they are summed on their clusters later; efforts along the
-        # same speed are added.
+        # Wrenches are only listed, since they are summed later; efforts along one speed are added.
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
         return Pull((*self.wrenches, *other.wrenches), efforts)
@@ -286,8 +285,7 @@ class Coincidence:
 
     def pull(self, view: View) -> Pull:
         """Return a unit force along the direction, and its reaction."""
-        # Both nodes coincide if the constraint is satisfied, so that opposite forces at the nodes
-        # have no moment.
+        # The nodes coincide if the constraint is satisfied: opposite forces have no moment.
         return pair_pull(view, self.ends, self._along(view), None)
 
 
@@ -425,8 +423,7 @@ class Spin:
 class Angle(Spin):
     """The angle of the second node relative to the first, about a unit axis fixed in both nodes."""
 
-    #: Two directions perpendicular to the axis, fixed in the first and in the second node; they
-    #: coincide at angle zero.
+    #: Directions perpendicular to the axis, fixed in each node, which coincide at angle zero.
     reference: Carried
     mark: Carried
     #: Sum of the angles if all rotations are about one axis; otherwise None (range -pi to pi).
@@ -437,8 +434,7 @@ class Angle(Spin):
         if self.sum is not None:
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
-        # Both directions are perpendicular to the axis, so that sine and cosine determine the
-        # angle.
+        # Both directions are perpendicular to the axis: sine and cosine determine the angle.
         sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
         return function("atan2", sine, vector.dot(reference, mark))
 
@@ -468,16 +464,14 @@ class Composite:
     def _acceleration(self) -> Node:
         values, rates, second = self._symbols
         seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
-        # A rate depends on values, rates and time: the chain rule differentiates with respect to
-        # all three at once.
+        # A rate depends on values, rates and time: differentiate with respect to all three.
         return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
 
     def _arguments(self, view: View, order: int) -> dict[Node, Any]:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
-            # A value or a rate does not need the symbols of accelerations, so the lists may differ
-            # in length.
+            # Values and rates do not need the symbols of accelerations, so lengths may differ.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }

@@ -284,8 +284,7 @@ class Observer:
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node is at the outer end of an edge that points outwards, otherwise at the
-        # inner end.
+        # The second node is at the outer end of an edge that points outwards, else at the inner.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
@@ -307,8 +306,7 @@ class Observer:
             if inertia is None or cluster == 0:
                 continue
             omega = motion.omega[cluster]
-            # h and J refer to the cluster's origin, not to its centre of mass; hence the mixed
-            # term.
+            # h and J refer to the cluster's origin, hence the mixed term.
             v = motion.velocities.between(0, cluster, zero)
             carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
             spin = vector.dot(omega, vector.times(inertia.tensor, omega))
@@ -344,8 +342,7 @@ class Observer:
 class Outputs:
     """Output expressions as functions of the first graph's states and unknowns."""
 
-    #: Values of the outputs, followed by the expressions of the events in the order of
-    #: :func:`cotree.scene.events.event_expressions`.
+    #: Outputs, then events in the order of :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
     #: Node positions and velocities that outputs use, by ``node.variable``.
     across: Mapping[str, Node]
@@ -464,8 +461,7 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each name comes after those on which it depends, since recursion along a long chain could
-    # exceed Python's limit.
+    # Each name comes after those that it needs: recursion could exceed Python's limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value

@@ -224,7 +224,6 @@ def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dic
 
 
 def _at_start(step: Step) -> Step:
-    """Return a step in which initial values replace the symbols."""
     coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
     # A degree of freedom has one coordinate; the speeds of a free rotation have no coordinates.
     own = coordinates[0]
@@ -246,8 +245,7 @@ def _modes(
             mode.name,
             "",
             dag.symbol(STATE, n_before + i),
-            # The values of jumps follow from the initial states; see
-            # :func:`cotree.formulation.first_graph.started`.
+            # Jumps follow from the initial states; see ``first_graph.started``.
             dag.zero if mode.is_jump else mode.initial.lower(dag, resolve),
         )
         for i, mode in enumerate(scene.modes.values())

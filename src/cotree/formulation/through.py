@@ -63,11 +63,9 @@ class Balance:
     """The f-cutset equations, projected on the motion spaces."""
 
     residual: tuple[Node, ...]  # one residual per speed; zero on a motion
-    #: For each cluster, the sum of inertial forces minus loads over it and all clusters beyond it,
-    #: at its origin and in its basis.
+    #: Inertial forces minus loads over each cluster and all beyond it, at its origin in its basis.
     totals: tuple[Wrench, ...]
-    #: For each moving branch, the sum of its child in the parent's basis: the wrench that the
-    #: branch transmits.
+    #: For each moving branch, the wrench that it transmits: its child's sum in the parent's basis.
     beyond: tuple[Wrench, ...]
 
 
@@ -98,7 +96,6 @@ def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = N
 
 
 def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
-    """Evaluate the laws of all tree joints along their coordinates."""
     system, seen = motion.system, motion.frames.seen
     efforts = []
     for speed in system.speeds:

@@ -198,8 +198,7 @@ def hold(
                 if is_symmetric:
                     core[j][i] = core[i][j]
         diagonal = [
-            # Without the second term, a row that no motion changes would consist only of rounding
-            # errors.
+            # Otherwise a row that no motion changes would consist of rounding errors.
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
@@ -266,8 +265,7 @@ def _core(
         sizes[i] = dag.function("abs", rows[i].get(i, dag.zero))
         for j, entry in rows[i].items():
             if j != i and matrix[j][i] is not dag.zero:
-                # Squared couplings to core unknowns that are not eliminated, divided by their
-                # diagonal entries.
+                # Squared couplings to core unknowns, divided by their diagonal entries.
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
@@ -315,8 +313,7 @@ def _doubt(dag: Dag, matrix: Sequence[Mapping[int, Node]], factors: Factors[Node
     doubt = dag.zero
     for n, ((i, j), inverse) in enumerate(zip(factors.pivots, factors.inverses, strict=True)):
         parts = [
-            # The pivot is the matrix entry minus these products; cancellation makes it much smaller
-            # than its terms.
+            # Entry minus products: cancellation makes the pivot much smaller than its terms.
             lower[i] * upper[j]
             for lower, upper in zip(factors.lower[:n], factors.upper[:n], strict=True)
             if i in lower and j in upper

@@ -65,8 +65,7 @@ class Algebraic:
             return self._accept(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
-                # A matrix may be singular at one point by chance; equations that leave unknowns
-                # free are singular everywhere.
+                # One point may be singular by chance; undetermined equations always are.
                 points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
                 if not np.any(root.g):  # at a double root the derivatives are singular

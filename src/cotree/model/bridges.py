@@ -26,8 +26,7 @@ class Rates:
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
     t: float  # time of the event, [s]
-    #: Names of the parameters p, to which the model has sensitivities. Other parameters keep the
-    #: values of the scene.
+    #: Names of the parameters p, to which the model has sensitivities; others are the scene's.
     names: tuple[str, ...]
 
     @property

@@ -41,8 +41,7 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # The remaining points are evaluated in Python, because there is no compiler or because C
-    # failed; the Python error names the cause.
+    # Without a compiler or after a failure in C, Python evaluates the rest and names the cause.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()

@@ -91,8 +91,7 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     if chosen is not None:
         free = np.array([own_names.index(name) for name in chosen], dtype=int)
     else:
-        # Positions are chosen before speeds, because relations between positions and speeds are
-        # ill-conditioned at low speeds.
+        # Positions are chosen first: their relations to speeds are ill-conditioned at low speeds.
         cut = point.n_coordinates - len(point.turns)
         end = cut + point.n_speeds
         free = np.array(
@@ -203,8 +202,7 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
         # A small rotation vector e in the base frame changes q by (0, e) q / 2.
         along[entries] = 0.5 * _premultiplied(k, q)
         change[entries] = 0.5 * _premultiplied(k, rate)
-        # The three columns are orthogonal with length |q| / 2, so the scaled transpose is a left
-        # inverse.
+        # The columns are orthogonal with length |q| / 2: the scaled transpose is a left inverse.
         back[entries] = 4.0 * along[entries] / (q @ q)
         found.append((along, change, back, f"{edge}.turn_{axis}"))
     return found

@@ -84,8 +84,7 @@ class StepWork:
     rates: int
     augmented: int
     jacobian: int
-    #: Number of entries in the factors of the planned sparse elimination, and of products to
-    #: compute them.
+    #: Numbers of factors of the planned sparse elimination, and of products to compute them.
     n_factors: int
     n_products: int
     is_unrolled: bool  # whether the C code has no loops
@@ -230,8 +229,7 @@ class Kernels:
         """
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
-        # Values are copied behind pointers that are bound once: new pointers would take several
-        # times as long as a small kernel.
+        # Values are copied behind bound pointers: new pointers cost more than a small kernel.
         if x.size:
             bound.x[: x.size] = x
         if s.size:

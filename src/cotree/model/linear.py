@@ -34,12 +34,10 @@ _MET = 1e-3
 #: Full factorisation is faster up to this number of rows, or above this fraction of nonzeros.
 _FEW, _SHARE = 60, 0.1
 
-#: Number of random sign vectors with which the effect of rounding errors of the equations on the
-#: unknowns of a large system is estimated.
+#: Number of random sign vectors to estimate rounding errors of the unknowns of a large system.
 _PROBES = 16
 
-#: Number of inverse iterations, and the multiple of its rounding error above which a singular value
-#: is nonzero.
+#: Number of inverse iterations; multiple of its rounding error that a nonzero value exceeds.
 _ROUNDS, _CLEARLY = 4, 1e3
 
 #: Minimum rounding error of singular values, in machine precisions of the largest one.
@@ -104,13 +102,11 @@ def linearise(slope: Matrix, y: Array) -> Linear:
     if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
-        # Full systems are small; their inverse also bounds the effect of rounding errors of each
-        # equation.
+        # Full systems are small; their inverse also bounds the effect of rounding errors.
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
-    # The inverse would be full. Solutions for random signs estimate the sums of the magnitudes in
-    # its rows within a small factor.
+    # The inverse would be full; solutions for random signs estimate the sums in its rows.
     found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
     if not math.isfinite(np.add.reduce(found)):
         raise np.linalg.LinAlgError("singular")
@@ -246,8 +242,7 @@ def _is_clearly_regular(slope: Matrix) -> bool:
         solve = _factorised(matrix)
     except np.linalg.LinAlgError:
         return False
-    # The square root of the product of the largest row and column sums bounds the largest singular
-    # value.
+    # The root of the product of the largest row and column sums bounds the largest singular value.
     largest = math.sqrt(abs(matrix).sum(axis=0).max() * abs(matrix).sum(axis=1).max())
     x = np.random.default_rng(0).standard_normal(matrix.shape[0])
     growth = math.inf
@@ -261,7 +256,6 @@ def _is_clearly_regular(slope: Matrix) -> bool:
 
 
 def _rounding(n: int) -> float:
-    """Return the relative rounding error of singular values of a matrix with n rows."""
     return max(_WEAK, n) * float(np.finfo(float).eps)
 
 

@@ -53,8 +53,7 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 class Direction:
     """A direction in the space of states, inputs and parameters."""
 
-    #: Components of the direction; those of algebraic unknowns in ``y`` are ignored, since they
-    #: follow from the others.
+    #: Components; those of algebraic unknowns in ``y`` are ignored, since they follow.
     y: Array
     u: Array
     p: Array
@@ -101,8 +100,7 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     return found
 
 
-#: Change of the fastest state after which a motion is compared with its start, to determine whether
-#: it is steady.
+#: Change of the fastest state after which a motion is compared with its start.
 _ASIDE = 0.1
 
 

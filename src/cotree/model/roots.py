@@ -215,8 +215,7 @@ class NewtonLimits:
     #: Test that decides whether a step is accepted; None accepts all full steps.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # smallest damping factor
-    #: The iteration ends if a step, or with a test the expected next step, is below this fraction
-    #: of the scales.
+    #: Fraction of the scales below which a step, or with a test the next one, ends the iteration.
     settled: float = ROUNDING
 
 
@@ -273,8 +272,7 @@ def iterate(
             # The matrix is that of an earlier point; repeat the step with that of this point.
             kept = _REFACTOR
         else:
-            # Without damping, only steps to infinite residuals are rejected, which does not
-            # indicate convergence.
+            # Without damping, a rejected step has infinite residuals: no sign of convergence.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -480,8 +478,7 @@ class Junctions:
     equations: tuple[Node, ...]  # residuals g, which must be zero
     unknowns: tuple[Node, ...]  # symbols of the unknowns z
     exponentials: tuple[Node, ...]  # exponentials that depend on z
-    #: Derivatives of each equation, then of each exponent, by z and by the exponentials; keys are
-    #: indices into these variables.
+    #: Derivatives of equations, then exponents, by z and the exponentials, by index of these.
     slopes: tuple[dict[int, Node], ...]
 
     @classmethod
@@ -498,8 +495,7 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        # Exponentials are variables: derivatives with respect to z do not include
-        # those through exponentials.
+        # Exponentials are variables: derivatives by z do not include those through them.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 

@@ -191,8 +191,7 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A value that the run gives depends on no parameter; its derivative with respect to
-        # itself is one.
+        # A value of the run depends on no parameter; its derivative by itself is one.
         s[i] = [float(other == name) for other in wanted]
     # A run without sensitivities ignores initial sensitivities.
     if slopes and wanted:

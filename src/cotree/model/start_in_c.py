@@ -54,12 +54,10 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Statuses in C: given values, or their derivatives with respect to a parameter, contradict the
-#: constraints.
+#: Statuses in C: given values, or their derivatives, contradict the constraints.
 _CONTRADICTIONS = (100, 102)
 
-#: Statuses in C: the algebraic equations have no solution near the guess; or they do not determine
-#: the unknowns.
+#: Statuses in C: the algebraic equations have no solution nearby; or leave unknowns free.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
 #: Status in C: the modes of jumps contradict the states that result from them.
@@ -277,7 +275,6 @@ class StartCall(CObjects):
         return int(self._starts._lib.cotree_start_once(self.c))
 
     def _found(self) -> tuple[Array, Array]:
-        """Return the last states and sensitivities of the search in C."""
         model = self._at.model
         z = self.z.reshape(1 + len(model.sensitivities), len(model.states))
         return z[0].copy(), z[1:].T.copy()
@@ -316,8 +313,7 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
     return None if library is None else StartInC(model, library)
 
 
-#: Relative changes of given values are named in messages above the first number; residuals are zero
-#: below the second.
+#: Smallest relative change that messages name, and largest residual that counts as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
 #: Maximum number of residuals and of changes in a message.

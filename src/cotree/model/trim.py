@@ -198,8 +198,7 @@ class TrimPoint(Reported):
 #: Largest change of an angle in one step, [rad]; larger changes may lead to another solution.
 _LONGEST_TURN = 1.0
 
-#: A condition is satisfied if its residual is below a thousandth of this fraction of the summed
-#: magnitudes of its terms.
+#: A condition is satisfied if its residual is below 0.001 times this fraction of its terms.
 _MET = 1e-6
 
 #: Residuals below this fraction of the summed magnitudes of their terms are rounding errors.
@@ -208,8 +207,7 @@ _EXACT = 1e-11
 #: Maximum number of changes of the modes, after each of which the search is repeated.
 _MOST_ROUNDS = 20
 
-#: Unknowns are not involved in a direction if their components are below this fraction of the
-#: largest one.
+#: Components below this fraction of the largest one are not involved in a direction.
 _INVOLVED = 0.1
 
 
@@ -394,8 +392,7 @@ def find_trim(
         if np.array_equal(settled, y):
             check_friction(moment, y)
             return _point(search, root.z)
-        # A discontinuous expression or dry friction has changed its mode at this point, so the
-        # search is repeated.
+        # A jump or dry friction has changed its mode at this point: search again.
         search = _Search(
             linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 MOST_FRAMES, MOST_POSES = 2000, 300_000
 _FEWEST = 100  # minimum limit of frames, even with many bodies
 
-# Shortest and longest runs that are shown in real time, [s], and approximate duration of other
-# animations, [s].
+# Shortest and longest runs in real time, and approximate duration of other animations, [s].
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
 _PATIENCE = 86_400.0  # maximum duration of an animation, [s]

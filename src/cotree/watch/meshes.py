@@ -127,8 +127,7 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
 
 def _read_stl(data: bytes) -> Mesh:
     """Read STL, which is binary if its length matches the number of triangles, else text."""
-    # The number of triangles follows 80 bytes of text. Text files, and the headers of some binary
-    # ones, begin with "solid".
+    # The number of triangles follows 80 bytes, which may begin with "solid" as in text files.
     n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
         rows = np.frombuffer(data, dtype=_STL, count=n, offset=84)

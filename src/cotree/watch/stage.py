@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 VIEW = (-55.0, 22.0)
 
 _SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc", "rolling_ellipsoid")
-# Width of bars relative to the size of the mechanism and to their length, and minimum relative
-# width.
+# Width of bars relative to the mechanism and to their length, and minimum relative width.
 _OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
 # Arms to a centre of mass are thin if shorter than this fraction of the longest arm.
 _SPUR = 0.75

@@ -60,8 +60,7 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
                 measure,
                 measure.value(view),
                 measure.rate(view),
-                # The accelerations are symbols, since storages coupled to the joint need their
-                # coefficients.
+                # Symbolic, since storages coupled to the joint need the coefficients.
                 measure.acceleration(view),
                 measure.pull(view),
             )
@@ -120,8 +119,7 @@ def coupling_loads(
     """Return the through variables of couplings as loads on the multibody system."""
     return [
         Applied(
-            # A port absorbs power if its across and through variables have the same sign, so that
-            # the reaction acts on the mechanism.
+            # A port with equal signs absorbs power, so the reaction acts on the mechanism.
             coupling.port.edge.name,
             f"{name}.law",
             coupling.measure,

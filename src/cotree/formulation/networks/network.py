@@ -138,8 +138,7 @@ def form_network(
     positions = position_trees(graphs, ports, topologies, used)
     held = held_variables(ports, topologies, positions, stores, used)
     dag = system.dag
-    # The state vector contains the mechanism's coordinates, speeds and modes, then the networks'
-    # states, then the algebraic unknowns.
+    # States: the mechanism's coordinates, speeds and modes, then the networks', then unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
@@ -149,8 +148,7 @@ def form_network(
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
-    # Open edges that measure controlling variables are used in the equations, but are not edges of
-    # the scene.
+    # Open edges that measure controlling variables are not edges of the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
         all_ports,
@@ -169,8 +167,7 @@ def form_network(
         multipliers,
         reacting,
     )
-    # The plan contains only what is required: rates of states, names in outputs and fields, and
-    # redundant initial values.
+    # Only what is required: rates of states, names in use, and redundant initial values.
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = dag, system.of_parameters
@@ -333,8 +330,7 @@ class Attached:
     #: Derivatives of these through variables with respect to accelerations, by index of the
     #: acceleration: the inertia of storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
-    #: Names that are used only in the fields of friction and damper elements on the mechanism; they
-    #: may denote reactions.
+    #: Names that only fields of friction and dampers on the mechanism use; they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property
@@ -356,8 +352,7 @@ class Attached:
             pull = along_speeds(motion, self.couplings[name].pull)
             for i, gradient in enumerate(pull):
                 for j, slope in slopes.items():
-                    # A through variable tau = s_j v_j' + ... acts along its pull p, which adds p_i
-                    # s_j to the balance.
+                    # tau = s_j v_j' + ... acts along its pull p, which adds p_i s_j.
                     rows[i][j] = rows[i][j] + gradient * slope
         return tuple(tuple(row) for row in rows)
 
@@ -438,8 +433,7 @@ def _slopes(through: Node, system: System) -> dict[int, Node]:
         # Only storages coupled to joints react to accelerations, as an inertia does.
         if speed.acceleration not in occurring:
             continue
-        # Through variables are affine in the accelerations: the slope is added to the mass matrix,
-        # and the remainder is a load.
+        # Affine in the accelerations: the slope enters the mass matrix, the rest is a load.
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

@@ -79,7 +79,6 @@ class Rule:
 
 
 def _add(total: Tangent, key: Hashable, term: Node) -> None:
-    """Add a term to the derivative along one direction, in place."""
     if term.is_zero:
         return
     known = total.get(key)
@@ -218,8 +217,7 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     It is ``(through - leak) / capacity`` or ``(across - drop) / inertance``.
     """
     assert terminal.storage is not None
-    # Both cases have the same form: through minus loss over capacity, or across minus loss over
-    # inertance.
+    # Both cases are one form: through minus loss over capacity, or its dual.
     given, loss = _sides(terminal, is_across)
     return Law.of((given - loss) / terminal.storage.expression)
 

@@ -132,8 +132,7 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
     """Turn variables of a component into unknowns, so that all others can be computed in order."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
-    # Select variables rank by rank until all others can be computed one after the other. Rank -1
-    # contains variables that are always unknowns.
+    # Tear rank by rank until the others can be computed in order; rank -1 is always unknown.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
@@ -415,8 +414,7 @@ def _solve_block(
     """Determine which unknowns of a block are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # Derivatives with respect to symbols of the unknowns show which equations are linear, and in
-    # which unknowns.
+    # Derivatives by symbols of the unknowns show which equations are linear, and in which.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)

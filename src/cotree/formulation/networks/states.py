@@ -54,7 +54,7 @@ class Held:
 
 
 class _Use(IntEnum):
-    """Reason to choose an edge as a branch if its position is needed, in increasing priority."""
+    """Reason to choose an edge as a branch if its position is needed, in decreasing priority."""
 
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
@@ -153,8 +153,7 @@ def summed_positions(
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # A stretch that a linear balance of springs determines is not a state, so that a sum
-            # with it is not listed.
+            # A stretch that a balance of springs determines is no state: omit sums with it.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -230,8 +229,7 @@ def algebraic_state(
 
     ``quantity`` is the across or through variable, or the rate of one of them.
     """
-    # If the unknown is a rate, which has no name and unit in scenes, it gets the name of the
-    # variable.
+    # A rate has no name and unit in scenes, so it gets those of its variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)

@@ -71,8 +71,7 @@ def contents_of(
         if law is None and port.kind in _VARIABLES:
             law = linear_content(port.terminal)
             own = () if law is None else law.arguments
-            # A time-dependent capacity would add v dC/dt to the current, so that the current would
-            # not be the rate of the content.
+            # If the capacity depends on time, the current lacks the term v dC/dt of the rate.
             if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
                 law = None
         if law is not None:

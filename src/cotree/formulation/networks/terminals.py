@@ -56,8 +56,7 @@ class Terminals:
     """Topology and terminal equations of all networks, which yield the rule of each variable."""
 
     ports: Mapping[str, Port]  # edges of all scalar graphs, by name
-    #: For each domain: the graphs with their trees of across variables, of through variables and,
-    #: if the domain has any, of positions.
+    #: Graphs by domain, with the trees of across variables, of through variables and of positions.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
@@ -78,8 +77,7 @@ class Terminals:
     reacting: frozenset[tuple[str, str]]
     #: Conditions on parameters under which values whose rates are used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
-    #: Values whose rates are used and jump at unknown times, because of kinks; and the symbols on
-    #: which these times depend.
+    #: Values whose rates jump at unknown times (kinks), and symbols on which the times depend.
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
@@ -190,8 +188,7 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            # The mechanism determines the across variable, as for a chord parallel to the joint
-            # (Eq. (2)).
+            # The mechanism determines it, as for a chord parallel to the joint (Eq. (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
             return Sum(())  # a circuit without other edges
@@ -206,8 +203,7 @@ class Terminals:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
             return FieldRule(self.states["across", name])
-        # In a cutset of springs, the other springs determine the state of a spring or through
-        # storage.
+        # The other springs of its cutset determine the state of a spring or through storage.
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
                 return Unknown(("residual_across", name))

@@ -88,8 +88,7 @@ class Topology:
     def _toward(self, ancestor: str, node: str) -> str:
         """Return the first branch on the way from an ancestor to another node."""
         tops, following = self._tops
-        # Move inwards path by path until the ancestor's path is reached; remember the last node
-        # that was left.
+        # Move inwards until the ancestor's path is reached; remember the last node that was left.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -244,8 +243,7 @@ class Topology:
         # If only one chord crosses the cut, no sum is needed.
         if n == 1:
             chord = self.tree.chords[number]
-            # The cutset sum is zero: the branch supplies the flow that leaves through the chords,
-            # hence the sign.
+            # The branch supplies the flow that leaves through the chords, hence the sign.
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
 
@@ -274,8 +272,7 @@ def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
     """List the chords that occur exactly once, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
-        # A chord with both ends beyond the branch does not cross it: its second end removes the
-        # first.
+        # A chord with both ends beyond the branch does not cross it: remove it again.
         if found.pop(number, None) is None:
             found[number] = sign
     return sorted(found.items())
