@@ -145,10 +145,7 @@ class Accelerations:
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Compute the geometry of branches and the angular velocities of clusters ([1] eq. 2).
-
-    ``first`` is the first graph's motion for a sensitivity graph, which reuses constant values.
-    """
+    """Compute branch geometry and cluster spins ([1] eq. 2); reuse constant values of ``first``."""
     geometry = []
     # The ground comes first: it does not rotate. Each branch comes after the branches that carry
     # it, so that each prefix sum adds one term (Eq. (2)).

@@ -156,10 +156,7 @@ def _axis_of(edge: BoundEdge) -> Vector:
 
 
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Return the rotation angle of a chord joint as a measure that does not jump at half a turn.
-
-    Raise FormulationError if only its sine and cosine are known.
-    """
+    """Return the angle of a chord joint as a measure; raise if it would jump at half a turn."""
     angle = joint_angle(motion, edge)
     if angle.sum is None:
         raise FormulationError(

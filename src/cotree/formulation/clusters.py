@@ -185,11 +185,7 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
 
 
 def lump(system: System) -> Clusters:
-    """Group the nodes into rigid clusters and lump their inertias.
-
-    Raise SceneError if a body does not begin at the ground, FormulationError if the trees reach
-    bodies in opposite orders.
-    """
+    """Group the nodes into rigid clusters, from the ground outwards, and lump their inertias."""
     found = _Walks(system)
     found.walk()
     inertias = _inertias(system, found.points, len(found.branches))
@@ -343,10 +339,7 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
 def _branch(
     edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Build one branch of a joint that starts at ``place``, and its outer node.
-
-    The branch's rotation begins at ``turned``, which is ``place`` unless the trees differ.
-    """
+    """Build one branch from ``place``, and its outer node; its rotation begins at ``turned``."""
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
     # At zero coordinates the child has the turn parent's axes, so the node rotation is the same.

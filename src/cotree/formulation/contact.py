@@ -367,10 +367,7 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
 
 
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
-    """Return the measure of the gap or of a slip at one point of a contact.
-
-    Raise FormulationError if a planar contact law acts in a system that is not planar.
-    """
+    """Return the measure of the gap or of a slip at one point of a contact."""
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
     surface = surface_of(motion, edge, ends)
@@ -416,7 +413,6 @@ def _constants(dag: Dag, sevenths: tuple[int, int, int]) -> Vector:
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
-    """Move the second end from its node to a possible contact point."""
     offset = _offset(edge, spot)
     if offset is None:
         return ends

@@ -170,7 +170,6 @@ def _line(
 
 
 def _is_inert(edge: BoundEdge) -> bool:
-    """Return whether an element's damping is identically zero."""
     damping = edge.scalars.get("damping")
     return damping is not None and damping.is_zero
 

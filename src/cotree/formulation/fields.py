@@ -275,10 +275,7 @@ class FieldNames:
         self._is_gathered = False
 
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
-        """Return the node of a name; ``resolve`` returns the nodes of names inside an output.
-
-        Raise ExpressionError if the name is unknown, or an output depends on itself.
-        """
+        """Return the node of a name; ``resolve`` returns the nodes of names inside an output."""
         # In expressions a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
@@ -387,10 +384,7 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Return guards on prescribed motions and prescribed values of constraints.
-
-    Raise FormulationError if a value or its rate jumps.
-    """
+    """Return guards against jumps of prescribed motions and constraints, and of their rates."""
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return
     for name, value in edge.scalars.items():

@@ -59,11 +59,7 @@ if TYPE_CHECKING:
 def bind_events(
     scene: SceneDescription, system: System, states: Sequence[State]
 ) -> tuple[EventRow, ...]:
-    """Bind the events of a scene to the states that they change.
-
-    Raise SceneError if an event sets anything except modes and states with a rate, or sets a speed
-    that its impact changes.
-    """
+    """Bind the events of a scene to the states that they change: modes and states with a rate."""
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
@@ -363,10 +359,7 @@ def _place(name: str, scene: SceneDescription) -> str:
 
 
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
-    """Return the links of the tree for elimination along it, or an empty tuple.
-
-    It is empty if a pivot may vanish, or if translation and rotation have different trees.
-    """
+    """Return the links of the tree; none if pivots may vanish or if the trees differ."""
     n = len(first.system.speeds)
     # Articulated inertias require one parent for each body, and all inertia within the tree.
     if first.has_far_inertia or not first.system.trees.is_one:

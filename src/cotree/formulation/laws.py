@@ -136,7 +136,6 @@ def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
 
 
 def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate the laws of a bushing along and about the axes of its first node."""
     ends, units = chord_ends(motion, edge), vector.identity(motion.system.dag)
     a = [carried_by(motion, ends, 0, unit) for unit in units]
     b = [carried_by(motion, ends, 1, unit) for unit in units]
@@ -270,10 +269,7 @@ def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
 
 
 def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
-    """Return the measure of ``joint`` or ``joint.coordinate``, on which a component acts.
-
-    Raise SceneError if it does not exist, or is a translation but the component needs a rotation.
-    """
+    """Return the measure of ``joint`` or ``joint.coordinate``, on which a component acts."""
     # The name of a joint within a part contains dots.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)
     joint, wanted = (joint, wanted) if joint else (wanted, "")

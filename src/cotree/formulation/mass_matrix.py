@@ -48,10 +48,7 @@ _LARGEST_GAP = 1e-9
 def check_inertia(
     system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
 ) -> None:
-    """Raise SingularSystemError if a coordinate moves no inertia and no constraint determines it.
-
-    ``gradient``, (n_constraints, n_speeds), is that of the constraint rates.
-    """
+    """Raise SingularSystemError if neither inertia nor a constraint determines a coordinate."""
     # This structural test has a clear message; rows that vanish in some states fail at run time.
     for speed, row in zip(system.speeds, matrix, strict=True):
         held = (constraint[speed.index] for constraint in gradient)
@@ -65,10 +62,7 @@ def check_inertia(
 
 
 def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
-    """Return guards for the constraints that no motion changes.
-
-    Raise ParameterError if such a constraint is violated for all parameter values.
-    """
+    """Return guards for constraints that no motion changes; raise if one is always violated."""
     guards = []
     for row in rows:
         gap = row.measure.value(view)
@@ -228,7 +222,6 @@ def _central(inertia: Inertia) -> Matrix:
 
 
 def _minors(m: Matrix) -> list[Node]:
-    """Return the leading principal minors."""
     plane = m[0][0] * m[1][1] - m[0][1] * m[1][0]
     return [m[0][0], plane, vector.dot(m[0], vector.cross(m[1], m[2]))]
 
@@ -282,7 +275,6 @@ def _arm(branch: Branch) -> Vector:
 
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
-    """Return, for each cluster, the sum of all inertia tensors that rotate with it."""
     # A torque on a cluster acts on all rotations that move it, so tensors add along their tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):

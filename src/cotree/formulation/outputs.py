@@ -352,10 +352,7 @@ class Outputs:
 
 
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
-    """Form the outputs of a scene and the expressions of its events.
-
-    Raise ExpressionError if an output uses an unknown name.
-    """
+    """Form the outputs of a scene and the expressions of its events."""
     motion = observer.motion
     system = motion.system
     known: dict[str, Node] = {**system.parameters, **system.inputs, "t": system.time}

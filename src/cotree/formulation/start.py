@@ -95,10 +95,7 @@ def _start(
 
 @dataclass(frozen=True)
 class Condition:
-    """Initial value that a scene gives for a coordinate, or its rate, that is not a state.
-
-    ``gradient`` contains the derivatives of the measure's rate with respect to the speeds.
-    """
+    """Initial value of a coordinate or rate that is not a state, and its derivatives by speeds."""
 
     name: str
     unit: str
@@ -109,10 +106,7 @@ class Condition:
 
 
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
-    """List the initial values that the scene gives for chords: joints and bodies.
-
-    Raise SceneError if the chord does not have the coordinate.
-    """
+    """List the initial values that the scene gives for chords: joints and bodies."""
     system = motion.system
     given = [
         (edge, name, value)

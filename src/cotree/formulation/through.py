@@ -70,10 +70,7 @@ class Balance:
 
 
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
-    """Sum the forces of the elements, evaluate joint laws, and resolve inertias in the bases.
-
-    ``first`` contains the first graph's loads for a sensitivity graph.
-    """
+    """Sum the forces of the elements, evaluate joint laws, and resolve inertias in the bases."""
     sums = Sums(len(motion.omega))
     for action in elements:
         with motion.system.dag.labelled(f"terminal equation of {action.edge.name}"):

@@ -67,10 +67,7 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns until there is no further pivot; the remainder is left in ``rows``.
-
-    With ``is_symmetric``, all pivots are on the diagonal.
-    """
+    """Eliminate unknowns, by diagonal pivots if symmetric; the remainder is left in ``rows``."""
     # A symmetric matrix equals its transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
     left = Remainder(rows, rows if is_symmetric else columns)
@@ -211,10 +208,7 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Match each column with a different row that has an entry in it, preferably the diagonal one.
-
-    Return None if no such matching exists: then the matrix is singular for all values.
-    """
+    """Match columns with different rows of entries, preferably diagonal; None if singular."""
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
     # Find augmenting paths of a bipartite matching, from columns without a row to free rows.

@@ -93,7 +93,6 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_nearby_points(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        """Return the algebraic equations for fixed time and differential states."""
         # All evaluations use one buffer, of which only the last entries, the unknowns, change.
         point = point.copy()
 
@@ -110,10 +109,7 @@ class Algebraic:
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Return the Jacobian at a solution, and its factorised last block.
-
-        The next call may overwrite the Jacobian.
-        """
+        """Return the Jacobian, a buffer of the next call, and its factorised last block."""
         matrix = self._jacobian(t, y)
         try:
             linear = linearise(matrix[self.cut :], y)

@@ -94,10 +94,7 @@ def pointer_to(ffi: Any, array: Array) -> Any:
 
 
 class CObjects:
-    """C objects, made by cffi, that live as long as this object.
-
-    ``errors`` contains the exceptions raised by Python functions that C has called.
-    """
+    """C objects that live as long as this object; ``errors`` are exceptions in calls from C."""
 
     def __init__(self, ffi: Any, *kept: Any) -> None:
         self._ffi, self._kept = ffi, list(kept)

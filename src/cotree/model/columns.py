@@ -123,7 +123,6 @@ def _in_c(
 
 
 def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:
-    """Evaluate the kernel at one point in Python; errors name the column."""
     try:
         p = points.p[j if points.has_own else 0]
         u = None if points.u is None else points.u[j]

@@ -74,7 +74,6 @@ def _origin_of_arguments(program: Program, wrong: Node) -> str:
 
 
 def _operation(node: Node, values: Mapping[Node, Any]) -> str:
-    """Return an operation as text, with the values of its arguments and its result."""
     if node.op == "symbol" or node.op not in OPERATIONS:
         return f"the given value is {values[node]}"
     numbers = [f"{values[arg]:.6g}" for arg in node.args]

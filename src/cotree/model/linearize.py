@@ -173,10 +173,7 @@ class Linearizer:
         return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
-        """Evaluate the linearisation at a point that satisfies the algebraic equations.
-
-        Raise SingularSystemError if the matrix of masses or of algebraic unknowns is singular.
-        """
+        """Evaluate the linearisation at a point that satisfies the algebraic equations."""
         rates, whole, held = self.whole(t, y, p, u)
         return self._slopes(y, rates, self._without_algebraic(whole), held)
 
@@ -303,10 +300,7 @@ class Linearizer:
         reduced: bool,
         directions: Mapping[str, Direction] | None = None,
     ) -> Linearization:
-        """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
-
-        ``directions`` contains the derivative of the point by each requested name.
-        """
+        """Linearise about a motion; ``directions`` are the derivatives of the point by name."""
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
         equations, n = self._equations, self._n_differential

@@ -106,8 +106,6 @@ class CompiledModel:
 
     Attributes
     ----------
-    text, options
-        See the parameters.
     traits : Traits
         Properties of the program that determine how kernels are called.
     cached : bool
@@ -279,12 +277,8 @@ class CompiledModel:
     def set_parameters(self, p: Array) -> None:
         """Prepare the kernels for a parameter array, which must never be changed in place.
 
-        Later calls recognise the array by its identity.
-
-        Raises
-        ------
-        ParameterError
-            If a value is not finite, or a guard of the model rejects it.
+        Later calls recognise the array by its identity. Raise ParameterError if a value is not
+        finite, or a guard of the model rejects it.
         """
         own = self._own
         # Bits are compared, since 0.0 equals -0.0 but 1 / p differs.
@@ -340,16 +334,8 @@ class CompiledModel:
     ) -> RestartTimes:
         """Return the times of jumps and kinks; see :meth:`Program.restart_times`.
 
-        Parameters
-        ----------
-        p : ndarray, shape (n_parameters,)
-            Parameters.
-        span : (float, float)
-            Start and end of a run in either order, [s].
-        given : container of str
-            Inputs that the run replaces.
-        others : sequence of float
-            Further times, such as those of tables, [s].
+        ``span`` are the start and end of a run in either order, [s]; ``given`` are the inputs that
+        the run replaces, ``others`` further times, such as those of tables, [s].
         """
         return self.program.restart_times(p.tolist(), (min(span), max(span)), given, others)
 
@@ -378,16 +364,8 @@ class CompiledModel:
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
         """Return initial states and sensitivities at the operating point, or those of the scene.
 
-        Parameters
-        ----------
-        t : float
-            Start time, [s].
-        p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
-            Parameters and inputs; if u is None, the scene's inputs are used.
-
-        Returns
-        -------
-        ndarray, shape (n_states,), and ndarray, shape (n_states, n_sensitivities)
+        Shapes are (n_states,) and (n_states, n_sensitivities). ``t`` is the start time, [s]; if u
+        is None, the scene's inputs are used.
         """
         y, s = self.initial(p), self.initial_sensitivity(p)
         return (y, s) if self.rest is None or not self.states else self.rest(t, p, u, s)
@@ -449,15 +427,7 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Return the reason why rates are not finite at a point, or an empty string.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
-            States, parameters and inputs; if u is None, the scene's inputs are used.
-        """
+        """Return the reason why rates are not finite at a point, or an empty string."""
         try:
             rates = self.bound("rhs", p)(t, y, _NONE, u)
         except SingularSystemError as error:

@@ -75,10 +75,7 @@ class Residuals(Protocol):
         ...
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear equations of a Newton step at the point that was evaluated last.
-
-        Raise LinAlgError if they are singular.
-        """
+        """Return the Newton equations at the last evaluated point, or raise LinAlgError."""
         ...
 
     def moved(self, z: Array, step: Array) -> Array:
@@ -158,10 +155,7 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Test that accepts a step if the next step with the same matrix is shorter.
-
-    The next step must be shorter by the fraction ``share`` times the damping factor.
-    """
+    """Test that the next step is shorter, by the fraction ``share`` times the damping factor."""
 
     share = 0.25  # as recommended by Deuflhard
 
@@ -382,10 +376,7 @@ def find_root(
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
-    """Search for a root from a guess, zero and points nearby, in few steps each.
-
-    The numbers of equations and unknowns may differ.
-    """
+    """Search from a guess, zero and points nearby, in few steps; the system may not be square."""
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
 

@@ -95,10 +95,7 @@ class ReplacedInputs:
 
 
 def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedInputs:
-    """Read the inputs of a run: numbers, texts, (times, values) or functions, by name.
-
-    Raise ParameterError if a name is not an input, ModelError if a value is not accepted.
-    """
+    """Read the inputs of a run: numbers, texts, (times, values) or functions, by name."""
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []
     tables: dict[int, tuple[Array, Array]] = {}

@@ -85,10 +85,7 @@ def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Arra
 
 
 def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
-    """Find initial states and sensitivities; see :meth:`cotree.Model.start`.
-
-    ``initial`` contains values of states and sensitivities that replace the scene's.
-    """
+    """Find initial states and sensitivities, of which ``initial`` replaces the scene's."""
     model = at.model
     initial, slopes = _apart(initial)
     if not model.layout.has_start_equations:
@@ -145,7 +142,6 @@ def is_slope(name: str) -> bool:
 
 
 def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str, float]]:
-    """Split initial values into those of states and those of sensitivities."""
     slopes = {name: value for name, value in initial.items() if is_slope(name)} if initial else {}
     if not slopes:
         return initial, slopes
@@ -170,7 +166,6 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
 
 
 def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
-    """Raise an error if a name is not that of a state or a value is not a number."""
     for name, value in initial.items():
         if name not in model.states:
             raise ParameterError(_no_state(model, name))

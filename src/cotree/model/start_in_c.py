@@ -124,10 +124,7 @@ class StartInC:
 
 
 class UnknownsOfStart(CObjects):
-    """Python functions that C calls to find the algebraic unknowns of a start.
-
-    C calls the function of ``helper``, a ``cotree_helper``, if its iteration fails.
-    """
+    """Python functions that C calls to find the algebraic unknowns if its iteration fails."""
 
     def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
         super().__init__(ffi)
@@ -231,7 +228,6 @@ class StartCall(CObjects):
         return Start(y, s, bool(c.is_chosen), note, report.is_mended, on_jump)
 
     def _jump_at_start(self) -> str:
-        """Return a message that an expression jumps exactly at the start."""
         name, by = self._ffi.string(self.c.culprit), self._at.model.sensitivities[self.c.column]
         return (
             f"'{name.decode()}' occurs exactly at the start, t = {self._at.t:.6g}, and '{by}' "

@@ -259,7 +259,6 @@ class _Search:
         return np.asarray(found - self.targets)
 
     def slope(self, z: Array) -> Array:
-        """Return the Jacobian of the residuals, shape (n_rows, n_unknowns)."""
         at, y = self.point(z)
         try:
             by_states, by_inputs = all_slopes(self.linearizer, at, y)

@@ -106,10 +106,7 @@ _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Return the states with the modes of dry friction that speeds and normal forces require.
-
-    Modes in ``fixed`` do not change.
-    """
+    """Return the states with modes of friction, not ``fixed``, that speeds and forces require."""
     settled = y.copy()
     speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
     states = at.model.states

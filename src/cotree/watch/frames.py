@@ -179,7 +179,6 @@ def _motion_at(
 
 
 def _quaternions(system: System) -> Iterator[slice]:
-    """Yield the coordinate indices of each quaternion."""
     row = 0
     for steps in system.steps.values():
         for step in steps:

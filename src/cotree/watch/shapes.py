@@ -99,10 +99,7 @@ def capsule(radius: float, length: float) -> Mesh:
 
 
 def plate(radius: float, length: float, thickness: float) -> Mesh:
-    """Make a flat bar with round ends, long along z and thin along y.
-
-    ``length`` is the distance between the centres of the ends.
-    """
+    """Make a flat bar with round ends, long along z between their centres, and thin along y."""
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)
     outline = np.column_stack(

@@ -47,10 +47,7 @@ class Coupling:
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
-    """Return the couplings of all transducers, with symbolic accelerations of the mechanism.
-
-    Raise SceneError if a joint or node is unknown, or if a port rotates but its joint slides.
-    """
+    """Return the couplings of all transducers, with symbolic accelerations of the mechanism."""
     found = {}
     for name, port in ports.items():
         if port.is_coupling:

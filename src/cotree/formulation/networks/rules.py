@@ -191,10 +191,7 @@ class FieldRule(Rule):
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown, which the equation ``residual`` = 0 determines.
-
-    A block of equations is solved for it (:mod:`cotree.formulation.networks.solved`).
-    """
+    """An unknown, which the equation ``residual`` = 0 in a block of equations determines."""
 
     residual: Variable
 

@@ -56,10 +56,7 @@ class Plan:
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Return the order in which the variables for ``roots`` are computed.
-
-    Raise FormulationError if an equation does not depend on its unknown.
-    """
+    """Return the order in which the variables for ``roots`` are computed."""
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
@@ -159,7 +156,6 @@ class _Nodal:
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side."""
         if all(value.is_zero for value in rhs):
             return list(rhs)
         # The right-hand side of a branch enters the balances of the parts on both sides.

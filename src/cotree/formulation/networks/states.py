@@ -104,10 +104,7 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """List the states of the networks; raise ParameterError if an initial content is not a state.
-
-    Integrals are states if they are ``used`` in fields or outputs, or have an initial value.
-    """
+    """List the states of the networks; integrals are states if ``used`` or given initially."""
     found = []
     for port in ports.values():
         if port.is_coupling:
@@ -202,10 +199,7 @@ def _names(terminal: Terminal, argument: str) -> bool:
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
-    """Return the entry of a state.
-
-    Raise ParameterError if the scene gives two initial values that determine each other.
-    """
+    """Return the entry of a state; raise if two initial values determine each other."""
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
     # All other states have only one name.
@@ -225,10 +219,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Return the entry of an algebraic unknown, whose initial value is only a guess.
-
-    ``quantity`` is the across or through variable, or the rate of one of them.
-    """
+    """Return the entry of a port's algebraic unknown; its initial value is only a guess."""
     # A rate has no name and unit in scenes, so it gets those of its variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)

@@ -118,10 +118,7 @@ def reacting_fields(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> frozenset[tuple[str, str]]:
-    """List the fields of holding ports and dampers that depend on forces or accelerations.
-
-    Fields of dampers may use network forces, which symbols in ``measured`` represent.
-    """
+    """List the fields of holding ports and dampers that depend on forces or accelerations."""
     edges = {ports[name].edge.name for name in holding}
     dampers = _edges(ports, Kind.DISSIPATOR)
 
