@@ -145,7 +145,7 @@ class Accelerations:
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Compute branch geometry and cluster spins ([1] eq. 2); reuse constant values of ``first``."""
+    """Compute branch geometry and cluster spins ([1] eq. 2), with constant values of ``first``."""
     geometry = []
     # The ground comes first: it does not rotate. Each branch comes after the branches that carry
     # it, so that each prefix sum adds one term (Eq. (2)).

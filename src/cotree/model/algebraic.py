@@ -109,7 +109,7 @@ class Algebraic:
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Return the Jacobian, a buffer of the next call, and its factorised last block."""
+        """Return the Jacobian at a solution, in a shared buffer, and its factorised last block."""
         matrix = self._jacobian(t, y)
         try:
             linear = linearise(matrix[self.cut :], y)

@@ -155,7 +155,7 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Test that the next step is shorter, by the fraction ``share`` times the damping factor."""
+    """Test that accepts a step if the next one is shorter by ``share`` times the damping factor."""
 
     share = 0.25  # as recommended by Deuflhard
 
@@ -376,7 +376,7 @@ def find_root(
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
-    """Search from a guess, zero and points nearby, in few steps; the system may not be square."""
+    """Search from a guess, zero and points nearby, in few steps; the system may be rectangular."""
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
 

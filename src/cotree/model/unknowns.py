@@ -106,7 +106,7 @@ _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Return the states with modes of friction, not ``fixed``, that speeds and forces require."""
+    """Return the states with the modes of friction, except ``fixed`` ones, that forces require."""
     settled = y.copy()
     speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
     states = at.model.states
