@@ -194,7 +194,7 @@ class Structure:
         Examples
         --------
         >>> from cotree import load
-        >>> load("battery-cell").compile().structure.jacobian_colouring.tolist()
+        >>> load("battery-cell").compile().kernels.structure.jacobian_colouring.tolist()
         [0, 1, 2]
         """
         import networkx
