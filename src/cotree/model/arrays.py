@@ -195,7 +195,7 @@ class Structure:
         --------
         >>> from cotree import load
         >>> load("battery-cell").compile().kernels.structure.jacobian_colouring.tolist()
-        [0, 1, 2]
+        [0, 0, 0]
         """
         import networkx
 
