@@ -1,8 +1,4 @@
-"""Dampers and smooth friction that act on spherical joints.
-
-A spherical joint has no angle. A component with a law f(w) of angular velocity acts on it with the
-torque f(|w|) w/|w|. Each component of this torque along an axis of the first node has a port.
-"""
+"""Dampers and friction on spherical joints: a law f(w) acts with the torque f(|w|) w/|w|."""
 
 from __future__ import annotations
 
@@ -47,8 +43,6 @@ def with_ball_joints(scene: _Scene) -> _Scene:
 
 
 def _turns(terminal: Terminal) -> tuple[Terminal, ...]:
-    """Return the ports of the three torque components."""
-
     def law_of(name: str) -> Law:
         return Law.formed_by(lambda: component(name))
 

@@ -1,8 +1,7 @@
 """Replacement of jumps and branches in registered laws by modes and events.
 
-If the law of a scalar component contains ``sign``, ``floor`` or comparisons of variables, the edge
-is replaced by one whose law has an additional field for each of them, which contains a mode. The
-kinks of a ``Piecewise`` also become events, so that each smooth branch is integrated separately.
+For each ``sign``, ``floor`` or comparison of variables, the law has an additional field with a
+mode. Kinks of a ``Piecewise`` also become events, so that each branch is integrated separately.
 """
 
 from __future__ import annotations
@@ -69,11 +68,7 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
 
 
 def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
-    """Return whether an expression is continuous wherever the given part of it jumps.
-
-    The part jumps where its argument is zero. There, the values of the whole expression for both
-    sides are compared, for all parameter values; see :func:`cotree.dag.continuity.agree_at`.
-    """
+    """Return whether an expression is continuous where the argument of a jump in it is zero."""
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
@@ -92,11 +87,9 @@ def has_only_kink(whole: ast.expr, part: ast.expr, parameters: Container[str]) -
 
 
 def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) -> ast.expr:
-    """Return a branch in which roots that end at its boundary are defined beyond it.
+    """Return a branch in which ``sqrt(x - b)`` is ``sqrt(max(x - b, 0))`` if b is its boundary.
 
-    A step stays on the branch on which it begins, and so evaluates it slightly beyond the boundary,
-    where the argument of the root would be negative: ``sqrt(x - b)`` becomes
-    ``sqrt(max(x - b, 0))``.
+    A step stays on the branch on which it begins, and evaluates it slightly beyond the boundary.
     """
     ends = _vanishing(boundary, parameters)
 
@@ -221,11 +214,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
 
 
 def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> Edge:
-    """Replace the jumps in the laws of a scalar component by modes.
-
-    ``rewrite`` returns the tree that replaces a jump: a mode, or the jump itself. ``parameters``
-    are the names that are constant during a run.
-    """
+    """Replace jumps in a scalar component's laws by the trees that ``rewrite`` returns."""
     fields: dict[str, Expression] = {}
     ports = []
     for i, port in enumerate(edge.component.ports):
@@ -253,7 +242,6 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
 
 
 def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
-    """Return the trees of the names that are arguments of a port's law."""
     found: dict[str, ast.expr] = {"t": ast.Name("t")}
     for other in edge.component.ports:
         row = DOMAINS[other.domain]
@@ -291,7 +279,6 @@ def _branched(
     kept: set[Any],
     parameters: Container[str],
 ) -> Law:
-    """Replace the jumps in one law, and add its new arguments to the fields."""
     import sympy
 
     where = f"the law of edge '{edge.name}'"
@@ -423,7 +410,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Return branches as nested conditionals."""
+    """Return a ``Piecewise`` as nested conditionals, or None if a part has no such form."""
     # The last branch is unconditional. The earlier branches are wrapped around it, the first one
     # outermost.
     whole = to_tree(expression.args[-1][0], names)

@@ -1,11 +1,6 @@
 """Checks of a scene: units of variables, dimensions of expressions, impossible inertias.
 
-An unknown dimension remains unknown: a number in a product may have any unit, so that the product
-is not checked unless numbers are declared to be dimensionless.
-
-The moments of inertia of a body are sums over its mass, so that no principal moment exceeds the sum
-of the two others. Equations can be solved even if this is violated; therefore a violation is
-reported as a finding, not as an error.
+Numbers in products may have any unit unless they are declared to be dimensionless.
 """
 
 from __future__ import annotations
@@ -95,7 +90,7 @@ class VariableUnits:
 
     @cached_property
     def _across(self) -> dict[str, str]:
-        """Units of node potentials in all scalar networks, by ``node.symbol``."""
+        """Return the units of node potentials in all scalar networks, by ``node.symbol``."""
         found: dict[str, str] = {}
         for edge in self._scene.edges.values():
             for port, ends in zip(edge.component.ports, edge.ports, strict=True):
@@ -108,8 +103,7 @@ class VariableUnits:
 class Dimensions:
     """Determines the dimension of an expression, and records contradictions in it.
 
-    ``known`` returns the dimension of a name. With ``with_plain_numbers``, small numbers such as 2
-    and 0.5 are dimensionless; otherwise a number may have any unit.
+    With ``with_plain_numbers``, small numbers such as 2 and 0.5 are dimensionless.
     """
 
     def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
@@ -152,7 +146,7 @@ class Dimensions:
         return None
 
     def _alike(self, trees: list[ast.expr]) -> Dimension | None:
-        """Return the common dimension of the given trees; record a contradiction if they differ."""
+        """Return the common dimension of the trees; record a contradiction if they differ."""
         found: Dimension | None = None
         first: ast.expr | None = None
         for tree in trees:
@@ -267,10 +261,7 @@ ROUNDING = 1e-12
 
 
 def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """List the bodies whose mass is far below that of the heaviest body, each with a message.
-
-    Rounding errors of balanced forces accelerate such bodies, so that steps become short.
-    """
+    """List bodies so light that rounding errors of balanced forces shorten steps, with messages."""
     values = parameter_values(scene.parameters)
     dag = Dag()
     masses: dict[str, float] = {}
@@ -299,10 +290,9 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 
 
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """List bodies with negative principal moments, or that violate the triangle inequality.
+    """List bodies with impossible moments of inertia, with messages.
 
-    Each is returned with a message. In a planar scene, which uses only the moment about one axis,
-    only negative moments are reported.
+    No moment may be negative or, except in planar scenes, exceed the sum of the two others.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():

@@ -1,8 +1,4 @@
-"""One method of scenes for each built-in component.
-
-The file ``component_methods.pyi`` contains types and docstrings for editors and type checkers. The
-build writes it, see :mod:`cotree.scene.usage_text`.
-"""
+"""Methods of scenes for built-in components; :mod:`cotree.scene.usage_text` builds their stub."""
 
 from __future__ import annotations
 
@@ -49,7 +45,6 @@ for _type in sorted(OWN):
 
 @lru_cache(maxsize=256)
 def _function(type: str) -> Callable[..., None]:
-    """Return the function that adds an edge of the given type."""
     from cotree.scene.usage_text import docstring_of, usage_of
 
     def add(

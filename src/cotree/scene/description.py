@@ -55,13 +55,7 @@ RULES: dict[str, str] = {
 
 
 def check_allowed(entries: object) -> tuple[str, ...]:
-    """Check a list of allowed findings, each ``rule`` or ``rule:name``.
-
-    Raises
-    ------
-    SceneError
-        If it is not a list of strings, or an entry does not begin with the name of a rule.
-    """
+    """Check a list of allowed findings, each ``rule`` or ``rule:name``."""
     if not isinstance(entries, (list, tuple)) or not all(isinstance(e, str) for e in entries):
         raise SceneError("allow must be a list of texts: ['unused-parameter:L']")
     for entry in entries:
@@ -172,10 +166,7 @@ class SceneDescription(Reported):
         return f"{self.name}: {', '.join(shown)}"
 
     def report(self) -> Report:
-        """Build the report: edges, parts, parameters and expressions, and notes on its file.
-
-        The declarations of a part are counted in the part's line, not listed.
-        """
+        """Build the report; the declarations of a part are counted in the part's line."""
         edges = []
         for edge in self.edges.values():
             if "." not in edge.name:
@@ -330,13 +321,14 @@ class SceneDescription(Reported):
             Its name; its coordinates have names such as ``name.coordinate``.
         type : str
             A component type, see :data:`cotree.components.COMPONENTS`.
-        Names of its nodes. For multibody and one-dimensional mechanical components, the first and
-        the second node: across variables are those of the second node minus those of the first. For
-        electrical, hydraulic and thermal components, the plus node and the minus node: the across
-        variable is the difference plus minus minus, and the through variable flows from plus to
-        minus inside the component. Forces of multibody components act on the second node; in one-
-        dimensional components the through variable is positive if the component absorbs power. As
-        in scene files, ``nodes=[...]`` is also accepted.
+        *nodes : str
+            Names of its nodes. For multibody and one-dimensional mechanical components, the first
+            and the second node: across variables are those of the second node minus those of the
+            first. For electrical, hydraulic and thermal components, the plus node and the minus
+            node: the across variable is the difference plus minus minus, and the through variable
+            flows from plus to minus inside the component. Forces of multibody components act on the
+            second node; in one-dimensional components the through variable is positive if the
+            component absorbs power. As in scene files, ``nodes=[...]`` is also accepted.
         initial : mapping, optional
             Initial values of coordinates and their rates: numbers or expressions of parameters.
         **fields

@@ -81,7 +81,6 @@ class Edge:
 
 
 def _plain(value: object) -> str:
-    """Return the value of a field as text without quotes."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_plain, value))}]"
     if isinstance(value, dict):

@@ -1,8 +1,4 @@
-"""Modes and events of a scene, each checked when it is stated.
-
-A mode is a number that only events change. An event occurs when an expression crosses zero; it sets
-states and modes, applies an impulse, or ends the run.
-"""
+"""Modes and events of a scene, each checked when it is stated."""
 
 from __future__ import annotations
 

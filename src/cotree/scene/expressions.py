@@ -1,17 +1,11 @@
 """Expressions as text: parsed according to a small grammar, never evaluated as Python.
 
-Python keywords such as ``in`` and ``not`` may be names before a dot. Before parsing, such a name is
-marked by an appended letter that occurs nowhere else in the grammar; afterwards the mark is
-removed.
-
-Expressions are parsed deep inside fields of edges, events and parts. Therefore the tables that they
-may call are a context for all parsing in a method of their scene. When a call is parsed, its
-function name stores the table, so that the call is bound to it even if the tree is rewritten.
-
 An expression may contain numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also
 inside parts such as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions in
 :data:`FUNCTIONS`, and ``where(condition, value, otherwise)``, whose comparisons may be joined by
-``and``, ``or`` and ``not``. It is checked when a scene is made, and turned into nodes later.
+``and``, ``or`` and ``not``. Keywords such as ``in`` may be names before a dot: they are marked by
+an appended letter while Python parses the text. The tables that expressions may call are a context
+of parsing; a parsed call stores its table, and keeps it if its tree is rewritten.
 """
 
 from __future__ import annotations
@@ -233,7 +227,6 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
 
 
 def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Check comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
     match tree:
@@ -416,11 +409,7 @@ class Expression:
         return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
-        """Return the expression as a node of an arena; ``resolve`` returns the nodes of names.
-
-        Raises ExpressionError if a name is unknown or a constant part is undefined (``1/0``,
-        ``sqrt(-1)``).
-        """
+        """Return the expression as a node; raise ExpressionError for constants such as ``1/0``."""
         try:
             return _lower(self.tree, dag, resolve)
         except (ArithmeticError, ValueError, TypeError) as error:
@@ -455,10 +444,7 @@ def _vanishes(expression: Expression) -> bool:
 
 
 def parse(value: object, where: str) -> Expression:
-    """Parse a number or an expression; ``where`` describes its owner in error messages.
-
-    Raises ExpressionError if it is neither, is not valid syntax, or violates the grammar.
-    """
+    """Parse a number or an expression; ``where`` describes its owner in error messages."""
     # In Python booleans are numbers, but in a scene they are errors.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):
         raise ExpressionError(
@@ -526,7 +512,6 @@ def check_positive(value: object, what: str) -> float:
 
 
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
-    """Return a checked tree as a node."""
     match tree:
         case ast.Constant(value=value):
             return dag.constant(float(value))  # type: ignore[arg-type]
@@ -554,7 +539,6 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
 def _lower_condition(
     tree: ast.expr, dag: Dag, resolve: Callable[[str], Node], accepted: Node, refused: Node
 ) -> Node:
-    """Return a node that selects one of two values by a checked condition."""
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]

@@ -1,9 +1,6 @@
 """Fields and initial values of an edge, checked against the component's rows.
 
-Components are adapted to the fields of an edge: heat may flow to further nodes, and transistors
-have inner nodes. Therefore the original statement cannot be reconstructed from the resulting edge.
-
-Stated values become parsed expressions: single ones, triples, or three rows of three.
+The original statement is stored, since components are adapted to the fields of an edge.
 """
 
 from __future__ import annotations
@@ -30,10 +27,7 @@ if TYPE_CHECKING:
 def edge_statement(
     type: str, nodes: Sequence[object], fields: Mapping[str, Any], initial: Any
 ) -> dict[str, Any]:
-    """Return the table that represents an edge in a scene file, with plain values.
-
-    Fields that are None are omitted, and so are empty nodes and initial values.
-    """
+    """Return the table of an edge in a scene file, without empty entries."""
     rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
     return {
         key: value
@@ -83,10 +77,7 @@ def check_initial(
 
 
 def initial_names(component: Component) -> list[str]:
-    """List the variables for which a scene may give initial values.
-
-    The motion space of a body in the tree depends on the whole scene, so all are listed.
-    """
+    """List all variables that may have initial values, whatever the tree of the scene."""
     return list(initial_units(component))
 
 
@@ -118,10 +109,7 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _network_units(component: Component) -> dict[str, str]:
-    """Return the units of all variables of a scalar component that may be states.
-
-    If several ports share a name, it is preceded by the name of the port: ``port.name``.
-    """
+    """Return units of possible states of a scalar component; ambiguous names are ``port.name``."""
     found: list[tuple[str, str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)

@@ -1,11 +1,9 @@
 """The linear graphs of a scene, one per domain, and their trees.
 
-A body in the tree has absolute coordinates. It moves along a line if joints, forces and gravity act
-along that line only, or in a plane if they act in that plane only; a body without inertia on whose
-rotation nothing acts is a particle; all other bodies are free.
-
-Usually both trees have the same branches. If they differ, a joint may be a branch of one graph and
-a chord of the other; then it has the coordinates of the first and the constraints of the second.
+A body in the tree has absolute coordinates: along a line or in a plane if nothing acts out of it, a
+particle's if it has no inertia and nothing acts on its rotation, otherwise those of a free body. If
+the trees differ, a joint that is a branch of one graph and a chord of the other has the coordinates
+of the first and the constraints of the second.
 """
 
 from __future__ import annotations
@@ -78,7 +76,6 @@ def _is_particle(scene: SceneDescription, body: Edge) -> bool:
 
 
 def _needs_axes(edge: Edge) -> bool:
-    """Return whether an edge has vectors in the axes of its first node."""
     return any(edge.component.field(name).shape is Shape.VECTOR for name in edge.fields)  # type: ignore[union-attr]
 
 
@@ -230,7 +227,6 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
 
 
 def _is_coupled(edge: Edge) -> bool:
-    """Return whether an edge's translation depends on its rotation."""
     if edge.component.role is Role.ARM:
         return True
     # The pitch of a screw couples its translation to its angle.
@@ -265,11 +261,7 @@ def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
 def choose_trees(
     scene: SceneDescription, graphs: Mapping[str, LinearGraph], choice: TreeChoice
 ) -> dict[str, Tree]:
-    """Choose the tree of each graph, or check the user's choice.
-
-    By default, the branches that add the fewest equations are chosen. Raises TopologyError if a
-    node is floating, or if the named edges are not a tree.
-    """
+    """Choose trees whose branches add the fewest equations, or check the user's choice."""
     if isinstance(choice, Mapping):
         for domain in choice:
             if domain not in graphs:
@@ -318,8 +310,7 @@ def _weights(
 def candidate_trees(scene: SceneDescription) -> list[Trees]:
     """List the trees to compare: trees of joints with different cuts, and trees of bodies.
 
-    For open chains of many bodies, absolute coordinates are not compared: each joint would add up
-    to six equations that the tree of joints avoids.
+    Absolute coordinates are omitted for long open chains, in which joints need far fewer equations.
     """
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
@@ -342,11 +333,9 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
 
 
 def separate_trees(scene: SceneDescription) -> list[Trees]:
-    """List pairs of different trees for translation and rotation, also to be compared.
+    """List pairs of a translation tree of joints and a rotation tree of absolute angles in a plane.
 
-    In a plane, positions are along the joints, but angles are absolute angles of the bodies, so
-    that no angle depends on the preceding ones. The list is empty if joints that constrain a
-    rotation close a loop, or if there are too many bodies for a comparison.
+    There are none if joints that constrain a rotation close a loop, or with too many bodies.
     """
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:

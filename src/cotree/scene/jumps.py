@@ -1,15 +1,10 @@
 """Replacement of state-dependent jumps inside expressions by modes and events.
 
-If the fields of a scene contain ``sign``, ``floor``, ``mod`` or comparisons of variables, the scene
-is replaced by an equivalent one with a mode for each of them, and with the events that change it.
-Thus one mechanism locates every jump, restarts the integration there and applies the jumps of the
-sensitivities.
-
-Each step is then evaluated on the branch on which it begins. Conditions that depend only on time
-and parameters, and are piecewise linear in time, are kept, since their times are known before a
-run, see :mod:`cotree.dag.switching_times`. Expressions with a kink but no jump, such as
-``v*sign(v)``, are also kept if both sides are proved to agree: the sensitivities of states are
-continuous there, and :mod:`cotree.program.surfaces` locates kinks without modes.
+Each ``sign``, ``floor``, ``mod`` or comparison of variables gets a mode and the events that change
+it. One mechanism thus locates all jumps, restarts the integration there and applies the jumps of
+the sensitivities. Two kinds are kept: conditions that are piecewise linear in time, whose times are
+known before a run (:mod:`cotree.dag.switching_times`), and kinks such as ``v*sign(v)`` whose sides
+are proved to agree, which :mod:`cotree.program.surfaces` locates without modes.
 """
 
 from __future__ import annotations
@@ -57,8 +52,8 @@ _JUMPING = ("sign", "floor", "mod", "where")
 def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
     """Replace state-dependent jumps by modes and events; return scenes without jumps unchanged.
 
-    If sensitivities are required, a force element whose registered law jumps raises an error, since
-    its jump is not an event. A storage whose content jumps always raises an error.
+    Raises an error if the content of a storage jumps or, with sensitivities, the law of a force
+    element, whose jump is not an event.
     """
     for edge in scene.edges.values():
         check_contents(scene, edge)
@@ -98,13 +93,10 @@ def _acting(scene: SceneDescription) -> list[Expression]:
 
 
 def _of_edge(edge: Edge) -> list[Expression]:
-    """List the expressions in an edge's fields."""
     return [item for value in edge.fields.values() for item in entries(value)]
 
 
 class _Rewriting:
-    """Replaces the jumps in one scene."""
-
     def __init__(self, scene: SceneDescription) -> None:
         self._old = scene
         self._modes: dict[str, Mode] = {}
@@ -169,11 +161,9 @@ class _Rewriting:
     def _expression(
         self, expression: Expression, *, is_watched: bool = False, is_stored: bool = False
     ) -> Expression:
-        """Replace the jumps in an expression.
+        """Replace the jumps in an expression; kinks in a storage's content jump in its capacity.
 
-        The condition of an event that jumps only at known times is kept, since it is evaluated at
-        those times. A kink in the content of a storage is a jump of its capacity, and becomes an
-        event.
+        A watched condition that jumps only at known times is kept, since it is evaluated at them.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
@@ -206,7 +196,6 @@ class _Rewriting:
         return clipped(branch, boundary, self._old.parameters)
 
     def _lowered(self, tree: ast.expr) -> Any:
-        """Return the node of an expression of time and parameters."""
         symbols = self._symbols
         return Expression.of_tree(tree).lower(symbols["t"].dag, symbols.__getitem__)
 
@@ -223,19 +212,10 @@ class _Rewriting:
         where: str,
         rows: tuple[tuple[int, ast.expr, ast.expr], ...],
     ) -> ast.expr:
-        """Return the tree of the mode that replaces a call.
+        """Return the tree of the mode that replaces a call with the original text ``text``.
 
-        Parameters
-        ----------
-        text : str
-            The original text of the call.
-        call : ast.expr
-            The tree of the call.
-        where : str
-            Description of its owner, for error messages.
-        rows : tuple of (int, ast.expr, ast.expr)
-            For each event: its direction, its event function, and the new value of the mode. In
-            these trees the mode itself is the name "".
+        Each row is an event: its direction, its function, and the mode's new value. In these trees,
+        the mode itself is the name "".
         """
         # Equal texts jump at the same times, so that they share a mode and its events.
         if text not in self._known:
@@ -264,8 +244,6 @@ _ITSELF = ast.Name("")
 
 
 class _Tree:
-    """Replaces the jumps in one expression, inner ones first."""
-
     def __init__(self, scene: _Rewriting, where: str, kept: frozenset[int]) -> None:
         self._scene, self._where, self._kept = scene, where, kept
 

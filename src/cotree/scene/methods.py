@@ -118,12 +118,14 @@ class TableMethods:
 
         Parameters
         ----------
-        Its name in expressions: ``torque(j.omega)``, or ``map(speed, throttle)`` for two arguments.
+        name : str
+            Its name in expressions: ``torque(j.omega)``, or ``map(speed, throttle)`` for two
             arguments.
-        Values of the first argument in SI, ascending.
-            Ascending arguments, in SI.
-        For one argument, the values at ``x``: numbers or expressions of parameters. For two
-        arguments, values of the second argument, ascending.
+        x : sequence of float, optional
+            Values of the first argument, in SI, ascending.
+        y : sequence, optional
+            For one argument, the values at ``x``: numbers or expressions of parameters. For two
+            arguments, values of the second argument, ascending.
         values : sequence, optional
             For two arguments, the values: one row per ``x`` with one number per ``y``. For one
             argument, the values, in place of ``y``.

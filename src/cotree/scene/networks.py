@@ -1,10 +1,8 @@
 """Scalar graphs of a scene, with one edge for each port of its components.
 
-The law of a controlled source relates the source's variable to a variable elsewhere in the network.
-If the rest of the network determines the source's variable, such as the current in series with an
-inductor, the law determines the controlling variable. Then the controlling edge is a branch in the
-tree of across variables and a chord in the tree of through variables; for the source it is the
-opposite, as for the input and the output of an ideal amplifier.
+If the rest of the network determines the variable of a controlled source, such as the current in
+series with an inductor, its law determines the controlling variable. The two edges are then swapped
+in the trees, like the input and the output of an ideal amplifier.
 """
 
 from __future__ import annotations
@@ -141,11 +139,7 @@ class Swap:
 
 
 def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
-    """List the possible swaps: each source with each variable in its law.
-
-    The ports of an ideal coupling may also be swapped: each of its two laws may determine a
-    variable of the same port.
-    """
+    """List the possible swaps: each source with each variable in its law, and coupled ports."""
     controlled = {
         name: variables
         for name, port in ports.items()
@@ -249,7 +243,6 @@ def _is_meter(port: Port) -> bool:
 
 
 def _open(source: Port, tail: str, head: str, measured: str) -> Port:
-    """Return an open edge between two nodes."""
     terminal = Terminal(
         source.terminal.domain,
         Kind.THROUGH_SOURCE,

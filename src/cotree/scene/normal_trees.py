@@ -59,10 +59,7 @@ _MOST_TRIED = 20_000
 
 @dataclass(frozen=True)
 class _Couple:
-    """An ideal coupling: its ports, and which of them may be branches.
-
-    If each port may be a branch of only one tree, two swaps of the ports ensure the condition.
-    """
+    """An ideal coupling; if each port may be a branch of one tree only, two swaps replace it."""
 
     ports: tuple[str, ...]
     options: tuple[tuple[bool, ...], ...]
@@ -103,8 +100,6 @@ class _Couple:
 
 @dataclass(frozen=True)
 class _Found:
-    """The best branches if some couplings are ignored."""
-
     cost: int
     fixed: Mapping[str, bool]
     branches: frozenset[str]
@@ -131,12 +126,7 @@ class CoupledTrees:
         weights: Mapping[str, float],
         swaps: Sequence[Swap] = (),
     ) -> CoupledTrees:
-        """Collect the edges of graphs whose trees must be chosen together.
-
-        ``weights`` define the order of preference of branches; they are infinite for edges that are
-        never branches. ``swaps`` are controlled sources that may determine their controlling
-        variables.
-        """
+        """Collect edges of graphs whose trees are chosen together; ``weights`` are preferences."""
         # Graphs share node names, so that a prefix distinguishes the nodes in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
         # A swap costs more than all other preferences together, and the loss of a state costs more
@@ -229,14 +219,13 @@ class CoupledTrees:
 
     @cached_property
     def _split(self) -> set[str]:
-        """The edges of graphs that have two trees."""
         domains = {self.ports[name].terminal.domain for name in self._inputs}
         domains |= {swap.source.terminal.domain for swap in self.swaps.values()}
         return {name for name in self.ends if self.ports[name].terminal.domain in domains}
 
     @cached_property
     def _sources(self) -> dict[str, list[str]]:
-        """For each across source in swaps, the edges of which one must be chosen: it or a swap."""
+        """Return the edges of which one must be chosen: an across source in a swap, or a swap."""
         found: dict[str, list[str]] = {}
         for name, swap in self.swaps.items():
             for port in (swap.source, swap.control):
@@ -245,10 +234,7 @@ class CoupledTrees:
         return found
 
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
-        """Select branches with given choices for some couplings; return None if impossible.
-
-        The conditions of transformers are satisfied where possible; other couplings are ignored.
-        """
+        """Select branches, some couplings being fixed; the others hold at most for transformers."""
         chosen = [name for name, is_branch in fixed.items() if is_branch]
         given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
         branches = [*given, *chosen]
@@ -384,7 +370,7 @@ def _swapped(
 
 
 def _n_displaced(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> int:
-    """Count the storages that have no state of their own."""
+    """Count the storages without a state."""
     return sum(len(_displaced(tree, ports)) for tree in trees.values())
 
 
@@ -430,7 +416,6 @@ def _trees(
     weights: Mapping[str, float],
     swaps: Sequence[Swap] = (),
 ) -> dict[str, NormalTree]:
-    """Choose the trees with or without swaps of controlled sources."""
     # Graphs that are connected by couplings are chosen together, all others separately.
     tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
     tied |= {swap.source.terminal.domain for swap in swaps}
@@ -451,10 +436,9 @@ def _trees(
 
 
 def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
-    """Adjust weights to prefer, among edges of the same kind, those near the reference.
+    """Adjust weights so that edges near the reference precede others of the same kind.
 
-    Without storages, all nonlinear unknowns are solved together; in a shallow tree, f-circuits and
-    f-cutsets contain few of them.
+    In a shallow tree, f-circuits and f-cutsets contain few nonlinear unknowns.
     """
     import networkx
 
@@ -473,7 +457,6 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
 def _trees_of(
     graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str], swaps: Sequence[Swap]
 ) -> NormalTree:
-    """Return the trees of a graph, given the joint choice of branches."""
     own = [s for s in swaps if s.name in shared and s.source.terminal.domain == graph.domain]
 
     def tree(graph: LinearGraph, kind: Kind, swapped: Collection[str]) -> Tree:

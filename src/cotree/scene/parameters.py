@@ -1,7 +1,6 @@
 """Parameters of a scene: numbers, and expressions derived from other parameters.
 
-A derived parameter is not an argument of the program, but a node that depends on other parameters.
-Therefore derivatives with respect to these include its effect, as for any expression in a field.
+A derived parameter is a node, so that derivatives with respect to its arguments include its effect.
 """
 
 from __future__ import annotations

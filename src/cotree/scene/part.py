@@ -1,13 +1,8 @@
 """Parts of a scene: other scenes within it, single or as an array.
 
-A part consists of its scene, its name, and bindings of its nodes, parameters and inputs. It yields
-parameters, inputs, modes, edges, outputs and events, which the functions for all scenes create.
-
-Node names contain expressions in braces, such as ``n{i - 1}``; expressions use the index itself,
-such as ``R0*(1 + 0.1*i)``. Both follow the grammar of expressions and are not evaluated as Python.
-
 A part expands to the declarations of its scene, whose names begin with the part's name, such as
-``leg1.knee``. The outer scene stores them together with its own declarations (`Rows`).
+``leg1.knee``; the outer scene stores them together with its own (`Rows`). Node names contain
+expressions in braces, such as ``n{i - 1}``; expressions use the index itself: ``R0*(1 + 0.1*i)``.
 """
 
 from __future__ import annotations
@@ -231,11 +226,7 @@ class Rows:
         self.parameters[name] = made
 
     def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
-        """Set an input of a part to a number, a table or an expression of the outer scene.
-
-        If the value depends on more than parameters and time, the input becomes an output of the
-        same name, which fields may use like an input.
-        """
+        """Set an input of a part, which becomes an output if its value depends on states."""
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
         signal = parse_signal(value, f"input '{name}'")
@@ -387,7 +378,7 @@ class Part:
 
     @cached_property
     def _own_nodes(self) -> dict[str, dict[str, str]]:
-        """For individual parts, the nodes that they connect differently from the others."""
+        """Return, for individual parts, the nodes that they connect differently from the others."""
         ports = self.scene.ports or self.node_names - {"ground"}
         found: dict[str, dict[str, str]] = {}
         for name, value in self.set.items():
@@ -429,11 +420,7 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
 
 
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
-    """Find the part in which a name is declared.
-
-    Returns the part of this scene, its name (for an array, that of the individual part), and the
-    name of the declaration within the part.
-    """
+    """Return the part in which a name is declared, that part's full name, and the inner name."""
     member, dot, local = name.partition(".")
     part = scene.members.get(member) if dot else None
     return (part, member, local) if part is not None else None

@@ -1,8 +1,4 @@
-"""Adding parts to a scene: checks names, creates declarations and stores them in its tables.
-
-Messages about equations name an edge as in the outer scene, ``leg1.knee``; notes in the messages
-locate its statement, which is in another file under another name.
-"""
+"""Adding parts to a scene: checks names, creates declarations and stores them in its tables."""
 
 from __future__ import annotations
 
@@ -41,12 +37,7 @@ def make_part(
     outer: SceneDescription,
     source: str,
 ) -> Part:
-    """Create a part of the scene ``outer`` from its statement.
-
-    ``given`` contains ``count``, ``index``, ``nodes``, ``parameters``, ``inputs`` and ``set``, and
-    bindings by the name of a node, parameter or input. Raises SceneError if an entry is unknown or
-    of the wrong kind, or if a port is not connected.
-    """
+    """Create a part of the scene ``outer`` from its statement ``given``; raise SceneError."""
     rest: dict[str, Any] = plain(given)
     counts = _counts(rest.pop("count", None))
     index = _index(rest.pop("index", None), counts, outer)
@@ -163,10 +154,7 @@ def check_entries(given: Mapping[str, Any]) -> None:
 
 
 def statement_of(part: Part) -> dict[str, Any]:
-    """Return the table that represents a part in a scene file, without the part's scene.
-
-    Bindings with unambiguous names are direct entries; all others are in tables of their kind.
-    """
+    """Return the table of a part in a scene file, with ambiguous bindings in tables by kind."""
     table: dict[str, Any] = {}
     if part.counts:
         table["count"] = part.counts[0] if len(part.counts) == 1 else list(part.counts)
@@ -203,10 +191,7 @@ _KINDS = {
 
 
 def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
-    """Find the lines of all declarations in a scene file, by kind and name; the first line is 1.
-
-    The section is the table in which the file defines the scene, such as ``scenes.leg``, or "".
-    """
+    """Return the lines of all declarations in a section of a scene file; the first line is 1."""
     found: dict[tuple[str, str], int] = {}
     within = section.split(".") if section else []
     table, is_own = "", False
@@ -278,7 +263,6 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
 
 
 def _unknown_name(name: str, part: Part) -> str:
-    """Return a message that suggests a similar name within a part."""
     member, _, local = name.partition(".")
     known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
@@ -345,10 +329,7 @@ def add_part(
 
 
 def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
-    """Add declarations of a part before the scene's own, but after those of other parts.
-
-    This is the order in which declarations are read from a file.
-    """
+    """Add declarations of a part before the scene's own, as in files, and after other parts'."""
     # Search only the scene's own declarations, since there may be thousands from parts.
     last = list(takewhile(lambda key: "." not in key, reversed(own)))
     kept = {key: own.pop(key) for key in reversed(last)}
@@ -357,7 +338,6 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
 
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
-    """Create the declarations of a part, or of all parts in an array."""
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
@@ -386,7 +366,6 @@ def _rows_of(scene: SceneDescription, part: Part) -> Rows:
 
 
 def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
-    """Set one parameter or input of one part."""
     if name in rows.parameters:
         rows.bind_parameter(name, value)
     elif name in rows.inputs or name in rows.outputs:
@@ -400,10 +379,7 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
 
 
 def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") -> bool:
-    """Set a parameter or input of a part, and change the part's statement accordingly.
-
-    Returns whether the name belongs to a part.
-    """
+    """Set a parameter or input in a part and its statement; return whether a part has the name."""
     found = owner_of(scene, name)
     if found is None or name not in {**scene.parameters, **scene.inputs}:
         return False

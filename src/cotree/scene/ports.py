@@ -43,11 +43,9 @@ class PortEnds:
 def check_ports(
     edge: str, component: Component, nodes: Sequence[object], fields: Mapping[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Check the nodes of an edge, given in its list of nodes or in fields of several ports.
+    """Return all nodes of an edge in order, the ends of each scalar port, and the other fields.
 
-    Returns all nodes in order, the ends of each scalar port, and the remaining fields. Raises
-    SceneError if there are too few or too many nodes, if a node is not a name, or if two nodes are
-    equal that must differ.
+    Raises SceneError for a wrong number of nodes, or for equal nodes that must differ.
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:
@@ -229,7 +227,6 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
 
 
 def _counted(nodes: object) -> str:
-    """Return the number of given nodes as text for a message."""
     return f"; there {'is' if len(nodes) == 1 else 'are'} {len(nodes)}" if is_list(nodes) else ""
 
 

@@ -1,11 +1,6 @@
 """Settings of runs: fields, units, defaults and checks in one place.
 
-Arguments of ``simulate``, scene files and the command line are converted to the ``Settings`` of a
-run. The ``Simulation`` of a scene contains the defaults of its runs.
-
-To add a setting, add a line to ``Settings`` and, for editors, its type to ``SettingsDict``. Then
-calls and scenes accept it, ensembles store it with their results, and commands have an option for
-it if it has a help text.
+To add a setting, add a line to ``Settings`` and, for editors, its type to ``SettingsDict``.
 """
 
 from __future__ import annotations
@@ -73,7 +68,6 @@ class Row(NamedTuple):
 
 
 def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:
-    """Return a field with a default, a documentation and a check."""
     about = {"row": Row(doc, check, **more)}
     if isinstance(default, dict):
         return field(default_factory=dict, metadata=about)
@@ -391,10 +385,7 @@ documented(Settings)
 
 
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
-    """Return the settings of a call; settings that it does not give are the scene's.
-
-    Raises TypeError if a setting does not exist, ModelError or SolveError if a value is invalid.
-    """
+    """Return the settings of a call; the scene's defaults replace those that it omits."""
     if not given.keys() <= ROWS.keys():
         name = next(name for name in given if name not in ROWS)
         raise TypeError(f"there is no setting '{name}'{nearest(name, ROWS)}")

@@ -1,8 +1,6 @@
-"""Tables of a scene: functions of time or of expressions, defined by points.
+"""Tables of a scene: functions of one or two arguments, defined by points.
 
-Points, and rules for interpolation and extrapolation, define a function of one or two arguments
-that becomes nodes. Numbers are data of the generated code; values that are expressions of
-parameters become separate terms, so that sensitivities include them.
+Values that are expressions become separate terms, so that sensitivities include them.
 """
 
 from __future__ import annotations
@@ -110,17 +108,13 @@ class LookupTable:
 
 
 def _held(at: Node, axis: Sequence[float]) -> Node:
-    """Clamp an argument to the range of an axis."""
     dag = at.dag
     low, high = dag.constant(axis[0]), dag.constant(axis[-1])
     return dag.select(at - low, dag.select(at - high, high, at), low)
 
 
 def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
-    """Return slopes for which cubic pieces stay within the range of their end values.
-
-    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, as in SciPy.
-    """
+    """Return slopes of monotone cubic pieces (F. N. Fritsch, J. Butland, SISSC 5 (1984) 300)."""
     from scipy.interpolate import PchipInterpolator
 
     return tuple(PchipInterpolator(x, z)(x, nu=1).tolist())
@@ -137,13 +131,7 @@ def make_lookup(
     doc: str = "",
     where: str = "",
 ) -> LookupTable:
-    """Create a table from checked data.
-
-    A table of one argument has ``x`` and ``y``; a table of two arguments also has ``values``, with
-    one row per ``x`` and one value per ``y``. ``where`` describes the table in error messages.
-    Raises SceneError or ExpressionError if arguments are not ascending, numbers are not finite,
-    rows have the wrong length, or there are too many values.
-    """
+    """Create and check a table from ``x`` and ``y``, or from ``x``, ``y`` and ``values``."""
     where = where or f"table '{name}'"
     if beyond == "stop":
         raise SceneError(
@@ -185,7 +173,6 @@ def make_lookup(
 
 
 def _listed(value: object, what: str, where: str) -> list[Any]:
-    """Return a list, tuple or array as a list."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -266,11 +253,11 @@ LARGEST_POINTS = 20_000_000
 def read_points(
     text: str, file: str, where: str
 ) -> tuple[list[float], list[float] | None, list[float] | list[list[float]]]:
-    """Read the points of a table from a file: arguments, second arguments, and values.
+    """Return the arguments, second arguments and values of a table from the text of a CSV file.
 
-    Two columns contain arguments and values; a line of names may precede them. More columns are a
-    table of two arguments: the first line contains an empty or named corner and the values of the
-    second argument; each further line contains a value of the first argument and a row of values.
+    Two columns contain arguments and values; a line of names may precede them. With more columns,
+    the first line contains a corner and the second arguments, each further line an argument and a
+    row of values.
     """
     rows = read_rows(text, f"{where}: {file}")
     if not rows:

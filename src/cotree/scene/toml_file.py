@@ -1,8 +1,4 @@
-"""Scene files: converts TOML to scenes, and names the file in every error message.
-
-Scene files may be untrusted. Files of parts must be within the folder of the outermost file, and
-their names must end in .toml.
-"""
+"""Scene files, which may be untrusted: parts must be .toml files in the outermost file's folder."""
 
 from __future__ import annotations
 
@@ -121,11 +117,7 @@ _SECTIONS = (
 def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
-    """Create a scene from the tables of its file; ``stem`` is the default name.
-
-    ``parts`` returns the scene that a part names and the scene's source, ``points`` the text of a
-    table's data file.
-    """
+    """Create a scene from the tables of its file; ``stem`` is the default name."""
     # Each statement calls the method for Python users, so that files are checked in the same way.
     for name, value in data.items():
         is_lost = name not in _SECTIONS and (not isinstance(value, dict) or "value" in value)
@@ -277,7 +269,6 @@ def load_part(source: str | Path) -> tuple[SceneDescription, str]:
 
 
 def _shipped(folder: str) -> tuple[str, ...]:
-    """Return the names of the files in a folder of shipped scenes or parts."""
     found = resources.files("cotree") / folder
     return tuple(sorted(f.name[:-5] for f in found.iterdir() if f.name.endswith(".toml")))
 
@@ -416,7 +407,7 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Scenes that a table of a file defines for its parts; inner definitions take precedence."""
+    """Scenes that tables of a file define for its parts; inner definitions take precedence."""
 
     reading: _Reading  # the file that contains the tables
     section: str  # table of the file that contains the scenes; empty at the top level

@@ -1,7 +1,6 @@
-"""Conversion of scenes to TOML that yields the same scene when it is read.
+"""Conversion of scenes to TOML; comments and order of a file are kept (tomlkit).
 
-If a scene was read from a file, its comments and its order are kept (tomlkit). New text is written
-here, since other writers put each number of a list on a separate line.
+New text is written here, since other writers put each number of a list on a separate line.
 """
 
 from __future__ import annotations
@@ -84,17 +83,12 @@ def _merge(old: Any, new: Any, has_removed: bool) -> None:
 
 
 def _changed_field(read: SceneDescription, scene: SceneDescription) -> str:
-    """Return the first field in which two scenes differ."""
     names = (row.name for row in fields(SceneDescription))
     return next((name for name in names if getattr(read, name) != getattr(scene, name)), "")
 
 
 def scene_text(scene: SceneDescription) -> str:
-    """Return a scene as TOML text.
-
-    The text is read back before it is returned, to ensure that it describes this scene even if
-    attributes were changed without the scene's methods.
-    """
+    """Return a scene as TOML text, read back to ensure that it describes this scene."""
     text = "\n".join(_lines(scene)) + "\n"
     if len(text.encode()) > LARGEST_FILE:
         raise SceneError(f"scene '{scene.name}' takes more than the {LARGEST_FILE} bytes of a file")
@@ -116,7 +110,6 @@ def table_text(name: str, rows: Mapping[str, Any]) -> str:
 
 
 def _lines(scene: SceneDescription) -> Iterator[str]:
-    """Return the lines of a scene and of the scenes of its parts."""
     found: dict[str, SceneDescription] = {}
     names: dict[int, str] = {}
     _scenes_of_parts(scene, found, names)
@@ -164,7 +157,6 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
 
 
 def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
-    """List the declarations that do not come from parts."""
     return [(name, row) for name, row in rows.items() if "." not in name]
 
 
@@ -232,7 +224,6 @@ def _event(event: Event) -> dict[str, object]:
 
 
 def _settings(given: Simulation) -> dict[str, object]:
-    """Return the settings that differ from the defaults."""
     # Omitted settings will follow the defaults of later versions.
     usual = Simulation()
     table = {

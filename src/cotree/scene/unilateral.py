@@ -1,13 +1,10 @@
 """Modes and events for dry friction and rigid stops.
 
-For each edge that sticks and slides, or that has rigid stops, a mode ``EDGE.mode`` and the events
-at which it may change are added to the scene.
-
-The mode of dry friction selects one of its laws. Its events are zeros of the slip rate, limits of
-the friction force, and engagement or disengagement. The mode of a stop is the limit at which it is
-closed; ``EDGE.impulse`` is the impulse of its last impact. The events of a stop are closing gaps,
-impacts that end in rest, and forces that would pull at a limit. C code selects the next modes of
-all edges together; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
+The mode ``EDGE.mode`` of dry friction selects one of its laws. Its events are zeros of the slip
+rate, limits of the friction force, and engagement. The mode of a stop is the limit at which it is
+closed; ``EDGE.impulse`` is the impulse of its last impact. Its events are closing gaps, impacts
+that end in rest, and tensile forces. C code selects the modes of all edges together: see
+``cotree_friction.c`` and ``cotree_stops.c`` in ``templates/runtime/events``.
 """
 
 from __future__ import annotations
@@ -285,8 +282,6 @@ _WAY = "component of the direction of the slip"
 
 @dataclass(frozen=True)
 class _Disc:
-    """Expressions for friction in the plane of a spatial contact."""
-
     holders: tuple[str, str]  # names of both slip directions in their modes
     slip: tuple[str, str]
     force: tuple[str, str]
@@ -322,11 +317,9 @@ class _Disc:
 
 
 def _ways(port: Port) -> dict[str, str]:
-    """Return the fields that contain the slip direction.
+    """Return the fields of the slip direction: the tangent of its angle to the initial direction.
 
-    The slip direction is given by the tangent of its angle to the initial direction. The tangent is
-    equal on both sides of rest, so that the law is smooth through rest, like the law of friction
-    along a line.
+    The tangent is equal on both sides of rest, so that the law is smooth through rest.
     """
     friction = port.terminal.friction
     if friction is None or not friction.follower:
@@ -342,7 +335,6 @@ def _ways(port: Port) -> dict[str, str]:
 
 
 def _disc_rows(port: Port) -> list[_Row]:
-    """Return the events of friction in the plane of a spatial contact."""
     friction = port.terminal.friction
     assert friction is not None
     disc = _Disc.of(port)

@@ -1,8 +1,4 @@
-"""Components as text: docstrings, calls, and the stub file of their methods for editors.
-
-The build writes the stub file next to :mod:`cotree.scene.component_methods`; see
-``src/build_hook.py``.
-"""
+"""Docstrings, calls, and the stub of component methods, which ``src/build_hook.py`` writes."""
 
 from __future__ import annotations
 
@@ -175,10 +171,7 @@ def _entry(field: Field) -> Entry:
 
 @lru_cache(maxsize=1)
 def examples() -> Mapping[str, tuple[str, Mapping[str, Any]]]:
-    """Return an example of each built-in component: the edge's name and statement.
-
-    The examples are those on the component pages; a test compares the file with these pages.
-    """
+    """Return the edge's name and statement in each component page's example."""
     file = resources.files("cotree") / "components" / "examples.toml"
     tables = tomllib.loads(file.read_text(encoding="utf-8"))
     # Each table contains one edge, by name.
@@ -276,7 +269,6 @@ def sentence(text: str) -> str:
 
 
 def _headline(usage: Usage) -> list[str]:
-    """Return the description of a type, in one line if it fits, otherwise as a paragraph."""
     name, doc = usage.component.name, usage.component.doc
     article = "an" if name[0] in "aeio" else "a"
     line = f"Add {article} ``{name}``: {doc}."

@@ -1,12 +1,8 @@
 """Scenes made from other scenes: with other inputs, with fixed parameters, or at rest.
 
-An input that is replaced by an expression of time and parameters remains an input. If the
-expression also contains states, outputs or measured variables, the input becomes an output of the
-same name: fields may use outputs, so that equations, Jacobian, sensitivities, events and C projects
-include it like any expression of a scene.
-
-At rest nothing changes with time. Capacities are replaced by their current at constant voltage,
-which is zero, or the static current of a junction. Inductances become short circuits.
+An input whose expression contains states or outputs becomes an output of the same name, which
+fields may use. At rest, capacities are replaced by their current at constant voltage, which is zero
+or that of a junction; inductances become short circuits.
 """
 
 from __future__ import annotations
@@ -41,10 +37,9 @@ def with_inputs(
     parameters: Mapping[str, float] | None = None,
     kind: str = "output",
 ) -> _Scene:
-    """Return the scene with the given inputs; see :meth:`cotree.Scene.with_inputs`.
+    """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
 
-    ``parameters`` are new parameters that the expressions use. Error messages call an input that
-    becomes an output ``kind``.
+    Messages call an input that becomes an output ``kind``.
     """
     given = dict(parameters or {})
     changed = scene.copied()
@@ -108,7 +103,6 @@ def _is_of_time(value: Expression, scene: SceneDescription) -> bool:
 
 
 def _check_names(value: Expression, scene: SceneDescription) -> None:
-    """Raise if a name without a dot is unknown."""
     known = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, "t", "pi"}
     for name in sorted(value.names):
         # Names with a dot are resolved later, as in fields.
