@@ -284,6 +284,9 @@ class SpiceFormula(Rewriter):
             # In parameters, ngspice keeps the sign of the base here, unlike for ``**``.
             base, exponent = map(self.value, args)
             return self._power(base, exponent) if self._signal else fill("a**b", base, exponent)
+        # In laws, ngspice keeps the sign of the base; in parameters, it does not.
+        if name == "pwr" and len(args) == 2 and self._signal is None:
+            return fill("abs(a)**b", *map(self.value, args))
         return None
 
     def _expanded(self, name: str, own: UserFunction, args: Sequence[str]) -> ast.expr:
