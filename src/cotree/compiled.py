@@ -12,7 +12,7 @@ from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
 from cotree.methods import METHODS
-from cotree.model.arrays import as_array
+from cotree.model.arrays import one_point
 from cotree.model.model import EvaluationPoint
 from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
@@ -177,7 +177,7 @@ class Model(Reported):
         return find_start(self._point_at(t, p, u), initial or {})
 
     def _point_at(self, t: Any, p: Any, u: Any) -> EvaluationPoint:
-        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        u = None if u is None else one_point(u, self.inputs, "input")
         return EvaluationPoint(
             self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u
         )
@@ -190,7 +190,7 @@ class Model(Reported):
         t : float, or array_like of shape (m,)
             Time, [s].
         y : array_like, shape (n_states,) or (n_states, m)
-            States; with two axes those of m points, which are evaluated in one call of C.
+            States; with two axes those of m points. Labels of pandas, if any, must be their names.
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
             Parameters; shape (n_parameters, m) is allowed for m points.
         u : array_like, shape (n_inputs,), optional

@@ -284,3 +284,33 @@ def test_columns_of_pandas_are_read_by_their_labels():
     assert many["M.v"].values[:, -1] == pytest.approx([1.25, 1.25], rel=1e-12)
     # Without names, numbers have the order of the parameters.
     assert model.rhs(0.0, [0.0], pandas.Series([4.0, 0.0])) == pytest.approx([0.25])
+
+
+def test_states_and_inputs_of_pandas_are_read_by_their_labels(model_of):
+    pandas = pytest.importorskip("pandas")
+    model = model_of("slider-pendulum")
+    y = model.initial_state + 0.1 * np.arange(1, 1 + len(model.states))
+    series = pandas.Series(y, index=model.states)[::-1]
+    many = np.column_stack([y, 2.0 * y])
+    table = pandas.DataFrame(many, index=model.states)[::-1]
+    for call in (model.rhs, model.jacobian, model.output_values):
+        for form in (series, series.to_dict()):
+            assert np.array_equal(call(0.0, form), call(0.0, y))
+        assert np.array_equal(call(0.0, table), call(0.0, many))
+    assert np.array_equal(model.linearize(y=series).A, model.linearize(y=y).A)
+    with pytest.raises(cotree.ParameterError, match="the model has no state 'wrong'"):
+        model.rhs(0.0, series.rename({model.states[0]: "wrong"}))
+    with pytest.raises(cotree.ParameterError, match=f"state '{model.states[0]}' has no value"):
+        model.rhs(0.0, series[:-1])
+
+    scene = cotree.Scene("driven")
+    scene.input("F", np.array(1.0))
+    scene.input("G", np.array(1.0))
+    scene.translational_mass("M", "ground", "x", mass=2.0)
+    scene.force_source("f", "ground", "x", force="F - 3*G")
+    driven = scene.compile(optimize="-O0")
+    u = pandas.Series({"G": 1.0, "F": 5.0})
+    assert driven.rhs(0.0, [0.0], u=u) == pytest.approx([1.0])
+    assert driven.rhs(0.0, [[0.0, 0.0]], u=u) == pytest.approx(np.ones((1, 2)))
+    with pytest.raises(cotree.ParameterError, match="the model has no input 'H'"):
+        driven.rhs(0.0, [0.0], u={"F": 1.0, "G": 1.0, "H": 1.0})

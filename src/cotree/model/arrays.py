@@ -65,6 +65,35 @@ def as_parameters(
     return p
 
 
+def in_order(values: Any, names: Sequence[str], kind: str) -> Any:
+    """Return values with names as labels as a list in the order of ``names``; others unchanged.
+
+    Raise ParameterError if a name is unknown or has no value; ``kind`` is the noun for names.
+    """
+    # A table of pandas has a row for each name, and a column for each of several points.
+    if hasattr(values, "to_dict") and np.ndim(values) == 2:
+        labels = list(values.index)
+        if not all(isinstance(name, str) for name in labels):
+            return values
+        found = dict(zip(labels, values.to_numpy(), strict=True))
+    else:
+        found = by_name(values)
+    if not isinstance(found, Mapping):
+        return values
+    for name in found:
+        if name not in names:
+            raise ParameterError(f"the model has no {kind} '{name}'{nearest(name, names)}")
+    for name in names:
+        if name not in found:
+            raise ParameterError(f"{kind} '{name}' has no value: give all {len(names)} of them")
+    return [found[name] for name in names]
+
+
+def one_point(values: Any, names: Sequence[str], kind: str) -> Array:
+    """Return the states or inputs of one point, given by name or in order, as an array."""
+    return as_array(in_order(values, names, kind), (len(names),), f"the {kind}s")
+
+
 def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, float]:
     """Return the values of derived parameters, by name."""
     if not derived:

@@ -31,7 +31,7 @@ from cotree.dag.nodes import (
 from cotree.equations import Derivative, Equations, spread
 from cotree.errors import Error, ParameterError, SingularSystemError, brief, nearest
 from cotree.model.algebraic import eliminated
-from cotree.model.arrays import as_array
+from cotree.model.arrays import one_point
 from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
 from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.start import find_start
@@ -436,7 +436,7 @@ def linearize(
             "total=True differentiates through the model's initial states, but y was given: "
             "omit it, or use model.trim(...).linearize(...), which follows equilibria"
         )
-    y = find_start(at, {}).y if y is None else as_array(y, (len(model.states),), "the states")
+    y = find_start(at, {}).y if y is None else one_point(y, model.states, "state")
     directions = {name: unit_direction(linearizer, at, name) for name in names}
     for name, dy in moves.items():
         directions[name] = replace(directions[name], y=dy)

@@ -17,7 +17,16 @@ import numpy as np
 
 from cotree.build import find_toolchain
 from cotree.errors import BuildError, ParameterError, SingularSystemError
-from cotree.model.arrays import Array, Structure, as_array, as_parameters, derived_values, is_many
+from cotree.model.arrays import (
+    Array,
+    Structure,
+    as_array,
+    as_parameters,
+    derived_values,
+    in_order,
+    is_many,
+    one_point,
+)
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
@@ -410,7 +419,7 @@ class CompiledModel:
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
         """Return the Jacobian at one point as a SciPy CSC matrix."""
-        one = as_array(y, (len(self.states),), "the states")
+        one = one_point(y, self.states, "state")
         return self.structure.sparse(self._at("jacobian", t, one, p, u))
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
@@ -445,6 +454,11 @@ class CompiledModel:
         return blocks.swapaxes(0, 1).copy()
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
+        # Values with labels are identified by them, as in ``parameters``.
+        if type(y) is not np.ndarray:
+            y = in_order(y, self.states, "state")
+        if u is not None and type(u) is not np.ndarray:
+            u = in_order(u, self.inputs, "input")
         if is_many(y):
             from cotree.model.columns import in_columns
 
