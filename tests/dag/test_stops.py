@@ -13,7 +13,7 @@ from cotree.dag.switching_times import (
     find_time_events,
     longest_step,
 )
-from cotree.dag.time_events import find_restart_times
+from cotree.dag.time_events import find_restart_times, time_events_along
 from cotree.scene.expressions import parse
 
 
@@ -124,3 +124,23 @@ def test_laws_that_may_be_nearly_zero_most_of_the_time(text, expected):
     dag = Dag()
     known = {"t": dag.symbol("t", 0), "x": dag.symbol("x", 0)}
     assert acts_in_part([parse(text, "a test").lower(dag, known.__getitem__)]) is expected
+
+
+@pytest.mark.parametrize("n_along", [0, 3])
+def test_the_list_of_times_is_limited(n_along):
+    dag = Dag()
+    t, p = dag.symbol("t", 0), dag.symbol("p", 0)
+    text = "floor(9e6*t) + floor(8e6*t) + floor(7e6*t + p)"
+    known = {"t": t, "p": p}
+    stops = find_time_events(dag, [parse(text, "a test").lower(dag, known.__getitem__)])
+    stops = time_events_along(stops, [{p: dag.one}] * n_along)
+    # 24 million times, although each term alone has fewer than the maximum.
+    remedy = "or compile with fewer sensitivities" if n_along else "or shorten the span"
+    with pytest.raises(ValueError, match=rf"contains 2400000\d time events.*{remedy}"):
+        find_restart_times(stops, {p: 0.0}, 0.0, 1.0)
+    with pytest.raises(ValueError, match=r"limit of 1e-09 s is spent on listing 24000\d time"):
+        find_restart_times(stops, {p: 0.0}, 0.0, 1e-2, time_limit=1e-9)
+    # Each whole microsecond is in all three series.
+    for limit in (None, 60.0):
+        found = find_restart_times(stops, {p: 0.0}, 0.0, 1e-2, time_limit=limit)
+        assert len(found) == 220001

@@ -285,3 +285,20 @@ def test_a_singular_position_is_named():
     scene.rigid_body("r", "ground", "C", mass=1.0, inertia=[1, 1, 1])
     with pytest.raises(cotree.SingularSystemError, match=r"b\.theta = 0, c\.theta = 0\.25"):
         scene.compile().simulate((0, 1))
+
+
+def test_the_time_limit_includes_the_list_of_time_events():
+    scene = cotree.Scene("staircase")
+    scene.parameter("rate", 1e7)
+    scene.translational_mass("M", "ground", "x", mass=1.0)
+    scene.force_source("f", "ground", "x", force="floor(rate*t)")
+    model = scene.compile(tunable=["rate"], optimize="-O0")
+    begin = time.perf_counter()
+    with pytest.raises(cotree.SolveError, match=r"limit of 0\.1 s is spent on listing 1000000"):
+        model.simulate((0, 1), time_limit=0.1)
+    # One operation on all times takes less than a second; the whole list takes several.
+    assert time.perf_counter() - begin < 3.0
+    with pytest.warns(RuntimeWarning, match=r"1 of 2 members failed.*limit of 0\.1 s is spent on"):
+        few = model.ensemble((0, 1), {"rate": [1.0, 1e7]}, time_limit=0.1)
+    assert few.status.values.tolist()[0] == 0
+    assert few.status.values.tolist()[1] != 0

@@ -8,6 +8,7 @@ a span with their derivatives; times that differ only by rounding are merged. If
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,8 +28,12 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of time events in a run; more indicate wrong units.
-_MOST = 10_000_000
+#: Maximum number of times in a run, and of numbers stored for them: times, slopes and spreads. More
+#: times indicate wrong units.
+_MOST, _MOST_NUMBERS = 10_000_000, 30_000_000
+
+#: Number of times below which they are listed within milliseconds.
+_FEW = 100_000
 
 
 def time_events_along(
@@ -51,28 +56,40 @@ def find_restart_times(
     low: float,
     high: float,
     others: Sequence[float] = (),
+    time_limit: float | None = None,
 ) -> RestartTimes:
     """Return the times of time events in the span from ``low`` to ``high``, including both ends.
 
     Times that differ only by rounding are merged, with the slopes of the first one. At the ends of
     the span, whose times are fixed, slopes are zero; the slopes of events there are contained in
     the spreads. The times ``others`` do not change along any direction. Raises ValueError if a
-    period leads to too many times.
+    period leads to too many times, or listing them takes longer than ``time_limit``, [s].
     """
     # Times that differ from an end only by rounding are at the end.
     margin = SAME * max(abs(low), abs(high))
     m = max((len(stop.along) for stop in stops), default=0)
+    series = [_series_of(stop, values, low - margin, high + margin) for stop in stops]
+    watch = _Watch(series, len(others), m, time_limit)
     found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
-    found += [_times_of(stop, values, low - margin, high + margin, m) for stop in stops]
+    for stop, own in zip(stops, series, strict=True):
+        found.append(_times_of(stop, own, values, m))
+        watch.check()
     t = np.concatenate([row.t for row in found])
     slopes = np.concatenate([row.slopes for row in found])
     scales = np.repeat([row.scale for row in found], [len(row.t) for row in found])
-    ends = [_is_same(t, end) for end in (low, high)]
+    watch.check()
+    ends = []
+    for end in (low, high):
+        ends.append(_is_same(t, end))
+        watch.check()
     is_kept = ends[0] | ends[1] | ((low < t) & (t < high))
     order = np.flatnonzero(is_kept)
+    watch.check()
     order = order[np.argsort(t[order], kind="stable")]
+    watch.check()
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
+    watch.check()
     # The ends of a run do not depend on parameters. If an event at an end does, its slope becomes
     # the spread at this end.
     at_end = (at_low | at_high)[:, None]
@@ -81,10 +98,15 @@ def find_restart_times(
     t = np.where(at_low, low, np.where(at_high, high, t))
     if not len(t):
         return RestartTimes(t, slopes, spreads)
+    watch.check()
     starts = np.flatnonzero(np.concatenate([[True], ~_is_same(t[1:], t[:-1])]))
+    watch.check()
     first = np.repeat(slopes[starts], np.diff(np.append(starts, len(t))), axis=0)
+    watch.check()
     differ = np.where(_is_same(first, slopes), 0.0, np.abs(first - slopes))
+    watch.check()
     spreads = np.maximum.reduceat(np.maximum(spreads, differ), starts, axis=0)
+    watch.check()
     return RestartTimes(t[starts], slopes[starts], spreads, scale)
 
 
@@ -102,27 +124,78 @@ class _Times(NamedTuple):
     scale: float
 
 
-def _times_of(
-    stop: TimeEvent, values: Mapping[Node, float], low: float, high: float, m: int
-) -> _Times:
-    """Return the times of one time event within a span."""
+class _Series(NamedTuple):
+    """Times ``first + k * period`` with k from ``start`` to ``end``."""
+
+    first: float
+    period: float
+    start: int
+    end: int
+
+    @property
+    def n_times(self) -> int:
+        """The number of times."""
+        return max(0, self.end - self.start + 1)
+
+
+class _Watch:
+    """The limits of time and memory while time events are listed."""
+
+    def __init__(
+        self, series: Sequence[_Series], n_others: int, m: int, limit: float | None
+    ) -> None:
+        self._limit, self._begun = limit, time.perf_counter()
+        self._n = n_others + sum(row.n_times for row in series)
+        self._densest = max(series, key=lambda row: row.n_times, default=_Series(0.0, 0.0, 0, -1))
+        count, period = self._densest.n_times, abs(self._densest.period)
+        # An event within rounding of either end may be one more.
+        if count > _MOST + 1:
+            raise ValueError(
+                f"a period of {period:.6g} s occurs {count - 1} times in the span: it is too "
+                "short for this run; check its unit"
+            )
+        if series and (self._n > 2 * _MOST or self._n * (1 + 2 * m) > _MOST_NUMBERS):
+            fewer = ", or compile with fewer sensitivities" if m else ""
+            raise ValueError(
+                f"the span contains {self._n} time events, too many to list; the shortest period "
+                f"is {period:.6g} s: check its unit or shorten the span{fewer}"
+            )
+
+    def check(self) -> None:
+        """Raise ValueError if the time limit is spent."""
+        if self._limit is None or self._n < _FEW:
+            return
+        if time.perf_counter() - self._begun > self._limit:
+            densest, period = self._densest.n_times, abs(self._densest.period)
+            raise ValueError(
+                f"the time limit of {self._limit:g} s is spent on listing {self._n} time events, "
+                f"{densest} of them with a period of {period:.6g} s: check the unit of the "
+                "period, shorten the span, or raise time_limit"
+            )
+
+
+def _series_of(stop: TimeEvent, values: Mapping[Node, float], low: float, high: float) -> _Series:
+    """Return the range of the times of one time event within a span."""
     first, period = value_of(stop.first, values), value_of(stop.period, values)
     if not math.isfinite(first):
-        return _Times(np.zeros(0), np.zeros((0, m)), 0.0)
-    along = np.zeros((2, m))
-    for j, row in enumerate(stop.along):
-        along[:, j] = [value_of(node, values) for node in row]
+        return _Series(0.0, 0.0, 0, -1)
     if stop.period is None or not math.isfinite(period) or period == 0.0:
-        return _Times(np.array([first]), along[:1], 0.0)
+        return _Series(first, 0.0, 0, 0)
     # The ends of the span are sorted, since the period may be negative.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
     # A source that starts at its first time is not periodic before it.
-    start = max(start, 0) if stop.starts else start
-    if end - start > _MOST:
-        raise ValueError(
-            f"a period of {period:.6g} s occurs {end - start} times in the span: it is too "
-            "short for this run; check its unit"
-        )
-    k = np.arange(start, end + 1, dtype=float)
-    return _Times(first + k * period, along[0] + k[:, None] * along[1], abs(first))
+    return _Series(first, period, max(start, 0) if stop.starts else start, end)
+
+
+def _times_of(stop: TimeEvent, own: _Series, values: Mapping[Node, float], m: int) -> _Times:
+    """Return the times of one time event with their derivatives."""
+    along = np.zeros((2, m))
+    if own.n_times:
+        for j, row in enumerate(stop.along):
+            along[:, j] = [value_of(node, values) for node in row]
+    if own.period == 0.0:
+        return _Times(np.full(own.n_times, own.first), along[: own.n_times], 0.0)
+    k = np.arange(own.start, own.end + 1, dtype=float)
+    times = own.first + k * own.period
+    return _Times(times, along[0] + k[:, None] * along[1], abs(own.first))

@@ -339,14 +339,20 @@ class CompiledModel:
         return self.rest is not None
 
     def restart_times(
-        self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
+        self,
+        p: Array,
+        span: tuple[float, float],
+        given: Container[str],
+        others: Sequence[float],
+        time_limit: float | None = None,
     ) -> RestartTimes:
         """Return the times of jumps and kinks; see :meth:`Program.restart_times`.
 
         ``span`` are the start and end of a run in either order, [s]; ``given`` are the inputs that
         the run replaces, ``others`` further times, such as those of tables, [s].
         """
-        return self.program.restart_times(p.tolist(), (min(span), max(span)), given, others)
+        ends = (min(span), max(span))
+        return self.program.restart_times(p.tolist(), ends, given, others, time_limit)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Return the longest step with which no variation of an input is missed, [s]."""

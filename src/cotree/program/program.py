@@ -79,11 +79,13 @@ class Program:
         span: tuple[float, float],
         replaced: Container[str] = (),
         others: Sequence[float] = (),
+        time_limit: float | None = None,
     ) -> RestartTimes:
         """Return the times within a span at which integration restarts, for parameters p.
 
         ``replaced`` are inputs that a run replaces; ``others`` are further times, which depend on
-        no parameter. Raises SolveError if a period is far too short for the span.
+        no parameter. Raises SolveError if a period is far too short for the span, or listing the
+        times takes longer than ``time_limit``, [s].
         """
         if not self.stops and not others:
             return RestartTimes.none()
@@ -95,7 +97,7 @@ class Program:
                 for stop in stops
                 for node in (stop.first, stop.period, *chain.from_iterable(stop.along))
             ]
-            return find_restart_times(stops, _parameters(nodes, p), *span, others)
+            return find_restart_times(stops, _parameters(nodes, p), *span, others, time_limit)
         except ValueError as error:
             raise SolveError(str(error)) from None
 

@@ -132,7 +132,8 @@ class Evaluator:
         self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
         if problem.settings.time_limit is not None:
-            self._deadline = time.perf_counter() + problem.settings.time_limit
+            rest = problem.settings.time_limit - problem.seconds_taken
+            self._deadline = time.perf_counter() + rest
         # The number of evaluations in one step is limited, since SciPy's step loops do not end if
         # the step size becomes nan. A step takes tens of evaluations or, if the solver computes the
         # Jacobian by differences, as many as z has entries.

@@ -291,6 +291,7 @@ class Attempt:
         job, problem = self.job, self.problem
         settings, others = problem.settings, problem.steps_taken
         limit, time_limit = settings.max_steps, settings.time_limit
+        begin -= problem.seconds_taken
         # If a step calls Python functions, it may be slow.
         steps = 1 if problem.functions else _FIRST_STEPS
         while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Collection, Hashable, Mapping
 from numbers import Number, Real
 from types import BuiltinFunctionType, FunctionType, MethodType
@@ -257,9 +258,12 @@ class Preparation:
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
         """Return the fields of a problem on breakpoints, which depend on parameters."""
-        settings, scale = self.settings, self._template.scale
-        corners = self.model.restart_times(p, settings.t_span, settings.inputs, signals.breakpoints)
+        settings, scale, begun = self.settings, self._template.scale, time.perf_counter()
+        corners = self.model.restart_times(
+            p, settings.t_span, settings.inputs, signals.breakpoints, settings.time_limit
+        )
         return {
+            "seconds_taken": time.perf_counter() - begun,
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
             # Sensitivities jump only at time events that depend on parameters.

@@ -100,6 +100,8 @@ class Problem:
         Names of states and sensitivity parameters for messages; empty if there are no names.
     max_step : float
         The maximum step size, [s]; breakpoints and requested times may require shorter steps.
+    seconds_taken : float
+        The time in which breakpoints were listed, [s], which counts towards the time limit.
     steps_taken : int
         Number of steps, part of the limit, that other runs have taken before this one.
     held : BoundModel or None
@@ -165,6 +167,7 @@ class Problem:
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
     steps_taken: int = 0
+    seconds_taken: float = 0.0
     held: BoundModel | None = None
     constraints: tuple[str, ...] = ()
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
@@ -373,7 +376,9 @@ def restart_times(problem: Problem) -> FloatArray:
     if not len(problem.breakpoints):
         return np.array([start, end])
     low, high = min(start, end), max(start, end)
-    inside = np.unique(np.asarray(problem.breakpoints, dtype=float))
+    inside = np.asarray(problem.breakpoints, dtype=float)
+    if not (inside[1:] > inside[:-1]).all():
+        inside = np.unique(inside)
     # A breakpoint at an end does not divide the span.
     inside = inside[(low < inside) & (inside < high)]
     return np.concatenate([[start], inside[:: int(problem.direction)], [end]])
