@@ -43,20 +43,10 @@ if TYPE_CHECKING:
 
 @without_collection()
 def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
-    """Write the C files of a model.
+    """Write the C files of a model: text by file name.
 
-    Parameters
-    ----------
-    model : ModelContext
-        From :func:`cotree.codegen.context.model_context`.
-    features : Features
-        The parts of the runtime that are compiled.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name: ``<model>.h``, ``<model>.c``, the headers that these include and, if C
-        processes several numbers at a time, ``<model>_vectors.h``.
+    These are ``<model>.h``, ``<model>.c``, the headers that these include and, if C processes
+    several numbers at a time, ``<model>_vectors.h``.
     """
     vectors, target = {}, model.target
     if model.uses_vectors:
@@ -70,27 +60,15 @@ def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, 
 
 
 def cdef(header: str, prefix: str) -> str:
-    """Return the declarations of a model for cffi.
-
-    Parameters
-    ----------
-    header : str
-        Text of ``cotree_abi.h``.
-    prefix : str
-        Prefix of the model's names.
-    """
+    """Return the declarations of a model for cffi from the text of ``cotree_abi.h``."""
     return f"{declarations([header], ['cotree_model'])}const cotree_model *{prefix}_abi(void);\n"
 
 
 def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
     """Return declarations of exported functions and types for cffi, with doubles as numbers.
 
-    Parameters
-    ----------
-    texts : iterable of str
-        Headers, in an order in which each follows those that it includes.
-    types : sequence of str
-        Names of types besides those that the functions use.
+    Each of the headers follows those that it includes; ``types`` are further ones besides those
+    that the functions use.
     """
     return f"typedef double cotree_real;\n{exported(texts, types)}"
 

@@ -157,22 +157,11 @@ def _declared(text: str) -> tuple[str, ...]:
 
 
 def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str, str]:
-    """Remove unused items from files that are the same for every model.
+    """Remove unused items from the files named ``shared``, which are the same for every model.
 
     Exported items remain. So do conditions that are not closed in the same paragraph, such as
     include guards, and headers without an include guard, whose names depend on macros.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-        C text by file name, in which preprocessor conditions have been evaluated.
-    shared : container of str
-        Names of the files that are the same for every model.
-
-    Returns
-    -------
-    dict of str to str
-        Text by file name.
+    Preprocessor conditions in ``texts``, C text by file name, have been evaluated.
     """
     cut = {
         name
@@ -200,12 +189,7 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
     """Return exported functions, the given types, and the items that these need, uncommented.
 
-    Parameters
-    ----------
-    texts : iterable of str
-        Headers, in an order in which each follows those that it includes.
-    types : sequence of str
-        Names of types.
+    Each of the headers ``texts`` follows those that it includes.
     """
     rows = [item for text in texts for item in items(text) if item.names and not item.is_directive]
     roots = [i for i in rows if _EXPORT in i.text or not {*types}.isdisjoint(i.names)]

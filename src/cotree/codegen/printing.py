@@ -284,16 +284,9 @@ def _number(number: Number, slot: str) -> str:
 
 
 def function_head(result: str, name: str, arguments: Collection[str]) -> str:
-    """Return the head of a function, with line breaks only between arguments.
+    """Return the head of a function, with line breaks only between the declared arguments.
 
-    Parameters
-    ----------
-    result : str
-        The text before the name: linkage and type of the result.
-    name : str
-        Name of the function.
-    arguments : collection of str
-        Declarations of the arguments.
+    ``result`` is the text before the name: linkage and type of the result.
     """
     lines = [f"{result} {name}("]
     indent = " " * len(lines[0])

@@ -34,17 +34,12 @@ LARGEST_FILE = 200_000_000
 
 @cache
 def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Environment:
-    """Return the Jinja environment that renders templates.
+    """Return the Jinja environment that renders templates; names are escaped if ``is_html``.
 
-    Parameters
-    ----------
-    target : Target
-        The type of numbers. C templates contain ``{{ real }}`` for the type, ``{{ f }}`` after each
-        literal and function of ``math.h``, ``{{ DBL }}`` for the prefix of names in ``float.h``,
-        and functions that return tolerances and the limits of the range. Filters convert numbers
-        and texts to literals, texts to comments, and items to lines of a readable length.
-    is_html : bool
-        Whether the text is HTML, in which names and texts are escaped.
+    C templates contain ``{{ real }}`` for the type of numbers, ``{{ f }}`` after each literal and
+    function of ``math.h``, ``{{ DBL }}`` for the prefix of names in ``float.h``, and functions that
+    return tolerances and the limits of the range. Filters convert numbers and texts to literals,
+    texts to comments, and items to lines of a readable length.
     """
     import jinja2
 
@@ -78,21 +73,9 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
 
 def render(template: str, target: Target = DOUBLE, **context: object) -> str:
-    """Render a template.
+    """Render the template at a path below the template folder.
 
-    Parameters
-    ----------
-    template : str
-        Path below the template folder.
-    target : Target
-        The type of numbers.
-    **context
-        Template data; see :mod:`cotree.codegen.context`.
-
-    Raises
-    ------
-    CodegenError
-        If the text is too long, or a coefficient is outside the range of the type.
+    Raises CodegenError if the text is too long, or a coefficient is outside the range of the type.
     """
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
@@ -150,23 +133,10 @@ def with_runtime(
     features: Features = ALL,
     has_sources: bool = True,
 ) -> dict[str, str]:
-    """Add the runtime modules that texts include directly or indirectly.
+    """Add ``cotree_abi.h`` and the runtime modules that texts include directly or indirectly.
 
-    Parameters
-    ----------
-    files : mapping of str to str
-        C text by file name.
-    target : Target
-        The type of numbers.
-    features : Features
-        The parts of the runtime and of ``files`` that are compiled.
-    has_sources : bool
-        Whether sources are added, too, not only headers.
-
-    Returns
-    -------
-    dict of str to str
-        Text by file name: the given files, then ``cotree_abi.h`` and those of the runtime.
+    ``features`` are the parts of the runtime and of ``files`` that are compiled. Sources are added
+    only if ``has_sources``.
     """
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
     waiting = [name for text in found.values() for name in includes(text)]
@@ -272,13 +242,9 @@ def _resolved(text: str, target: Target, features: Features) -> str:
 def resolve(text: str, known: Mapping[str, bool]) -> str:
     """Evaluate preprocessor conditions on known macros, and remove text that is not compiled.
 
-    Parameters
-    ----------
-    text : str
-        C text. Conditions have the form ``#if NAME`` or ``#if !NAME``, or several of these with
-        ``&&`` or ``||``; a default between ``#ifndef NAME`` and ``#endif`` is removed.
-    known : mapping of str to bool
-        Values of macros; conditions on other macros remain.
+    Conditions have the form ``#if NAME`` or ``#if !NAME``, or several of these with ``&&`` or
+    ``||``; conditions on other macros remain. A default between ``#ifndef NAME`` and ``#endif`` is
+    removed if the macro is known.
     """
     if not any(name in text for name in known):
         return text

@@ -26,19 +26,9 @@ if TYPE_CHECKING:
 
 
 def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
-    """Combine the C files of a project.
+    """Combine the C files of a project, among them ``main.c``, into a header and a source.
 
-    Parameters
-    ----------
-    texts : mapping of str to str
-        Headers and sources by name, including ``main.c``.
-    prefix : str
-        Prefix of the model's names.
-
-    Returns
-    -------
-    dict of str to str
-        The header and the source. The main program is compiled if ``<PREFIX>_MAIN`` is defined.
+    The main program is compiled if ``<PREFIX>_MAIN`` is defined.
     """
     seen: set[str] = set()
     # Other programs may include the headers that the main program includes.

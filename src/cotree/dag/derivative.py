@@ -438,26 +438,9 @@ def tangents(
 ) -> list[Node]:
     """Return the derivative of each root along the direction ``seed``.
 
-    Parameters
-    ----------
-    roots : sequence of Node
-        The values to differentiate.
-    seed : mapping of Node to Node
-        Derivatives of symbols, or of other nodes, whose arguments are then ignored. Absent symbols
-        are constant.
-    replacements : mapping of Node to Node
-        Nodes that will be substituted for symbols in the derivatives, and may have constant
-        branches (:mod:`cotree.dag.derivative`).
-
-    Returns
-    -------
-    list of Node
-        Derivatives of the roots.
-
-    Raises
-    ------
-    ArithmeticError
-        If a root calls an external function without partial derivatives.
+    ``seed`` has the derivatives of symbols, or of other nodes, whose arguments are then ignored;
+    ``replacements`` are nodes that will be substituted for symbols and may have constant branches.
+    Raises ArithmeticError if a root calls an external function without partial derivatives.
     """
     if not roots:
         return []

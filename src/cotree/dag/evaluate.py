@@ -22,31 +22,12 @@ def evaluate(
     numbers: Numbers = "real",
     order: Sequence[Node] | None = None,
 ) -> list[Any]:
-    """Evaluate nodes.
+    """Return the values of the roots; ``values`` has those of symbols and of nodes that are known.
 
-    Parameters
-    ----------
-    roots : sequence of Node
-        The nodes to evaluate.
-    values : mapping of Node to number
-        Values of symbols, and of other nodes that are then not computed.
-    numbers : {'real', 'complex_', 'array'}
-        Kind of the values; with 'complex_', for complex steps, real parts select branches.
-    order : sequence of Node, optional
-        The result of :func:`~cotree.dag.nodes.reachable` for the roots, if it is known.
-
-    Returns
-    -------
-    list
-        The values of the roots.
-
-    Raises
-    ------
-    KeyError
-        If a symbol has no value.
-    ArithmeticError, ValueError
-        If an operation on complex numbers is undefined. Operations on floats return infinities and
-        nan, as in C.
+    With the numbers 'complex_', for complex steps, real parts select branches. ``order`` is the
+    result of :func:`~cotree.dag.nodes.reachable`, if it is known. Raises KeyError if a symbol has no
+    value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
+    operations on floats return infinities and nan, as in C.
     """
     # The functions are looked up once, since kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}

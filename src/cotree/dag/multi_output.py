@@ -320,30 +320,12 @@ class Function:
 def solve_pivoted(
     matrix: Any, rhs: Any, reference: float = 0.0, shape: SolveShape | None = None
 ) -> tuple[Any, int, bool]:
-    """Solve a dense linear system by Gaussian elimination with complete pivoting.
+    """Solve a dense linear system, real or complex, by Gaussian elimination with complete pivoting.
 
     If pivots are below the tolerance times the largest entry, the minimum-norm solution is
     returned. Rows without a pivot are ignored, which is correct for consistent systems.
-
-    Parameters
-    ----------
-    matrix : array_like, shape (n, n)
-        The coefficients, real or complex.
-    rhs : array_like, shape (n,)
-        The right-hand side.
-    reference : float
-        Magnitude of the terms in the entries before cancellation.
-    shape : SolveShape, optional
-        Requirements on the solution; by default all unknowns must be unique.
-
-    Returns
-    -------
-    solution : ndarray, shape (n,)
-        The unknowns.
-    rank : int
-        Number of accepted pivots.
-    is_determined : bool
-        Whether the leading unknowns have a unique solution.
+    ``reference`` is the magnitude of the terms in the entries before cancellation. Returns the
+    solution, the number of accepted pivots, and whether the leading unknowns are unique.
     """
     a = np.array(matrix)
     b = np.array(rhs, dtype=np.result_type(a, rhs))
@@ -434,29 +416,12 @@ def solve(
     shape: SolveShape | None = None,
     sizes: Sequence[Node] = (),
 ) -> tuple[Node, ...]:
-    """Form the solution of a small dense linear system, and its rank.
+    """Form the n unknowns of a small dense linear system, its rank, and one if they are accepted.
 
-    Parameters
-    ----------
-    dag : Dag
-        The graph.
-    matrix : sequence of rows of Node
-        Coefficients, n by n.
-    rhs : sequence of Node
-        Right-hand side.
-    reference : Node, optional
-        Magnitude of the terms in the entries before cancellation, for the rank decision.
-    shape : SolveShape, optional
-        Number of leading unknowns that must be unique for the solution to be accepted; others may
-        be redundant. By default all unknowns must be unique.
-    sizes : sequence of Node
-        Scale of each diagonal entry, if rows and columns are divided by the square roots of these
-        scales before pivoting.
-
-    Returns
-    -------
-    tuple of Node
-        The n unknowns, the rank found at run time, and one if the solution is accepted.
+    ``reference`` is the magnitude of the terms in the entries before cancellation, for the rank.
+    ``shape`` has the number of leading unknowns that must be unique, by default all; others may be
+    redundant. If ``sizes`` has a scale for each diagonal entry, rows and columns are divided by
+    the square roots of these scales before pivoting.
     """
     n = len(rhs)
     # sizes_of, is_symmetric, the derivatives and the C statements rely on this layout.

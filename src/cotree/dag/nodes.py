@@ -438,12 +438,8 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
     """Return, for each node, the union of its bits and the bits of all nodes on which it depends.
 
-    Parameters
-    ----------
-    order : iterable of Node
-        Nodes in order of evaluation.
-    own : mapping of Node to int
-        Bit masks of nodes. Integers serve as sets, whose union is one operation.
+    ``order`` has arguments before their users. Integers serve as sets, whose union is one
+    operation.
     """
     found = dict(own)
     for node in order:

@@ -29,20 +29,9 @@ def find_roots(
 ) -> dict[Node, Node] | None:
     """Return the roots that end at the zero of a condition, each with its signed argument.
 
-    Parameters
-    ----------
-    nodes : iterable of Node
-        The values that may be such roots.
-    condition : Node
-        The condition.
-    is_same : callable
-        Returns whether a value is zero where the condition is, and changes its sign with it.
-
-    Returns
-    -------
-    dict of Node to Node or None
-        None if another operation ends at this zero, or an argument touches zero with a slope of
-        zero.
+    ``is_same`` returns whether a value is zero where the condition is, and changes its sign with
+    it. The result is None if another operation ends at this zero, or an argument touches zero with
+    a slope of zero.
     """
     found: dict[Node, Node] = {}
     for way in ways_to_zero(condition):
@@ -104,18 +93,10 @@ class SteepRoots:
         return node if node in self.signed else None
 
     def replaced(self, node: Node, args: tuple[Node, ...], distance: Node, width: Node) -> Node:
-        """Form a root, or its slope, with the replacement within the band.
+        """Form a root, or a quotient by it or power in its slope, with the replacement within the band.
 
-        Parameters
-        ----------
-        node : Node
-            The root, a quotient by it, or a power in its slope.
-        args : tuple of Node
-            New arguments of the node; for a quotient, the dividend and z.
-        distance : Node
-            The argument z with its sign.
-        width : Node
-            The half-width b of the band.
+        ``args`` are the new arguments of the node; for a quotient, the dividend and z. ``distance`` is
+        z with its sign, and ``width`` the half-width b of the band.
         """
         dag, root = node.dag, self.root_of(node)
         assert root is not None
