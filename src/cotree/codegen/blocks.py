@@ -254,9 +254,9 @@ def cut_into_blocks(
 ) -> Blocks:
     """Divide the statements of a kernel into blocks, unless they are few.
 
-    ``names`` is the C name of the blocks, with ``{}`` for the number. ``results`` are arrays that no
-    statement reads; their elements are written as soon as they are known. ``longest`` is the maximum
-    number of operations in a block, except for longer loops and single statements.
+    ``names`` is the C name of the blocks, with ``{}`` for the number. ``results`` are arrays that
+    no statement reads; their elements are written as soon as they are known. ``longest`` is the
+    maximum number of operations in a block, except for longer loops and single statements.
     """
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:

@@ -22,11 +22,11 @@ def evaluate(
     numbers: Numbers = "real",
     order: Sequence[Node] | None = None,
 ) -> list[Any]:
-    """Return the values of the roots; ``values`` has those of symbols and of nodes that are known.
+    """Return the values of the roots; ``values`` has those of symbols and of known nodes.
 
     With the numbers 'complex_', for complex steps, real parts select branches. ``order`` is the
-    result of :func:`~cotree.dag.nodes.reachable`, if it is known. Raises KeyError if a symbol has no
-    value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
+    result of :func:`~cotree.dag.nodes.reachable`, if it is known. Raises KeyError if a symbol has
+    no value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
     operations on floats return infinities and nan, as in C.
     """
     # The functions are looked up once, since kernels have thousands of nodes.

@@ -93,10 +93,10 @@ class SteepRoots:
         return node if node in self.signed else None
 
     def replaced(self, node: Node, args: tuple[Node, ...], distance: Node, width: Node) -> Node:
-        """Form a root, or a quotient by it or power in its slope, with the replacement within the band.
+        """Form a root, or a quotient by it or power in its slope, replaced within the band.
 
-        ``args`` are the new arguments of the node; for a quotient, the dividend and z. ``distance`` is
-        z with its sign, and ``width`` the half-width b of the band.
+        ``args`` are the new arguments of the node; for a quotient, the dividend and z. ``distance``
+        is z with its sign, and ``width`` the half-width b of the band.
         """
         dag, root = node.dag, self.root_of(node)
         assert root is not None
