@@ -1,7 +1,4 @@
-"""Linear graphs: nodes, directed edges, trees, and the matrices and walks that follow from them.
-
-This package is pure topology: other packages define the physical meaning of the edges.
-"""
+"""Linear graphs: nodes, directed edges, trees, and the matrices and walks that follow from them."""
 
 from __future__ import annotations
 

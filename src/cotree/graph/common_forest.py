@@ -82,7 +82,6 @@ class Contracted:
 
 
 def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
-    """Return the edges between two nodes of a rooted tree."""
     # Move up from the deeper end until both paths meet.
     route = []
     while a != b:
@@ -131,7 +130,6 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
 def _exchange(
     first: Contracted, second: Contracted, costs: Mapping[str, int], shared: set[str]
 ) -> list[str] | None:
-    """Return the cheapest exchange that adds one edge, or None if there is none."""
     forest = [name for name in costs if name in shared]
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)

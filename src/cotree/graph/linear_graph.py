@@ -1,7 +1,4 @@
-"""The linear graph of one domain: named nodes and directed, named edges between them.
-
-A `LinearGraph` consists of names and is checked when it is created. [1] section 1.1, Fig. 1.
-"""
+"""The linear graph of one domain: named nodes and directed edges. [1] section 1.1, Fig. 1."""
 
 from __future__ import annotations
 
@@ -142,10 +139,7 @@ def _check_unique(noun: str, names: Iterable[str], domain: str) -> None:
 
 @dataclass(frozen=True)
 class TreeStep:
-    """A step of a walk along an edge, from a visited node, the parent, to a new one, the child.
-
-    ``sign`` is +1 if the edge points from parent to child, -1 if it points back.
-    """
+    """A step of a walk from parent to child; ``sign`` is -1 if the edge points to the parent."""
 
     edge: str
     parent: str
@@ -154,10 +148,9 @@ class TreeStep:
 
 
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
-    """Walk depth first from `start` along the named edges, and reach each node once.
+    """Walk depth first along the named edges and reach each node once, parents before children.
 
-    Parents come before children, siblings are in edge order, and subtrees are not interrupted. The
-    walk costs O(n) and is not recursive, so that long chains do not exceed Python's limit.
+    The walk costs O(n) and is not recursive, so that long chains do not exceed Python's limit.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
@@ -182,10 +175,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
-    """Raise an error if the named edges do not connect all nodes to the reference.
-
-    ``what`` names these edges in the message; `{them}` in ``remedy`` is replaced by the nodes.
-    """
+    """Raise if the named edges do not connect all nodes; ``{them}`` in ``remedy`` are the nodes."""
     steps = walk_edges(graph, names, graph.reference)
     # Each step reaches one new node; the reference is not reached by a step.
     if len(steps) + 1 < graph.n_nodes:

@@ -1,9 +1,8 @@
 """The tree of a linear graph, and the matrices that follow from a walk over it.
 
-A `Tree` is made from a `LinearGraph` with weights or names of branches. Edges in the tree are
-branches, all others are chords ([1] section 1.1). Matrices are integer; their rows and columns have
-names, and columns are in edge order. The signs are such that `incidence @ through = 0`, `cutset @
-through = 0` ([1] eq. 1), `circuit @ across = 0` ([1] eq. 2) and `cutset @ circuit.T = 0`.
+Edges in the tree are branches, all others are chords ([1] section 1.1). The signs are such that
+`incidence @ through = 0`, `cutset @ through = 0` ([1] eq. 1), `circuit @ across = 0` ([1] eq. 2)
+and `cutset @ circuit.T = 0`.
 """
 
 from __future__ import annotations
@@ -76,10 +75,9 @@ class Tree:
 
 
 def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
-    """Select the spanning tree of minimum weight, the first one in edge order among equals.
+    """Return the spanning tree of minimum weight; edges without a finite weight are chords.
 
-    Edges without a finite weight never become branches. Raises TopologyError if there is a weight
-    for an unknown edge, or if the possible branches do not reach all nodes.
+    Among equals, the first one in edge order is selected.
     """
     for name in weights:
         graph.edge(name)
@@ -103,11 +101,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
 
 
 def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
-    """Return the tree of the named edges, which may be in any order.
-
-    Raises TopologyError if a name is unknown or occurs twice, if the edges contain a circuit, or if
-    they do not reach all nodes.
-    """
+    """Return the tree of the named edges; raise TopologyError if they are not a spanning tree."""
     parts = Parts(graph.nodes)
     branches: set[str] = set()
     for name in names:
@@ -218,10 +212,9 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 
 
 def f_cutset(tree: Tree) -> TopologyMatrix:
-    """Form the f-cutset matrix, (n_branches, n_edges), of [1] eq. 1.
+    """Form the f-cutset matrix of [1] eq. 1, (n_branches, n_edges), an identity in the branches.
 
-    There is one row per branch, with +1 for the branch and for each edge that crosses its cut in
-    the same direction, -1 for edges in the opposite direction. The branch columns are the identity.
+    It is +1 for edges that cross the cut in the branch's direction, -1 in the opposite direction.
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
@@ -233,10 +226,9 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 
 
 def f_circuit(tree: Tree) -> TopologyMatrix:
-    """Form the f-circuit matrix, (n_chords, n_edges), of [1] eq. 2.
+    """Form the f-circuit matrix of [1] eq. 2, (n_chords, n_edges), an identity in the chords.
 
-    There is one row per chord, with +1 for the chord and for each branch that the circuit follows
-    in its direction, -1 for branches in the opposite direction. The chord columns are the identity.
+    It is +1 for branches that the circuit follows in their direction, -1 in the opposite one.
     """
     # Each chord closes exactly one f-circuit, so that its column has a single entry.
     matrix, column_of = _with_identity(tree, tree.chords)
@@ -261,9 +253,7 @@ def _with_identity(
 def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
     """Return chord, branch and sign for every branch in every f-circuit.
 
-    A circuit follows its chord from tail to head, and returns to the tail through the tree. Only
-    steps below the point at which both paths meet are visited, so that the cost is the number of
-    terms.
+    A circuit follows its chord from tail to head, and returns to the tail through the tree.
     """
     step_to = {step.child: step for step in tree_walk(tree)}
     depth = {tree.graph.reference: 0}

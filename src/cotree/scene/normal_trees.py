@@ -234,7 +234,10 @@ class CoupledTrees:
         return found
 
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
-        """Select branches, some couplings being fixed; the others hold at most for transformers."""
+        """Select branches with ``fixed`` choices for some couplings; return None if impossible.
+
+        Conditions of other transformers are satisfied where possible, those of gyrators ignored.
+        """
         chosen = [name for name, is_branch in fixed.items() if is_branch]
         given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
         branches = [*given, *chosen]

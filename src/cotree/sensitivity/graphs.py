@@ -1,8 +1,7 @@
 """Sensitivity graphs G2, G3, ...: the formulation is evaluated with differentiated variables.
 
-From the first graph, solved for its through and across variables, these functions form one
-:class:`~cotree.equations.Derivative` per direction. Columns of the Jacobian, parameter
-sensitivities and initial-value sensitivities differ only in their seeds.
+Columns of the Jacobian, parameter sensitivities and initial-value sensitivities differ only in
+their seeds; each direction yields one :class:`~cotree.equations.Derivative`.
 """
 
 from __future__ import annotations
@@ -57,10 +56,7 @@ if TYPE_CHECKING:
 
 
 class Changes(Sums):
-    """Sums of wrenches on clusters as dual numbers: the first graph's sums with their tangents.
-
-    Zero tangents are omitted, so that a traversal visits only values that depend on the seed.
-    """
+    """Sums of wrenches on clusters, with tangents except those that are zero, as dual numbers."""
 
     def __init__(self, motion: Motion, first: Balance) -> None:
         super().__init__(len(motion.omega))
@@ -92,8 +88,7 @@ def residual_tangents(
 ) -> list[Node]:
     """Form the projected f-cutset equations of a sensitivity graph, one per coordinate.
 
-    Coordinate accelerations are constant. ``loads`` and ``balance`` belong to the first graph, at
-    its actual accelerations; ``applied`` are the through variables along measures that change.
+    Coordinate accelerations are constant; ``loads`` and ``balance`` are the first graph's.
     """
     motion = view.motion
     # The first graph's traversal with dual numbers: terminal equations (Eq. (4)), f-cutsets (Eq.
@@ -117,7 +112,6 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Return whether an element's force depends on the seed."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
     # If a node moves, the circuit between the two nodes changes even if no field does.
@@ -224,11 +218,7 @@ def derived_parameters(
 
 
 def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Raise ParameterError for each name for which no sensitivity can be computed.
-
-    The error covers names that are neither parameters nor states, parameters that are derived or
-    not tunable, and repeated names.
-    """
+    """Raise ParameterError for repeated names, and names without sensitivity."""
     tunable = list(first.system.tunable)
     states = [state.name for state in first.states]
     derived = {row.name: row for row in derived_parameters(first)}
@@ -254,11 +244,7 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
 def differentiate(
     first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
 ) -> list[Derivative]:
-    """Evaluate the formulation in sensitivity graphs, one per direction.
-
-    ``directions`` contains, by name, the tangents of the symbols that change; ``support`` is
-    shared.
-    """
+    """Evaluate sensitivity graphs; ``directions`` contains tangents of symbols by direction."""
     # For each direction, only the values that depend on its symbols are visited.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
@@ -389,12 +375,10 @@ def _with_reactions(
 
 
 def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Add the changes of observed variables due to reactions to their other changes."""
     return {node: first[node] + second[node] for node in first if node in second}
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Differentiate the across variables that are used in fields."""
     along = tangents(list(first.measured.values()), symbols)
     return {key: d for key, d in zip(first.measured, along, strict=True) if not d.is_zero}
 
@@ -443,9 +427,8 @@ def form_derivatives(
 ) -> tuple[Derivative, ...]:
     """Differentiate along parameters or initial values, including the sensitivities of the states.
 
-    ``wanted`` are names of parameters, or of states for their initial values. The sensitivity of
-    state i to quantity j is the symbol ``(SENSITIVITY, j * n_states + i)``; see
-    :mod:`cotree.dag.nodes`. Raises ParameterError like :func:`check_wanted`.
+    The sensitivity of state i to quantity j is the symbol ``(SENSITIVITY, j * n_states + i)``; see
+    :mod:`cotree.dag.nodes`.
     """
     check_wanted(first, wanted)
     dag, n = first.system.dag, len(first.states)
@@ -489,10 +472,9 @@ def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
 def form_equations(
     first: FirstGraph, sensitivities: Sequence[str], *, with_columns: bool = True
 ) -> Equations:
-    """Add sensitivity graphs for parameters or initial values to the first graph.
+    """Add sensitivity graphs to the first graph.
 
-    Without ``with_columns``, the derivatives along the states, there is no Jacobian; this is
-    sufficient to compute the cost of the rates. Raises ParameterError like :func:`check_wanted`.
+    Without ``with_columns`` there is no Jacobian, which suffices to compute the cost of the rates.
     """
     scene, system = first.scene, first.system
     support = Support()
@@ -545,11 +527,7 @@ def form_equations(
 
 
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
-    """Return the tangents along the motion: each state changes at its rate, and time at rate one.
-
-    Symbols represent the rates of the states; see :mod:`cotree.dag.nodes`. The scene's inputs
-    change with time as well.
-    """
+    """Return tangents along the motion: symbols for rates of states, rates of inputs, dt/dt = 1."""
     system = first.system
     dag = system.dag
     along = tangents(system.input_values, {system.time: dag.one})
@@ -592,10 +570,9 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
 
 
 def _gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Collect the constraints as required by projection, start and reports.
+    """Collect the constraints for projection, start and reports.
 
-    Raises ParameterError if a redundant initial value is given for a variable that depends on
-    accelerations.
+    Raises ParameterError for redundant initial values of variables that depend on accelerations.
     """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]

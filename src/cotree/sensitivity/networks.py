@@ -44,7 +44,7 @@ class NetworkTangents:
 
 
 def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key, Node]]:
-    """Group derivatives by direction."""
+    """Group derivatives by direction instead of by key."""
     found: defaultdict[Hashable, dict[_Key, Node]] = defaultdict(dict)
     for key, row in rows:
         for direction, node in row.items():
@@ -54,7 +54,7 @@ def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key
 
 @dataclass
 class _Seeds:
-    """Function that differentiates symbols and fields along all directions."""
+    """Function that differentiates symbols and fields along all directions on which they depend."""
 
     directions: Sequence[Mapping[Node, Node]]
     couplings: Mapping[Node, Tangent]
@@ -69,7 +69,6 @@ class _Seeds:
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node along all directions on which it depends."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
         # Tangents of the mechanism's across variables come from its sensitivity graphs.
@@ -93,10 +92,7 @@ def network_tangents(
     couplings: Mapping[Node, Tangent],
     support: Support,
 ) -> NetworkTangents:
-    """Differentiate the networks along several directions.
-
-    ``couplings`` are derivatives of the multibody system's across variables that ports use.
-    """
+    """Differentiate the networks; ``couplings`` are tangents of multibody variables at ports."""
     # All directions are evaluated together: partial derivatives of laws are computed only once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
@@ -113,10 +109,7 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate the measures of the networks' ports in the mechanism's sensitivity graphs.
-
-    These are the values, rates and accelerations of the measures.
-    """
+    """Differentiate values, rates and accelerations of the measures of the networks' ports."""
     measured = {
         getattr(coupling, form): (coupling.measure, form)
         for coupling in first.couplings

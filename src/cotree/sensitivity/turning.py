@@ -3,10 +3,7 @@
 The derivative of a vector is its derivative in space, resolved in the vector's basis. The
 rotational across variable of a sensitivity graph is the parametric rotation vector phi, with dR/dp
 = [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are those
-of products and sums (:mod:`cotree.dag.dual`).
-
-Parameters, coordinates, rates, initial values and combined directions are treated alike: a seed
-contains a tangent for each symbol that changes.
+of products and sums (:mod:`cotree.dag.dual`). A seed contains a tangent for each symbol.
 """
 
 from __future__ import annotations
@@ -93,10 +90,9 @@ class Turning(Frames):
         return formula(node, arguments, self.seed.symbols)
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Compute a vector from vectors and tensors that rotate with a cluster.
+        """Compute a vector from vectors and constant tensors that rotate with a cluster.
 
-        Tensors that are constant in the cluster need no derivative. For all other arguments,
-        derivatives relative to the cluster are used; then the result is rotated with the cluster.
+        The function uses derivatives relative to the cluster; its result is then rotated.
         """
         phi = self.phi[cluster]
         if vector.is_zero(phi):
@@ -157,7 +153,6 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
 
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
-    """Return whether a branch itself depends on the seed."""
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
