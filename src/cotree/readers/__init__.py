@@ -54,9 +54,7 @@ def _begins_with(source: str | Path, tag: str) -> bool:
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a TOML file, a file of another tool or, by its name, a shipped scene.
 
-    Suffixes are ``.urdf`` for a robot description, ``.cir``, ``.sp`` and ``.net`` for netlists,
-    ``.sbml`` for an SBML model, and ``.xml`` for either a model or a robot. Raises ModelError if
-    the scene is unknown or invalid.
+    An ``.xml`` file is an SBML model or a robot description.
     """
     if is_urdf(source):
         from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene

@@ -1,8 +1,7 @@
 """Conversion of other tools' formulas to expressions of scenes.
 
-A reader converts the tokens of its grammar to those of Python. Python parses the text, which is
-never evaluated, and names, conditions, powers and functions in the syntax tree are replaced. The
-result is checked like every expression of a scene.
+A reader converts its tokens to those of Python, which parses the text but never evaluates it. Then
+names, conditions, powers and functions in the syntax tree are replaced.
 """
 
 from __future__ import annotations
@@ -87,11 +86,7 @@ def as_condition(tree: ast.expr) -> ast.expr:
 
 
 class Rewriter(ast.NodeTransformer):
-    """Rewrites the syntax tree of a formula for scenes.
-
-    ``name`` returns the tree that replaces a name. ``functions`` are the names of the tool's
-    functions, which are functions of scenes or keys of :data:`FORMS`.
-    """
+    """Rewrites a formula's tree; ``functions`` are functions of scenes or keys of :data:`FORMS`."""
 
     #: Functions that :meth:`own_call` rewrites, with their numbers of arguments.
     own: ClassVar[Mapping[str, int]] = {}

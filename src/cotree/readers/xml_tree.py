@@ -1,7 +1,6 @@
-"""Parsing of XML to a tree with line numbers, without external entities.
+"""Parsing of XML to a tree with line numbers (Expat), for untrusted files.
 
-Expat parses the text. Document type declarations, which define entities, are rejected. Number of
-elements, depth and lengths of attributes are limited.
+Document type declarations, which define entities, are rejected; sizes are limited.
 """
 
 from __future__ import annotations

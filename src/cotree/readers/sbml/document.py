@@ -1,7 +1,4 @@
-"""Reading of SBML files, which libsbml parses, to checked plain data.
-
-Formulas remain syntax trees of libsbml. docs/sbml.md lists what is supported.
-"""
+"""SBML files, which libsbml parses, as checked plain data; formulas remain trees of libsbml."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """Events of an SBML model: triggers, assignments and simultaneous events.
 
 In SBML, assigned values are evaluated when the trigger of an event becomes true, before any other
-event acts (Level 3, section 4.11). In a scene, events act one after another, each on the values
-that the previous event has set. Events with the same trigger therefore become one event of the
-scene.
+event acts (Level 3, section 4.11). In a scene, each event acts on the values that the previous one
+has set. Events with the same trigger therefore become one event of the scene.
 """
 
 from __future__ import annotations
@@ -67,10 +66,9 @@ class Dependencies:
 
 
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
-    """Sort events by priority, and group those that become a single event of the scene.
+    """Sort events by priority, else as in the file, and group those that become a single event.
 
-    Events of equal priority keep the order of the file, since SBML does not define one. Events with
-    the same trigger are rejected if they affect each other in a way that scenes cannot represent.
+    Raises an error if effects of events with the same trigger on each other are unsupported.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
@@ -137,10 +135,7 @@ def check_coincidences(
     is_fixed: Callable[[str], bool],
     start_value: Callable[[Triggered], float],
 ) -> None:
-    """Raise an error for events with different triggers at the same fixed time that interact.
-
-    The second event would use the values after the first one.
-    """
+    """Raise an error for events with different triggers at the same fixed time that interact."""
     timed = [
         (row, start_value(row))
         for row in (group[0] for group in groups)
@@ -225,9 +220,8 @@ def assigned_values(
 ) -> dict[str, str]:
     """Return the expressions that events with one trigger assign to states and modes, by name.
 
-    To set a concentration, the corresponding amount for the compartment size before the event is
-    set, and a change of size conserves amounts (SBML test suite, case 01779). Events act in their
-    order, and their expressions use the values before all of them.
+    A concentration is set through its amount, for the compartment size before the event; changes
+    of size conserve amounts (SBML test suite, case 01779).
     """
     found: dict[str, str] = {}
     sizes: dict[str, str] = {}  # values that previous events have set, including compartment sizes
@@ -249,10 +243,7 @@ def assigned_values(
 
 
 def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
-    """Raise an error for concentrations with rate rules if events change their volume indirectly.
-
-    Such an event would dilute them without setting the size of their compartment.
-    """
+    """Raise an error for concentrations with rate rules that events would dilute indirectly."""
     set_by_events = {id for event in content.events for id in event.sets}
     for id, formula in content.rates.items():
         quantity = content.quantities[id]

@@ -1,10 +1,7 @@
-"""Translation of MathML in SBML, given as libsbml's syntax trees, to expressions of scenes.
+"""Translation of MathML in SBML, as libsbml's syntax trees, to expressions of scenes.
 
-A part of a formula that is too long for one expression becomes a separate quantity of the scene,
-whose name replaces the part.
-
-Nothing is evaluated. Functions of the model are expanded at each call, and a piecewise function
-becomes ``where``. docs/sbml.md lists the supported operations.
+Functions of the model are expanded at each call. A part that is too long for one expression
+becomes a separate quantity of the scene. docs/sbml.md lists the supported operations.
 """
 
 from __future__ import annotations
@@ -177,10 +174,7 @@ class FormulaReader:
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
-        """Translate a numerical formula; ``bound`` maps local parameters to their terms.
-
-        Messages of an ExpressionError continue the description of the formula.
-        """
+        """Translate a numerical formula; ``bound`` maps local parameters to their terms."""
         return self._inner(bound or {})._value(node)
 
     def condition(self, node: Any) -> Term:

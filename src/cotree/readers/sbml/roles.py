@@ -210,11 +210,7 @@ def _check(content: SbmlContent) -> None:
 
 
 class Rates:
-    """Builds the terms for rates of change that formulas contain.
-
-    ``declare`` takes an expression and the beginning of a name, declares a quantity of the scene
-    and returns its name.
-    """
+    """Builds terms for rates of change; ``declare`` adds an expression and returns its name."""
 
     def __init__(
         self, content: SbmlContent, roles: Roles, declare: Callable[[str, str], str]

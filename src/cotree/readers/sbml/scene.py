@@ -1,7 +1,7 @@
 """Conversion of SBML models to scenes.
 
-A species becomes an edge with its name. A reaction becomes an output for its rate, and a molar flow
-for each species that it changes. Rules become outputs and states. See docs/sbml.md.
+A species becomes an edge. A reaction becomes an output for its rate, and a molar flow for each
+species that it changes. Rules become outputs and states. See docs/sbml.md.
 """
 
 from __future__ import annotations
@@ -77,10 +77,7 @@ class SbmlModel(Generic[_Scene]):
 
 
 class SceneWriter(Generic[_Scene]):
-    """Builds the scene of an SBML model.
-
-    ``values`` are the values of quantities for which the file has none, by identifier.
-    """
+    """Builds the scene of an SBML model; ``values`` replace values that the file lacks."""
 
     def __init__(
         self,
@@ -182,7 +179,6 @@ class SceneWriter(Generic[_Scene]):
     # Quantities.
 
     def _quantity(self, id: str, quantity: Quantity) -> None:
-        """Declare the element for a quantity according to its role."""
         own = self.names[id]
         match self.roles.of[id]:
             case Role.FIXED:
@@ -216,7 +212,6 @@ class SceneWriter(Generic[_Scene]):
         self.scene.output(own, value)
 
     def _start_of(self, id: str) -> None:
-        """Declare the parameter for the initial value of a quantity."""
         own, content = self.initial[id], self.content
         quantity = content.quantities.get(id)
         formula = content.assignments.get(id) or content.initials.get(id)
@@ -262,7 +257,6 @@ class SceneWriter(Generic[_Scene]):
         )
 
     def _output(self, own: str, formula: Formula, bound: Mapping[str, Term] | None = None) -> None:
-        """Declare the output for an assignment rule or a reaction rate."""
         text = self._text(formula, self.running, bound)
         with located(formula.at):
             self.scene.output(own, text)

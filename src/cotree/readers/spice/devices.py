@@ -39,10 +39,7 @@ def has_polynomial(line: Line) -> bool:
 
 
 def add_polynomial(place: Instance, line: Line) -> None:
-    """Add a source whose voltage or current is a polynomial in voltages or currents.
-
-    The coefficients become parameters ``NAME_p0``, ``NAME_p1``, ...
-    """
+    """Add a polynomial source, whose coefficients become parameters ``NAME_p0``, ``NAME_p1``..."""
     letter, rest = line.key[0], line.words[4:]
     # ``isdigit`` is also true for digits of other scripts.
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
@@ -173,10 +170,7 @@ def add_law(place: Instance, line: Line) -> None:
 
 
 def add_switch(place: Instance, line: Line) -> None:
-    """Add a switch: a resistance with two values, controlled by a voltage (S) or a current (W).
-
-    If there is hysteresis, a mode ``NAME_on`` is added.
-    """
+    """Add a resistance switched by a voltage (S) or current (W), with hysteresis by ``NAME_on``."""
     letter = line.key[0]
     words = line.words[1:]
     is_on = words[-1:] and words[-1].lower() == "on"
@@ -258,7 +252,7 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
-    """Return the sign of each winding relative to the first; None if there is no complete coupling.
+    """Return the sign of each winding relative to the first; None without complete couplings.
 
     A complete coupling is 1 or -1. Raises an error if only some are complete or signs conflict.
     """
@@ -311,10 +305,7 @@ _DEFAULT_SIZE = 1e-4  # default channel length and width in ngspice, [m]
 
 
 def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Split the line of an element into words and ``name = value`` settings.
-
-    ``known`` are the permitted settings, ``counts`` the permitted numbers of words after the name.
-    """
+    """Split a line into words, as many as ``counts`` permits, and ``name = value`` settings."""
     words, rest = split_settings(line.words[1:])
     given = settings(_without_second(rest), line.at)
     for name in given:
@@ -365,7 +356,6 @@ def _valued(
 
 
 def _one_port(place: Instance, line: Line) -> None:
-    """Add a resistor, a capacitor, or an inductor without couplings."""
     # Coupled inductors are added by their K statement.
     if line.key in place.coupled:
         return
@@ -385,7 +375,6 @@ def _one_port(place: Instance, line: Line) -> None:
 
 
 def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
-    """Return the number of parallel elements, by default 1."""
     count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
         raise line.at.error("m must be positive: it is the number of parallel elements")
@@ -461,8 +450,7 @@ def _one_flux(
 ) -> None:
     """Add windings that share one flux: the first as an inductor, the others as ideal transformers.
 
-    The inductor carries the magnetising current, which is the sum of the currents, weighted by the
-    square roots of the inductances.
+    The inductor carries the magnetising current: the sum of all, weighted by sqrt(inductance).
     """
     (first, (nodes, own)), *others = windings.items()
     start = [text_of(initial[first]["i"])] if first in initial else []
@@ -480,7 +468,6 @@ def _one_flux(
 
 
 def _independent(place: Instance, line: Line) -> None:
-    """Add an independent voltage or current source."""
     words = _without_signs(line)
     if len(words) < 2:
         raise line.at.error(f"{line.name} needs two nodes, a value")

@@ -1,8 +1,4 @@
-"""Conversion of SPICE netlists to scenes.
-
-Elements become edges, subcircuits are expanded, and values become parameters with the names of
-their elements. docs/spice.md lists what is supported.
-"""
+"""Conversion of SPICE netlists to scenes: elements become edges, and values become parameters."""
 
 from __future__ import annotations
 
@@ -160,7 +156,6 @@ class Writer(Sheet[_Scene]):
             self.voltages[four[1].lower()] = scope.value(four[3], line.at)
 
     def _begin(self) -> None:
-        """Set how the run starts."""
         known = {name: node for (path, name), node in self.nodes.items() if not path}
         at = self.netlist.held[0].at if self.netlist.held else self.netlist.circuit.at
         for name in self.voltages:

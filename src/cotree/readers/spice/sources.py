@@ -1,7 +1,4 @@
-"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM.
-
-Numbers that are absent or zero are replaced by the defaults of ngspice.
-"""
+"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM, with ngspice's defaults."""
 
 from __future__ import annotations
 

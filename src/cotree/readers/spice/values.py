@@ -58,10 +58,9 @@ _LONGEST = 6000  # maximum number of characters of an expression after substitut
 
 
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
-    """Sort parameters such that each follows those that occur in its value.
+    """Sort parameters after those in their values, except ``given`` ones; otherwise as in the file.
 
-    Otherwise they keep the order of the file. In a cycle, a name refers to the enclosing circuit or
-    is unknown. Values of parameters in ``given`` are already known.
+    In a cycle, a name refers to the enclosing circuit or is unknown.
     """
     done: dict[str, None] = {}
     begun: set[str] = set()
@@ -199,8 +198,7 @@ class Scope:
 class SpiceFormula(Rewriter):
     """Rewrites expressions of a netlist for scenes.
 
-    ``signal`` returns the expression for a voltage or a current, given its letter and one or two
-    names. If it is None, voltages and currents raise an error.
+    ``signal`` converts a voltage or current; if it is None, these raise an error.
     """
 
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}

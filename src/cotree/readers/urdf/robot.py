@@ -1,8 +1,4 @@
-"""Reading of URDF robot descriptions: links, joints, and their tree.
-
-The elements of a URDF file (the Unified Robot Description Format of ROS) are read to a
-:class:`Robot`, whose joints are then ordered.
-"""
+"""Reading of URDF robot descriptions to links and joints, which are ordered as a tree."""
 
 from __future__ import annotations
 
@@ -26,10 +22,9 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
-    """Return the root, which is the link that is not a child of any joint, and the ordered joints.
+    """Return the root link, and the joints after those of their parents, else in file order.
 
-    Each joint follows the joint of its parent link; siblings keep the order of the file. Raises
-    SceneError if a name occurs twice, a link is missing, or links and joints do not form a tree.
+    Raises SceneError if a name occurs twice, a link is missing, or the joints do not form a tree.
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)

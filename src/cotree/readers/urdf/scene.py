@@ -1,8 +1,7 @@
 """Conversion of URDF robots to scenes.
 
-Links become nodes and joints become edges, which arms and welds connect. Each inertia becomes a
-``rigid_body`` at the end of an arm to the centre of mass, with parameters as its fields.
-docs/urdf.md lists the edges for all elements.
+Links become nodes and joints become edges, which arms and welds connect. An inertia becomes a
+``rigid_body`` at the end of an arm to the centre of mass. See docs/urdf.md.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
     """Compute Rz(yaw) Ry(pitch) Rx(roll), from rotated to original axes; None for the identity.
 
-    Angles, [rad], that are within ``snap`` of a multiple of a quarter turn are rounded to it.
+    Angles, [rad], within ``snap`` of a multiple of a quarter turn are rounded to it.
     """
     (cr, sr), (cp, sp), (cy, sy) = (_cosine_and_sine(angle, snap) for angle in rpy)
     rows = [
@@ -112,8 +111,6 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
 
 
 class _SceneWriter(Generic[_Scene]):
-    """Builds the scene of a robot, from the root link outwards."""
-
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
         self.robot, self.options = robot, options
         self.namer = Namer()
@@ -304,5 +301,4 @@ class _SceneWriter(Generic[_Scene]):
 
 
 def _quoted(items: Iterable[str]) -> str:
-    """Return a text that lists the first few items, shortened and in quotes."""
     return listed(brief(item, 140) for item in items)
