@@ -1,9 +1,8 @@
 """Chemical components: concentration is across; molar flow, from plus to minus inside, is through.
 
-A species is an edge from its node to the ground. A reaction has an edge from the node of each of
-its species to the ground, with the flow that the reaction consumes. If this flow does not depend on
-the species' own concentration (products of one-way reactions, catalysts), the edge is a source, and
-other edges determine the concentration.
+A species is an edge to the ground, and so is each port of a reaction, with the flow that the
+reaction consumes. If this flow does not depend on the species' own concentration (products of
+one-way reactions, catalysts), the port is a source.
 """
 
 from __future__ import annotations
@@ -106,7 +105,6 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
 
 
 def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Build the component of one reaction, with a port for each of its species."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
     # A catalyst, which is produced as often as it is consumed, also gets a port, because the rate

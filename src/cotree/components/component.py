@@ -234,16 +234,10 @@ Adapt = Callable[[str, Nodes, Given], Adapted]
 
 
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Declare a required field of a law, whose value may depend on any variable.
-
-    If the field is constant, ``sign`` is '', 'nonnegative', 'positive' or 'nonzero'.
-    """
+    """Declare a required field of a law, whose value may depend on any variable."""
     return Field(name, unit, doc, required=True, constant=False, sign=sign)
 
 
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Declare an optional field of a law; if its default is None, its term is left out.
-
-    If the field is constant, ``sign`` is '', 'nonnegative' or 'positive'.
-    """
+    """Declare an optional field of a law; if its default is None, its term is left out."""
     return Field(name, unit, doc, default=default, constant=False, sign=sign)

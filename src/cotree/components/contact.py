@@ -1,14 +1,10 @@
 """Rigid stops, and rigid or compliant contact of bodies.
 
-Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it is open, 1 and -1 while
-it is closed at its upper or its lower limit.
-
-The first node carries a plane or a sphere, the second the body that touches it. Each point that may
-touch, a corner of a box for example, has ports of its own: one along the gap, and one along each
-direction of slip.
-
-Each point that may touch has a rigid stop along its gap, whose lower limit is zero, and in planar
-systems dry friction along the surface, with the contact force of that stop as normal force.
+The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while it is open, 1 and -1 while it is
+closed at its upper or its lower limit. The first node carries a plane or a sphere, the second the
+body that touches it. Each point that may touch, such as a corner of a box, has a port for its gap
+and for each direction of slip: a rigid stop whose lower limit is zero and, in planar systems, dry
+friction whose normal force is that of the stop.
 """
 
 from __future__ import annotations
@@ -200,10 +196,7 @@ def suffix_of(spot: int, n_spots: int) -> str:
 
 
 def slide_name(direction: int, suffix: str) -> str:
-    """Return the name of the port along a slip direction; ``suffix`` is that of the contact point.
-
-    In a planar system direction 0 is in the plane of motion.
-    """
+    """Return the name of a point's port along a slip direction; 0 is in the plane of motion."""
     return f"slide{direction + 1}{suffix}"
 
 
@@ -230,8 +223,8 @@ class _ContactForces:
     def _normal_force(self) -> Any:
         """Return the normal force, which is never tensile.
 
-        The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the force
-        of the spring times one plus a term that is proportional to the rate of approach.
+        K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the spring's force times one
+        plus a term that is proportional to the rate of approach.
         """
         import sympy
 

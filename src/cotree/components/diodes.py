@@ -1,9 +1,7 @@
 """Semiconductor junctions and the diode, with charges and capacitances.
 
-Capacitances are the derivatives of charges, C = dQ/dv, so that the capacitive current of a junction
-is the rate of its charge.
-
-An optional term is present only if the scene gives its fields. A diode without charge has no state.
+Capacitances are C = dQ/dv, so that a capacitive current is the rate of a charge. Optional terms are
+present only if the scene gives their fields; a diode without charge has no state.
 """
 
 from __future__ import annotations
@@ -22,10 +20,7 @@ if TYPE_CHECKING:
 
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
-    """Return the junction current I (exp(v / V) - 1).
-
-    W. Shockley, Bell Syst. Tech. J. 28 (1949) 435.
-    """
+    """Return I (exp(v / V) - 1): W. Shockley, Bell Syst. Tech. J. 28 (1949) 435."""
     import sympy
 
     # Reverse current saturates at -I. The thermal voltage V is k T / e times the ideality factor.
@@ -35,9 +30,8 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     """Return the capacitance C (1 - v/V)^-m, continued by its tangent for v > F V.
 
-    The base of the power is at least 1 - F, so that the power and its derivatives are always
-    defined. By default F is the field ``forward_share``. For ``prefix`` see
-    :func:`depletion_fields`.
+    The base of the power is at least 1 - F, so that the power and its derivatives are defined. By
+    default F is the field ``forward_share``.
     """
     import sympy
 
@@ -53,11 +47,7 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
 
 
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
-    """Build the fields of a depletion capacitance, except the voltage at which its tangent begins.
-
-    Field names begin with ``prefix``. ``potential``, [V], and ``grading`` are the default built-in
-    potential and grading coefficient.
-    """
+    """Build the fields of a depletion capacitance: default built-in potential, [V], and grading."""
     return (
         optional(
             f"{prefix}_capacitance",
@@ -90,10 +80,7 @@ FORWARD_SHARE = optional(
 def split_extras(
     fields: tuple[Field, ...], given: Mapping[str, Any]
 ) -> tuple[frozenset[str], dict[str, Any]]:
-    """Return the names in ``fields`` that add a term, and the given values without absent terms.
-
-    A field's term is left out if it is zero or not given.
-    """
+    """Return the names in ``fields`` that add a term, and the given values without zero terms."""
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
     # Remove the fields of terms that are absent.
@@ -207,7 +194,6 @@ def _capacity(has: frozenset[str]) -> Any:
 
 
 def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:
-    """Return the diode with the terms whose fields the scene gives."""
     has, rest = split_extras(_EXTRAS, given)
     return (_diode(has) if has else DIODE), nodes, rest
 

@@ -1,9 +1,6 @@
 """Electrical components: two-node elements, couplings, sources and windings.
 
-Semiconductors are in modules of their own.
-
-Integration stops at each kink of pulses and of piecewise linear waveforms. The times of kinks are
-derived from the laws; see :mod:`cotree.dag.switching_times`.
+Integration stops at the kinks of waveforms, see :mod:`cotree.dag.switching_times`.
 """
 
 from __future__ import annotations
@@ -320,7 +317,6 @@ def _tabled(source: Component) -> Adapt:
 
 
 def _piecewise(source: Component) -> Component:
-    """Build a source whose value is interpolated in a table over time."""
     given = source.fields[0]
     name, doc = f"piecewise_{given.name}", "waveform that is linear between given points"
     fields = (
@@ -419,7 +415,6 @@ def _windings(n: int) -> Component:
 
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Build the component with as many windings as the scene gives inductances."""
     del edge
     # Windings are counted up to the first one without an inductance.
     n = 2

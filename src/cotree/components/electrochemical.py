@@ -179,7 +179,6 @@ def _fields(pairs: Sequence[int]) -> tuple[Field, ...]:
 
 
 def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Build the cell with the RC pairs whose fields the scene gives."""
     del edge
     # A pair with only one of its two fields is kept, so that the missing field raises an error.
     pairs = [i for i in _EVERY if {f"resistance{i}", f"capacitance{i}"} & fields.keys()]

@@ -1,7 +1,7 @@
 """Dry friction with sticking and sliding: in linear guides, clutches and gears.
 
-Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it sticks, 1 and -1 while
-it slides forwards and backwards, 2 while it is disengaged.
+The mode of an edge (:mod:`cotree.scene.unilateral`) is 0 while it sticks, 1 and -1 while it slides
+forwards and backwards, 2 while it is disengaged.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ RESISTOR = resistance(
 def _root(pressure: Any, transition: Any) -> Any:
     """Return the signed square root of the pressure, and a polynomial below the transition.
 
-    The first two derivatives of the polynomial equal those of the root at the transition, and its
-    slope at zero is finite. Beyond the transition ``u`` is 1 or -1, and the polynomial in u^2 is 1.
+    Slope and curvature are continuous. Beyond the transition ``u`` is 1 or -1, and the polynomial
+    in u^2 is 1.
     """
     import sympy
 

@@ -1,8 +1,7 @@
 """Laws: constitutive equations in SymPy, whose derivatives are formed once in advance.
 
-The sensitivity terminal equation of a component (paper, Eq. (4)) is its law's partial derivatives
-times the derivatives of the law's arguments. The partial derivatives are formed from the SymPy form
-of the law, once for each law, never from assembled equations.
+Sensitivity terminal equations (paper, Eq. (4)) are partial derivatives of laws times derivatives of
+their arguments; assembled equations are never differentiated.
 """
 
 from __future__ import annotations
@@ -74,10 +73,7 @@ class Law:
 
     @classmethod
     def formed_by(cls, form: Callable[[], Any]) -> Law:
-        """Build a law from a function that forms its expression on first use; see :meth:`of`.
-
-        SymPy is imported only then, since runs of compiled models do not need it.
-        """
+        """Build a law whose expression is formed on first use; SymPy is imported only then."""
         return _Deferred(form)
 
     def uses(self, name: str) -> bool:
@@ -99,10 +95,7 @@ class Law:
 
     @cached_property
     def partials(self) -> dict[str, Any]:
-        """Partial derivatives that are not zero, by argument; formed once.
-
-        The functions sign and floor count as constant.
-        """
+        """Partial derivatives that are not zero, by argument; sign and floor count as constant."""
         import sympy
 
         # SymPy does not differentiate floor, nor the remainder, which contains it.
@@ -154,10 +147,10 @@ class Law:
     def partial_values(
         self, dag: Dag, arguments: Mapping[str, Node], names: Iterable[str] | None = None
     ) -> dict[str, Node]:
-        """Build the nonzero partial derivatives with respect to the given arguments, or to all.
+        """Build the nonzero partial derivatives with respect to some or all arguments.
 
-        The stored derivatives are used unless the law has a root or a power of a clipped argument.
-        Then the branch is chosen before differentiation (:mod:`cotree.dag.derivative`).
+        If the law has a root or a power of a clipped argument, its branch is chosen before
+        differentiation (:mod:`cotree.dag.derivative`).
         """
         from cotree.dag.derivative import Clips, tangents
         from cotree.dag.from_sympy import from_sympy
@@ -203,10 +196,7 @@ class _Deferred(Law):
 
 
 def _derivative(expression: Any, symbol: Any) -> Any:
-    """Differentiate a SymPy expression; the derivative of a root of a sum is a power of the sum.
-
-    SymPy itself would divide the root by the sum, which is undefined at zero.
-    """
+    """Differentiate; roots of sums yield powers, as SymPy's quotient is undefined at zero."""
     import sympy
 
     def is_root(item: Any) -> bool:

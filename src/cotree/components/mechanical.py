@@ -1,8 +1,7 @@
 """One-dimensional mechanics: across is the velocity of the second node relative to the first.
 
-Stretch is the integral of across. The through variable flows from the second node into the element,
-so that it is positive for tension in a spring. A given force on the second node is the negative of
-the through variable.
+Stretch is the integral of across. The through variable flows from the second node into the element:
+it is positive for tension in a spring, and negative for a positive force on the second node.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Multibody components: rigid bodies, arms, joints, constraints and force elements.
-
-Forces and torques act on the second node, and their reactions on the first.
-"""
+"""Multibody components; forces act on the second node, and their reactions on the first."""
 
 from __future__ import annotations
 
@@ -29,9 +26,7 @@ PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
     """Return the motion space of a free body, with translations before the rotation.
 
-    ``plane`` is the normal, x, y or z, of the plane in which it moves, ``line`` the direction of
-    the line; both are empty in space. A particle has no rotational inertia, so that its orientation
-    does not matter.
+    ``plane`` is the normal of its plane of motion, ``line`` the direction of its line, or "".
     """
     # States have the same order as these translations and rotations.
     if line:

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 def scalar(
     name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
 ) -> Component:
-    """Build a scalar component from the terminal equations of its ports.
-
-    ``options`` are further attributes of :class:`Component`, such as ``terminals`` and ``loss``.
-    """
+    """Build a scalar component; ``options`` are further attributes of :class:`Component`."""
     # Domains are in the order of the ports. A set would make the order of edges vary between runs.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
     return Component(name, Role.NETWORK, doc, fields, domains, ports=ports, **options)
@@ -35,11 +32,7 @@ def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
 def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
-    """Build a source that prescribes a through variable.
-
-    If ``acts_on_head``, the field is the flow from tail to head in the source, else from head to
-    tail.
-    """
+    """Build a source of a flow from head to tail, or from tail to head if ``acts_on_head``."""
     # The through variable of an edge flows from head to tail inside; a load on the head is its
     # negative.
     sign = -1 if acts_on_head else 1
@@ -55,10 +48,9 @@ def storage(
     kind: Kind = Kind.ACROSS_STORAGE,
     is_absolute: bool = False,
 ) -> Component:
-    """Build a linear storage, whose state is its across or its through variable.
+    """Build a linear storage: through = field * d(across)/dt, or across = field * d(through)/dt.
 
-    ``field`` is the capacity in through = capacity * rate of across, or the inertance in across =
-    inertance * rate of through. If ``is_absolute``, its tail must be the ground, as for inertias.
+    If ``is_absolute``, its tail must be the ground, as for inertias.
     """
     terminal = Terminal(domain, kind, storage=Law.field(field.name), is_absolute=is_absolute)
     return scalar(name, doc, (field,), terminal)
@@ -80,10 +72,7 @@ def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
 def resistive(
     domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
 ) -> Terminal:
-    """Build the terminal equation across = field * through of a port.
-
-    ``between`` names the terminals at head and tail if ports share nodes.
-    """
+    """Build the equation across = field * through of a port between two terminals, or its nodes."""
     return Terminal(
         domain,
         Kind.DISSIPATOR,
@@ -107,8 +96,7 @@ def ideal_coupling(
 ) -> Component:
     """Build a lossless transformer: across of the first port is ``field`` times the second one.
 
-    Power is conserved, so that the through variables have the inverse ratio with opposite sign.
-    Each port is given by its domain and name. ``reverses`` changes the sign of the ratio.
+    Each port is (domain, name). ``reverses`` changes the sign of the ratio.
     """
     sign = -1 if reverses else 1
     laws = (
@@ -127,8 +115,7 @@ def ideal_gyration(
 ) -> Component:
     """Build a lossless gyrator: through of the first port is ``field`` times across of the second.
 
-    Power is conserved, so that through of the second port is minus ``field`` times across of the
-    first. Each port is given by its domain and name.
+    Each port is (domain, name); the inverse relation has the opposite sign.
     """
     laws = (
         # The laws f1 = k v2 and f2 = -k v1, each solved for both variables.
@@ -183,10 +170,7 @@ def loss_of(component: Component) -> Law | None:
 
 @lru_cache(maxsize=256)
 def with_heat(component: Component) -> Component:
-    """Add a thermal port, through which the heat of a component flows out.
-
-    The flow into the port is minus the loss.
-    """
+    """Add a thermal port through which a component's heat flows out: its flow is minus the loss."""
     loss = loss_of(component)
     assert loss is not None  # callers pass only components with a loss
     port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=Law.of(-loss.expression))

@@ -1,8 +1,7 @@
-"""User-defined components with laws in SymPy.
+"""User-defined components with laws in SymPy, whose arguments determine the kinds of ports.
 
-The arguments of a law determine the kind of its port. If the law depends on the rate of a variable,
-the port is a storage; if on ``stretch``, a spring; if on the port's other variable, a dissipator;
-otherwise a source. A port whose law gives its content is a storage, too.
+A law of the rate of a variable is a storage, one of ``stretch`` a spring, one of the port's other
+variable a dissipator; all others are sources, or storages if the law gives their content.
 """
 
 from __future__ import annotations
@@ -90,10 +89,7 @@ def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, .
 
 
 def checked_law(function: Callable[..., Any], what: str) -> Law:
-    """Build a law and check that it is an expression of its arguments; messages call it ``what``.
-
-    Raises SceneError if it is not, or if the law or a derivative has an unsupported operation.
-    """
+    """Build a law; raise SceneError if it is no expression or has unsupported operations."""
     import sympy
 
     law = Law(function)
@@ -269,7 +265,6 @@ def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
 
 
 def _is_variable(argument: str, ports: Iterable[str]) -> bool:
-    """Return whether an argument is a variable of this or another port."""
     siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
     return argument in _VARIABLES or argument in siblings
 
@@ -277,7 +272,6 @@ def _is_variable(argument: str, ports: Iterable[str]) -> bool:
 def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
-    """Build the terminal equation of a port from its law."""
     # A law of the through variable depends on across, its rate or its integral, and vice versa.
     # Arguments that cancel in the expression are ignored.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]

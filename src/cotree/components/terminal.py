@@ -1,8 +1,4 @@
-"""Terminal equations of scalar components.
-
-A terminal equation relates the across and through variables of an edge of an electrical, hydraulic,
-thermal or one-dimensional mechanical graph.
-"""
+"""Terminal equations, which relate the across and through variables of scalar components."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Transducers: components with ports in several graphs, which they couple.
 
-A mechanical port connects two nodes of its graph, or acts on a multibody system: on a joint, or
-along the line between two nodes.
+A mechanical port may also act on a multibody system: on a joint, or along a line.
 """
 
 from __future__ import annotations
@@ -23,11 +22,7 @@ _LOSS = Law(lambda through_electrical, resistance: resistance * through_electric
 
 
 def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Component:
-    """Build a rotational or linear machine with a constant magnetic field.
-
-    Its equations are v = R i + L di/dt + K w and a torque or force of K i. Both contain the same
-    constant, because the conversion is lossless.
-    """
+    """Build a lossless machine with v = R i + L di/dt + K w and a torque or force of K i."""
     moving = f"across_{port}"
     voltage = Law.taking(
         ("through", "resistance", "constant", moving), lambda i, r, k, w: r * i + k * w

@@ -155,10 +155,10 @@ def _transistor(
 
 
 def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
-    """Return the measures for terminal currents and the voltages between terminals.
+    """Return the measures for terminal currents and voltages.
 
-    ``inner`` maps each terminal that has a resistance to its inner node. ``substrate`` is the sign
-    of a transistor with a substrate port, else zero.
+    ``inner`` maps terminals with a resistance to inner nodes. ``substrate`` is the sign of a
+    transistor with a substrate port, else zero.
     """
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
@@ -253,15 +253,7 @@ class _Laws:
         return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
 
     def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
-        """Build the port of a junction.
-
-        Parameters
-        ----------
-        own, other : {'be', 'bc'}
-            The junction, and the other one at the base.
-        between : pair of str
-            The terminals or inner nodes at head and tail.
-        """
+        """Build the port of junction ``own``, 'be' or 'bc'; ``other`` is the other junction."""
         through, storage, kind = self.sign * self._current(own), None, Kind.DISSIPATOR
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
