@@ -64,7 +64,6 @@ class Catalogue(MutableMapping[str, Component]):
         return name in self._rows
 
     def __getitem__(self, name: str) -> Component:
-        """Return the component type called ``name``."""
         row = self._rows[name]
         if isinstance(row, str):
             family = import_module(f"{__name__}.{row}").COMPONENTS

@@ -72,8 +72,7 @@ def _mass_action(
         forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
-        # The flow, [mol/s], leaves the species' node. For a product ``net`` is negative, so it
-        # flows in.
+        # The flow, [mol/s], leaves the species' node; for a product, ``net`` is negative.
         return net * volume * (forth - back)
 
     fields = ("volume", "rate", "reverse_rate") if is_reversible else ("volume", "rate")
@@ -107,8 +106,7 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
 def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
-    # A catalyst, which is produced as often as it is consumed, also gets a port, because the rate
-    # depends on its concentration.
+    # A catalyst (net 0) also gets a port: the rate depends on its concentration.
     species = tuple(dict.fromkeys([*reactants, *products]))
     if nodes or not species:
         raise SceneError(

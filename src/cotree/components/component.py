@@ -204,8 +204,7 @@ class Component:
     @property
     def n_freedoms(self) -> int:
         """Dimension of the motion space."""
-        # Rates are counted instead of coordinates, because a quaternion has four coordinates but
-        # three rates.
+        # Rates are counted, because a quaternion has four coordinates but three rates.
         return sum(len(step.rates) for step in self.motion_space)
 
     @property

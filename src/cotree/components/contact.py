@@ -230,8 +230,7 @@ class _ContactForces:
 
         depth = sympy.Max(-law_symbol("stretch"), 0)
         share = 1 - sympy.Rational(3, 2) * law_symbol("dissipation") * law_symbol("across")
-        # The offset, far smaller than rounding errors, keeps second derivatives finite if the gap
-        # is open.
+        # The offset, below rounding errors, keeps second derivatives finite in open gaps.
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
         return law_symbol("stiffness") * power * sympy.Max(share, 0)
 

@@ -138,7 +138,6 @@ _FIELDS = (
 
 @lru_cache(maxsize=64)
 def _diode(has: frozenset[str]) -> Component:
-    """Build a diode whose law includes the terms that the given fields switch on."""
     if "series_resistance" not in has:
         return scalar("diode", _DOC, _FIELDS, _junction(has, "", ("", "")))
     # A series resistance needs an inner node between two ports.

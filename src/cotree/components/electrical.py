@@ -290,7 +290,6 @@ def _pulse_fields(unit: str) -> tuple[Field, ...]:
 def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
-    """Build a voltage source and a current source with the same waveform."""
     # Both sources use one law. It prescribes the voltage in one and the current in the other.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))

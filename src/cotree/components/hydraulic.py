@@ -29,8 +29,8 @@ RESISTOR = resistance(
 def _root(pressure: Any, transition: Any) -> Any:
     """Return the signed square root of the pressure, and a polynomial below the transition.
 
-    Slope and curvature are continuous. Beyond the transition ``u`` is 1 or -1, and the polynomial
-    in u^2 is 1.
+    Slope and curvature are continuous, and finite at zero. Beyond the transition ``u`` is 1 or -1,
+    and the polynomial in u^2 is 1.
     """
     import sympy
 

@@ -85,8 +85,7 @@ class Law:
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # Conditions that single out zero are dropped, so that the expression beside zero holds
-        # there, too.
+        # Without conditions for zero, the expression beside zero holds there, too.
         divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
         divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)
@@ -101,8 +100,7 @@ class Law:
         # SymPy does not differentiate floor, nor the remainder, which contains it.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
         jumps = whole.atoms(sympy.floor, sympy.ceiling, sympy.sign)
-        # Functions that are constant between jumps are replaced by constants for the
-        # differentiation.
+        # Functions that are constant between jumps are differentiated as constants.
         constants = {item: sympy.Dummy(real=True) for item in jumps}
         fixed = whole.subs(constants)
         back = {dummy: item for item, dummy in constants.items()}

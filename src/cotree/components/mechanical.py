@@ -94,8 +94,7 @@ def _linear(m: _Motion) -> Terminal:
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Return a function that adapts a spring to its stiffness or to an expression of its force."""
-    # The expression may have any slope, so that the port is not passive and has no constant
-    # stiffness.
+    # The expression may have any slope: the port is not passive.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
@@ -171,8 +170,7 @@ def _stop(m: _Motion) -> Component:
                 "positive",
             ),
         ),
-        # The force depends on stretch, so that the port is a spring. Damping also depends on
-        # across.
+        # The force depends on stretch: the port is a spring.
         Terminal(m.domain, Kind.SPRING, through=Law(_stop_law), is_passive=False),
     )
 
@@ -232,8 +230,7 @@ def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
         import sympy
 
-        # The law is smooth, so that no event is needed at rest. A loaded contact creeps instead of
-        # sticking.
+        # The law is smooth, without events: a loaded contact creeps instead of sticking.
         return force * sympy.tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")
@@ -380,8 +377,7 @@ _SET = ideal_coupling(
     reverses=True,
 )
 
-# In the frame of the carrier, the planets are a gear between sun and ring, which rotate in opposite
-# directions.
+# In the carrier's frame, the planets are a gear that reverses sun and ring.
 PLANETARY_GEAR = replace(
     _SET,
     terminals=("sun", "carrier", "ring"),

@@ -376,8 +376,7 @@ AXIS = Field(
 )
 
 
-# The law is the force on the second node. Tension pulls it towards the first, hence the minus
-# signs.
+# The law is the force on the second node, negative for tension.
 def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
     return -stiffness * (length - free_length) - damping * rate
 

@@ -33,8 +33,7 @@ def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
     """Build a source of a flow from head to tail, or from tail to head if ``acts_on_head``."""
-    # The through variable of an edge flows from head to tail inside; a load on the head is its
-    # negative.
+    # Through flows from head to tail inside; a load on the head is its negative.
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -77,8 +76,7 @@ def resistive(
         domain,
         Kind.DISSIPATOR,
         port,
-        # Both forms are needed: a branch uses the law for its across variable, a chord the
-        # law for its through variable.
+        # A branch uses the law for across, a chord the law for through.
         across=Law.taking(("through", field), lambda through, given: given * through),
         through=Law.taking(("across", field), lambda across, given: across / given),
         between=between,

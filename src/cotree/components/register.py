@@ -318,7 +318,6 @@ def _terminal(
 def _content(
     name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
 ) -> Terminal:
-    """Build the terminal equation of a storage from the law of its content."""
     used = [v for v in law.arguments if v in _NEITHER - {"t"} or _is_variable(v, ports)]
     # For ``stretch`` and potentials the set contains words other than across and through.
     of = {v.partition("_")[0] for v in used}

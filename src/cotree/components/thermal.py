@@ -60,8 +60,7 @@ RADIATION = scalar(
         value("area", "m^2", "area of the surface times its view factor"),
         optional("emissivity", "1", "effective emissivity of the two surfaces", 1.0, "positive"),
     ),
-    # The derivatives with respect to the two temperatures differ in magnitude, so equations are
-    # not symmetric.
+    # The derivatives with respect to the two temperatures differ in magnitude.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
 )
 

@@ -138,8 +138,7 @@ SOLENOID = scalar(
         storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
         is_passive=False,
     ),
-    # The force is the derivative of the coenergy L(s) i^2 / 2 with respect to s; through is its
-    # negative.
+    # Through is minus the derivative of the coenergy L(s) i^2 / 2 with respect to s.
     Terminal(
         "translational",
         Kind.THROUGH_SOURCE,

@@ -126,13 +126,11 @@ TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
-# Cached, because SymPy forms these laws slowly and many transistors of a circuit have the same
-# terms.
+# Cached, because SymPy forms these laws slowly and many transistors share them.
 @lru_cache(maxsize=256)
 def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
 ) -> Component:
-    """Build a transistor whose laws include the terms that the given fields switch on."""
     # A resistance at a terminal leads to an inner node, to which the junctions connect.
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
@@ -215,8 +213,7 @@ class _Laws:
         # Without knee currents the root is one, so that qb is q1.
         if q2 == 0:
             return q1
-        # The sum is never negative in operation, but a root search may evaluate it at such
-        # voltages.
+        # The sum can be negative only during a root search.
         return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
 
     def _current(self, own: str) -> Any:
@@ -258,8 +255,7 @@ class _Laws:
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
             kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
-            # The sign of pnp transistors applies to voltage rates and currents, so that it cancels
-            # here.
+            # The sign of pnp transistors cancels: it applies to voltage rates and currents.
             through += cross * symbol(f"across_rate_{other}")
         return Terminal(
             _DOMAIN,

@@ -165,8 +165,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
-        # If there are circuits, the node may have been reached after the edge was pushed on the
-        # stack.
+        # In a circuit, the node may have been reached since the edge was pushed.
         if step.child not in reached:
             reached.add(step.child)
             steps.append(step)

@@ -89,8 +89,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         "edges that may be branches",
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
-    # Kruskal's algorithm: select the lightest edge that connects two parts, the first one among
-    # equals.
+    # Kruskal's algorithm; the first one among equals is selected.
     parts = Parts(graph.nodes)
     chosen = {
         name
@@ -112,8 +111,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             )
         # Edges are checked one by one, so that the error message can name the circuit.
         if not parts.join(edge.tail, edge.head):
-            # The edges so far already connect the two nodes; their path and the new edge form a
-            # circuit.
+            # The path between the two nodes and the new edge form a circuit.
             circuit = [*path_between(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "
@@ -218,8 +216,7 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
-    # The f-circuit of a chord contains a branch exactly if the f-cutset of the branch contains the
-    # chord; the signs are opposite.
+    # A branch is in a chord's f-circuit if the chord is in its f-cutset; signs are opposite.
     for chord, branch, sign in _circuit_terms(tree):
         matrix[row_of[branch], column_of[chord]] = -sign
     return TopologyMatrix(matrix, tree.branches, tree.graph.edge_names)
@@ -262,8 +259,7 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
-        # The path runs inwards from the head, against the direction of the walk, hence the minus
-        # sign.
+        # The path from the head is against the direction of the walk, hence the minus sign.
         tail, head = edge.tail, edge.head
         while tail != head:
             # The deeper end is not an ancestor of the other one: move it inwards.

@@ -45,8 +45,7 @@ class Namer:
             safe = f"{safe}_"
         found = safe
         while found in self._taken:
-            # The count is stored for speed, since a file may contain a hundred thousand equal
-            # names.
+            # The count is stored, since a file may contain 100,000 equal names.
             self._alike[safe] = self._alike.get(safe, 1) + 1
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)

@@ -189,8 +189,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
             # In expressions a parameter takes precedence over an output of the same name.
             if name in scene.outputs and name not in scene.parameters:
                 return scene.outputs[name].lower(dag, resolve)
-            # Outputs are replaced by their expressions. All other names except time and parameters
-            # are variables.
+            # Outputs are replaced by their expressions; other names are variables.
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
@@ -411,8 +410,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     """Return a ``Piecewise`` as nested conditionals, or None if a part has no such form."""
-    # The last branch is unconditional. The earlier branches are wrapped around it, the first one
-    # outermost.
+    # The last branch is unconditional, and the first one outermost.
     whole = to_tree(expression.args[-1][0], names)
     for value, condition in reversed(expression.args[:-1]):
         own, holds = to_tree(value, names), to_tree(condition, names)

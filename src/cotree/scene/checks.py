@@ -252,8 +252,7 @@ def _number(tree: ast.expr) -> float | None:
 # Relative tolerance of the triangle inequality, for moments of thin bodies rounded to six digits.
 _WRITTEN = 2e-5
 
-# Rounding errors of forces affect bodies whose mass is below this fraction of the heaviest body's
-# mass.
+# Fraction of the largest mass below which rounding errors of forces affect a body.
 _TINY = 1e-8
 
 #: Principal moments between minus this fraction of their sum and zero are rounding errors.

@@ -128,8 +128,7 @@ class SceneDescription(Reported):
     @property
     def mechanics(self) -> SceneDescription:
         """The multibody part: the scene without its scalar networks."""
-        # Tables other than edges are shared with the whole scene, so that names in expressions keep
-        # their meaning.
+        # Other tables are shared, so that names in expressions keep their meaning.
         part = SceneDescription(self.name)
         part.gravity, part.defaults, part.tables = self.gravity, self.defaults, self.tables
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs

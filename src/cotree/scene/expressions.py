@@ -182,8 +182,7 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
     """Check a tree against the grammar and collect its names; raise if anything else occurs."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only the node types listed here are accepted. All other Python syntax is rejected, and none is
-    # evaluated.
+    # Only these node types are accepted, and none is evaluated.
     match tree:
         case ast.Constant(value=value):
             if finite(value) is None:
@@ -542,13 +541,11 @@ def _lower_condition(
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]
-            # A chain ``a < b < c`` is true if all of its comparisons are true: nested selections,
-            # from the last one outwards.
+            # A chain ``a < b < c`` becomes nested selections, from the last one outwards.
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
-                # A selection accepts equality. If equality must not be accepted, the two values are
-                # exchanged.
+                # A selection accepts equality; otherwise the two values are exchanged.
                 accepted = (
                     dag.select(excess, accepted, refused)
                     if has_equal

@@ -188,8 +188,7 @@ def _rotation(value: object, where: str) -> FieldValue:
     if rows is None:
         return check_vector(value, where)
     numbers = [[entry.number for entry in row] for row in rows]
-    # The entries of a matrix must be numbers: if parameters changed them, it would not remain
-    # orthogonal.
+    # Entries must be numbers: parameters could make the matrix non-orthogonal.
     if any(entry is None for row in numbers for entry in row):
         raise SceneError(
             f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "

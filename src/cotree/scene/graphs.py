@@ -30,8 +30,7 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
-# Components that can restrict all motion to a line. Revolute joints are excluded, since rotating
-# bodies leave the line.
+# Components that can restrict all motion to a line; rotating bodies leave it.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -98,8 +97,7 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
-        # A force along the line between two nodes is not along the axis if the nodes are beside
-        # each other.
+        # A force between two nodes that are beside each other is not along the axis.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
@@ -127,7 +125,6 @@ def _keeps(edge: Edge, n: int) -> bool:
 
 
 def _is_turned_within(edge: Edge, n: int) -> bool:
-    """Return whether an arm's rotation is about the normal."""
     if "rotation" not in edge.fields:
         return True
     rows = edge.fields["rotation"]
@@ -216,8 +213,7 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
         edge = scene.edges[name]
         if not _is_coupled(edge):
             continue
-        # The translation is partly determined by the rotation of the same edge, and cannot be a
-        # coordinate without it.
+        # The edge's rotation partly determines its translation.
         held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
         if len(held) == 1:
             raise FormulationError(
@@ -243,8 +239,7 @@ TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
     """Return the linear graphs of the multibody part of a scene, which share their nodes."""
-    # Each graph contains all nodes of the scene, even those without an edge in it, so that the
-    # choice of the tree detects floating nodes.
+    # Each graph contains all nodes, so that the choice of the tree detects floating ones.
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:
@@ -298,8 +293,7 @@ def _weights(
         if component.tree_weight is not None:
             # A branch adds one equation for each direction of motion.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
-            # Prefer the body to a joint with one degree of freedom, but not to an arm, which adds
-            # no coordinate.
+            # Prefer the body to a joint with one degree of freedom, but not to an arm.
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
@@ -369,8 +363,7 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
             # Of all bodies that rotate together, choose the first one in the translation tree.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
-            # Edges that fix the angle are the lightest and become branches; revolute joints are the
-            # heaviest, so that bodies replace them.
+            # Edges that fix the angle are the lightest; bodies replace revolute joints.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 

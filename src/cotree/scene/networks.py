@@ -194,7 +194,6 @@ def _variables(port: Port, ports: Mapping[str, Port]) -> Iterator[tuple[str, str
 def _in_field(
     field: Expression, domain: str, ports: Mapping[str, Port]
 ) -> Iterator[tuple[str, str, str, str]]:
-    """List the variables of edges and nodes in an expression."""
     row = DOMAINS[domain]
     alike = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
     nodes = {node for port in alike for node in (port.tail, port.head)} - {"ground"}

@@ -129,8 +129,7 @@ class CoupledTrees:
         """Collect edges of graphs whose trees are chosen together; ``weights`` are preferences."""
         # Graphs share node names, so that a prefix distinguishes the nodes in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
-        # A swap costs more than all other preferences together, and the loss of a state costs more
-        # than all swaps.
+        # Costs in descending order: loss of a state, swaps, all other preferences together.
         swapped = _MOST * (len(ends) + 1)
         excess = swapped * (len(swaps) + 1)
         costs = {
@@ -404,7 +403,6 @@ def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> boo
 
 
 def _cutset(tree: Tree, branch: str) -> list[str]:
-    """List the chords in a branch's f-cutset."""
     parts = Parts(tree.graph.nodes)
     for name in tree.branches:
         if name != branch:
@@ -555,8 +553,7 @@ def _check_reached(
             f"the {graph.domain} part with the node {listed(floating)} floats: connect one of "
             f"its nodes to 'ground', the reference of its {DOMAINS[graph.domain].across[0]}"
         )
-    # Edges of infinite weight are never branches, so that without other edges no tree reaches these
-    # nodes.
+    # Edges of infinite weight are never branches, so that no tree reaches these nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]
     reached = _reached(graph, allowed)
     if cut := [node for node in graph.nodes if node not in reached]:

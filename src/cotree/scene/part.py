@@ -154,7 +154,6 @@ class Renaming:
 
 
 def _node_fields(edge: Edge) -> set[str]:
-    """Return the names of an edge's entries that contain node names."""
     component = edge.component
     found = {row.name for row in component.fields if row.shape is Shape.NAMES}
     ports = [port.port for port in component.ports if port.port]
@@ -168,7 +167,6 @@ def _node_fields(edge: Edge) -> set[str]:
 
 
 def _joint_fields(edge: Edge) -> set[str]:
-    """Return the names of an edge's entries that contain the name of a joint."""
     row = edge.component.field("joint")
     is_place = row is not None and row.shape is Shape.EXPRESSION
     sits = any(len(ends.acts_on) == 1 for ends in edge.ports)

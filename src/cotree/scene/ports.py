@@ -218,8 +218,7 @@ def _from_ground(port: Terminal, node: object) -> tuple[object, object]:
 
 
 def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
-    # The across variable is that of the head minus that of the tail. In mechanics this is second
-    # minus first node, in other domains plus minus minus node.
+    # Across is head minus tail: second minus first node, or plus minus minus node.
     ends = PortEnds(pair[1], pair[0]) if DOMAINS[port.domain].head_first else PortEnds(*pair)
     if port.is_absolute and ends.tail != "ground":
         raise SceneError(f"{where} {DOMAINS[port.domain].absolute.format(tail=ends.tail)}")

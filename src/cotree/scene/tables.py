@@ -114,7 +114,10 @@ def _held(at: Node, axis: Sequence[float]) -> Node:
 
 
 def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
-    """Return slopes of monotone cubic pieces (F. N. Fritsch, J. Butland, SISSC 5 (1984) 300)."""
+    """Return slopes of monotone cubic pieces, as in SciPy.
+
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300.
+    """
     from scipy.interpolate import PchipInterpolator
 
     return tuple(PchipInterpolator(x, z)(x, nu=1).tolist())

@@ -168,8 +168,7 @@ def _scenes_of_parts(
         made = part.scene
         if id(made) in names:
             continue
-        # Shipped parts are written by name, all others in full, so that the file does not depend on
-        # the files from which the scene was read.
+        # Only shipped parts are written by name, so that the file depends on no others.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
             continue

@@ -98,8 +98,7 @@ def proposed_types(name: object) -> str:
     """Return suggestions for an unknown component type, as the end of an error message."""
     word = str(name)[:_LONGEST].lower().replace("-", "_").strip()
     rows = COMPONENTS.items()
-    # Textbook synonyms come first, then names and descriptions that contain the word, then
-    # misspellings.
+    # Synonyms come first, then names and descriptions with the word, then misspellings.
     found = [type for type, others in _ALSO_CALLED.items() if word in others]
     # Transposed letters may form another word, such as 'ram' for 'arm'.
     found += [type for type in COMPONENTS if sorted(type) == sorted(word)]

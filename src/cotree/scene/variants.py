@@ -237,8 +237,7 @@ def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     if static is not None:
         rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
         static = static.subs(rates)
-    # If the current does not depend on the port's voltage, the port is a source; otherwise it is a
-    # dissipator.
+    # If the current does not depend on the port's voltage, the port is a source.
     if static is None or law_symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)

@@ -127,8 +127,7 @@ def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
     """Return the pulls of through variables that change; multipliers themselves are constant."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
-            # The derivative of a multiplier is an unknown on the left-hand side of the sensitivity
-            # graph; here only its pull changes.
+            # A multiplier's derivative is an unknown; here only its pull changes.
             amount = row.magnitude if row.formula is None else row.amount(view)
             yield row.measure.pull(view).scaled(amount)
 
@@ -330,8 +329,7 @@ def _along(
         # Sticking friction on a joint depends on accelerations, which always change.
         for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
             rates[i] = rates[i] + d if i in rates else d
-        # Positions and velocities in outputs need no further differentiation: the graph contains
-        # their tangents.
+        # The graph contains the tangents of positions and velocities in outputs.
         of_networks = _with_reactions(first, of_networks, of_reactions)
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]

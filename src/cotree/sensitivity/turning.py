@@ -168,15 +168,13 @@ def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
         return vector.zeros(seed.dag)
     if branch.quaternion is None:
         d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
-        # Rotation about the axis by the tangent of the angle, just as a speed rotates the child by
-        # omega.
+        # The tangent of the angle rotates the child about the axis, as a speed does.
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
     own = vector.zeros(seed.dag)
     if any(not entry.is_zero for entry in d):
-        # An edge that points inwards rotates by the inverse: phi is in its own axes and has the
-        # opposite sign.
+        # An edge that points inwards rotates by the inverse: phi has the opposite sign.
         own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
         own = vector.signed(branch.sign, own)
     if branch.mount is not None:

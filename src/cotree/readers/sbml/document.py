@@ -112,8 +112,7 @@ _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" 
 
 def read_document(text: str, where: str) -> SbmlContent:
     """Read the model in the text of an SBML file."""
-    # This check must come first, since it rejects document types, whose entities libsbml would
-    # resolve.
+    # First reject document types, whose entities libsbml would resolve.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":
         raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")

@@ -41,8 +41,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
             found.update(rate_name(child.getName() or "") for child in children(own))
         elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
             seen.add(own.getName())
-            # A function depends only on its arguments, which are nodes of the call, and on the
-            # time.
+            # A function depends only on its arguments, nodes of the call, and the time.
             body = children(functions[own.getName()])[-1]
             found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
         waiting += children(own)

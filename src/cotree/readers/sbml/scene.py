@@ -262,7 +262,6 @@ class SceneWriter(Generic[_Scene]):
             self.scene.output(own, text)
 
     def _rate(self, id: str) -> None:
-        """Declare the edge for a rate rule, whose flow is the rate."""
         formula, own = self.content.rates[id], self.names[id]
         text = self._text(formula, self.running)
         edge = self.namer.own(f"{own}_rate")

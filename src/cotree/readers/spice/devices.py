@@ -320,8 +320,7 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
 
 def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     """Remove the second of two temperature coefficients, which has no effect at 27 degrees."""
-    # TC=1m,2u is split into words, so that a number after the first value is the second
-    # coefficient.
+    # TC=1m,2u is split into words: the next number is the second coefficient.
     words = [word.lower() for word in rest[:-3]]
     after = words.index("tc") + 3 if "tc" in words else 0
     if not after or read_number(rest[after]) is None:
@@ -493,7 +492,6 @@ def _without_signs(line: Line) -> tuple[str, ...]:
 
 
 def _controlled(place: Instance, line: Line) -> None:
-    """Add a source that is controlled by a voltage, a current, or a polynomial in these."""
     if "table" in map(str.lower, line.words[3:4]):
         raise line.at.error(
             f"{line.name} has a TABLE, which is not read: write an expression with VALUE="
@@ -547,8 +545,7 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
-    # With a series resistance, the state is the voltage of an inner port, which ``.ic`` does not
-    # set.
+    # With a series resistance, the state is an inner voltage, which ``.ic`` does not set.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])

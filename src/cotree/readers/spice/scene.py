@@ -101,8 +101,7 @@ class Writer(Sheet[_Scene]):
         for key in ordered(rows, given):
             name, word, at = rows[key]
             value, at = given[key] if key in given else (scope.value(word, at), at)
-            # Dots in expressions separate edges from their variables, so that underscores join the
-            # names of a path.
+            # Underscores join the names of a path, since dots precede variables.
             label = f"{path}{name}".replace(".", "_")
             scope.values[key] = self.own_parameter(label, value, at)
 
@@ -171,7 +170,6 @@ class Writer(Sheet[_Scene]):
             self.scene.simulation(start=start, held=held)
 
     def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
-        """Add the elements of the main circuit or of a subcircuit instance."""
         for line in circuit.elements:
             self.count += 1
             if self.count > _MOST_ELEMENTS:
@@ -210,8 +208,7 @@ class Writer(Sheet[_Scene]):
         # Other names refer to the circuit in which the subcircuit is defined.
         inner = Scope({}, home.scope, circuit.functions)
         place = Instance(self, circuit, inner, path, home)
-        # As in ngspice, values of the instance take precedence over ``.param`` in the subcircuit,
-        # and this over defaults.
+        # As in ngspice, the order is: instance, ``.param`` in the subcircuit, defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
         check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")

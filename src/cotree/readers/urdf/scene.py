@@ -264,8 +264,7 @@ class _SceneWriter(Generic[_Scene]):
             "ground",
             centre,
             mass=mass,
-            # URDF lists entries of the inertia tensor, so that products of inertia include their
-            # sign.
+            # URDF lists entries of the inertia tensor, with the sign of products of inertia.
             inertia=[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
         )
 
@@ -287,7 +286,6 @@ class _SceneWriter(Generic[_Scene]):
         return found
 
     def _notes(self) -> Iterator[str]:
-        """Yield notes on ignored, changed and renamed elements."""
         if self.robot.ignored:
             counts = sorted(self.robot.ignored.items())
             yield "not read: " + _quoted(f"{n} <{brief(tag)}>" for tag, n in counts)
