@@ -90,7 +90,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         native: bool = False,
         baumgarte: float = 0.0,
         tunable: Sequence[str] | None = None,
-        locate_corners: bool = True,
+        locate_kinks: bool = True,
+        locate_corners: bool | None = None,
     ) -> Model:
         """Form the equations, generate C, compile and load it.
 
@@ -111,10 +112,12 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         tunable : sequence of str, optional
             Parameters that runs may change, in addition to those of sensitivities; others become
             numbers in the code. By default those declared as tunable in the scene.
-        locate_corners : bool
+        locate_kinks : bool
             Whether runs locate the kinks of absolute values, minima, maxima and linear tables that
             depend on states, and begin a new step there. False leaves them to the error test;
             ensembles then run several members at once in vectors.
+        locate_corners : bool, optional
+            Deprecated name of ``locate_kinks``.
 
         Returns
         -------
@@ -146,7 +149,10 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         prepared = time.perf_counter() - begun
         # The model keeps a copy of the scene, which later changes do not affect.
         described = described.copied()
-        spec = BuildSpec(described, names, tree, options, rate, bool(locate_corners))
+        if locate_corners is not None:
+            warnings.warn("locate_corners is called locate_kinks", DeprecationWarning, stacklevel=2)
+            locate_kinks = locate_corners
+        spec = BuildSpec(described, names, tree, options, rate, bool(locate_kinks))
         try:
             with _locating_errors(self):
                 model = compile_spec(spec)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CornerRow:
+class KinkRow:
     """A kink of the rates, at the zero of a value."""
 
     value: Node  # value that is zero at the end of the branch
@@ -297,7 +297,7 @@ class Equations:
     direction: Derivative | None = None
     #: Kinks at the ends of branches that are frozen during steps; see
     #: :mod:`cotree.program.surfaces`.
-    corners: tuple[CornerRow, ...] = ()
+    kinks: tuple[KinkRow, ...] = ()
     #: Numbers of the current branches; zero for signs.
     pieces: tuple[Node, ...] = ()
     positions: tuple[PositionRow, ...] = ()  # network positions that are sums of states

@@ -132,16 +132,16 @@ def formulate(
         # Every alternative has circuits, cutsets, elimination and derivatives for one parameter.
         # Only the chosen one has all sensitivity graphs (Eq. (4) of the paper).
         first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
-        _check_corners(first, sensitivities)
+        _check_kinks(first, sensitivities)
         if sensitivities:
             _check_impacts(first)
         return first, form_equations(first, sensitivities), alternatives
 
 
-def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
+def _check_kinks(first: FirstGraph, sensitivities: Sequence[str]) -> None:
     """Raise an error if sensitivities jump at a kink whose time is unknown before the run."""
     parameters = first.system.tunable
-    for what, symbols in (first.network.corners if first.network else {}).items():
+    for what, symbols in (first.network.kinks if first.network else {}).items():
         # If a kink depends on states or inputs, its time depends on all parameters.
         of_time = all(symbol.data[0] in ("p", "t") for symbol in symbols)
         for name in sensitivities:
@@ -250,11 +250,11 @@ def form_text(
     sensitivities: Sequence[str],
     tree: TreeChoice,
     baumgarte: float,
-    locates_corners: bool = True,
+    locates_kinks: bool = True,
 ) -> Formed:
     """Form the C text of a scene; :class:`cotree.spec.BuildSpec` describes the arguments."""
     with within_range(scene):
-        return _form_text(scene, sensitivities, tree, baumgarte, locates_corners)
+        return _form_text(scene, sensitivities, tree, baumgarte, locates_kinks)
 
 
 def _form_text(
@@ -262,7 +262,7 @@ def _form_text(
     sensitivities: Sequence[str],
     tree: TreeChoice,
     baumgarte: float,
-    locates_corners: bool,
+    locates_kinks: bool,
 ) -> Formed:
     marks = [time.perf_counter()]
     # Jumps inside expressions become events, which the engine locates, except in equations for
@@ -274,7 +274,7 @@ def _form_text(
     marks.append(time.perf_counter())
     # During steps of a run, the branches of piecewise expressions are frozen, except in equations
     # for display.
-    program, reports = generate(freeze_branches(equations) if locates_corners else equations)
+    program, reports = generate(freeze_branches(equations) if locates_kinks else equations)
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]
     slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)

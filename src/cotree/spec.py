@@ -45,7 +45,7 @@ class BuildSpec:
     #: Decay rate of constraint violations, [1/s]; zero: constraints are satisfied by projection.
     baumgarte: float = 0.0
     #: Whether runs locate kinks of the rates instead of leaving them to the error test.
-    locates_corners: bool = True
+    locates_kinks: bool = True
 
     @property
     def key(self) -> object:
@@ -53,7 +53,7 @@ class BuildSpec:
         # Registered laws are functions, which cannot be compared.
         if any(edge.statement["type"] not in OWN for edge in self.scene.edges.values()):
             return None
-        return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
+        return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Only fields, without cached properties.
@@ -66,7 +66,7 @@ class BuildSpec:
         from cotree.pipeline import form_text
 
         return form_text(
-            self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
+            self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
         )
 
     def of(self, scene: SceneDescription, sensitivities: Sequence[str] | None = None) -> BuildSpec:

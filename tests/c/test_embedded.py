@@ -329,7 +329,7 @@ def test_points_between_steps_of_stiff_methods(compiler: str, tmp_path: Path, me
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("integrator", ["dopri5", "rodas5"])
-def test_corners_that_end_at_a_time_are_stopped_at(tmp_path, compiler, integrator):
+def test_pieces_that_end_at_a_time_end_a_step(tmp_path, compiler, integrator):
     scene = Scene("falling-steps")
     scene.edge("V", "voltage_source", "a", "ground", voltage="floor(max(3 - 2*t, 0))")
     scene.edge("R", "resistor", "a", "b", resistance=1.0)
@@ -340,7 +340,7 @@ def test_corners_that_end_at_a_time_are_stopped_at(tmp_path, compiler, integrato
     expected = 0.0
     for level in (2.0, 1.0, 0.0, 0.0):  # for half a time constant each
         expected = level + (expected - level) * math.exp(-0.5)
-    # Steps over the corners at 0.5 s and 1 s left 2e-6 and more; smooth pieces leave 1e-8.
+    # Steps over the breakpoints at 0.5 s and 1 s left 2e-6 and more; smooth pieces leave 1e-8.
     assert found == pytest.approx(expected, abs=1e-7)
 
 

@@ -15,15 +15,15 @@ pytestmark = [
 ]
 
 
-def driven(has_corner):
+def driven(has_kink):
     """Charge two picofarads in a loop with a source."""
     scene = Scene("contents")
     for name, value in (("R", 1e3), ("c", 1e-12), ("v1", 0.4)):
         scene.parameter(name, value)
-    corner = " + where(C.v > v1, c*(C.v - v1), 0)" if has_corner else ""
+    kink = " + where(C.v > v1, c*(C.v - v1), 0)" if has_kink else ""
     scene.edge("V", "voltage_source", "a", "ground", voltage="1 + 0.1*sin(1e9*t)")
     scene.edge("R", "resistor", "a", "b", resistance="R")
-    law = f"c*(C.v + C.v**3){corner}"
+    law = f"c*(C.v + C.v**3){kink}"
     scene.edge("C", "nonlinear_capacitor", "b", "ground", charge=law, initial={"v": 0.1})
     scene.edge("C2", "capacitor", "a", "b", capacitance="0.5*c")
     scene.simulation(t_end=2e-9, rtol=1e-9)
@@ -32,7 +32,7 @@ def driven(has_corner):
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("integrator", "has_corner", "sensitivities"),
+    ("integrator", "has_kink", "sensitivities"),
     [
         ("dopri5", False, ["c"]),
         ("rodas5", False, []),
@@ -40,8 +40,8 @@ def driven(has_corner):
         pytest.param("dopri5", True, [], marks=pytest.mark.slow),
     ],
 )
-def test_c_projects_keep_charges(tmp_path, compiler, integrator, has_corner, sensitivities):
-    scene = driven(has_corner)
+def test_c_projects_keep_charges(tmp_path, compiler, integrator, has_kink, sensitivities):
+    scene = driven(has_kink)
     project = scene.compile(sensitivities).write(tmp_path, integrator)
     found = printed(run([build(project, compiler)], tmp_path))
     model = scene.compile(["c"])

@@ -106,8 +106,8 @@ def behind_a_capacitor(is_loop):
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "euler"])
-def test_sensitivities_that_jump_at_corners_are_refused(tmp_path, integrator):
-    """Steps of one length pass over the corner: where the rate jumps there, so must d/d(td)."""
+def test_sensitivities_that_jump_at_kinks_are_refused(tmp_path, integrator):
+    """Steps of one length pass over the kink: where the rate jumps there, so must d/d(td)."""
     with pytest.raises(CodegenError, match=rf"{integrator} passes over kinks.* depend on 'td'"):
         behind_a_capacitor(True).compile(["td"]).write(tmp_path / "p", integrator, 1e-5)
     assert not (tmp_path / "p").exists()

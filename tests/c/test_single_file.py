@@ -15,7 +15,7 @@ pytestmark = [
 ]
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
-#: A smooth model, events, constraints, algebraic unknowns, inputs with corners.
+#: A smooth model, events, constraints, algebraic unknowns, inputs with kinks.
 CASES = [
     ("slider-pendulum", ["L"], "dopri5", None),
     ("slider-pendulum", [], "rk4", 1e-3),

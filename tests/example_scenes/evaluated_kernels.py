@@ -97,12 +97,12 @@ class CalledModel(CObjects):
             n_results = kernels.program.traits.n_results.get(name)
             if n_results is not None:
                 setattr(c, KERNELS[name].field, self._kernel(KERNELS[name], n_results))
-        if layout.events or layout.corners:
+        if layout.events or layout.kinks:
             c.hybrid = self._hybrid()
 
     def _hybrid(self):
         layout, c = self._layout, self.new("cotree_hybrid *")
-        c.n_events = len(layout.events) + len(layout.corners)
+        c.n_events = len(layout.events) + len(layout.kinks)
         c.n_branches, c.n_quantities = layout.n_pieces, layout.n_quantities
         # Kinks are the last events; they set no targets.
         c.events = rows = self.new("cotree_event[]", c.n_events)

@@ -104,7 +104,7 @@ def test_members_run_in_lanes_and_give_the_same() -> None:
     kinds = "linear_extend(x.v) + monotone_hold(x.v) + map(0.2*x.v, y.v) + written(x.v)"
     del scene.edges["feed"]
     scene.edge("feed", "current_source", "ground", "m", current=f"0.1*({kinds})")
-    model = scene.compile(["b"], locate_corners=False)
+    model = scene.compile(["b"], locate_kinks=False)
     members = [{"b": 1.0 + 0.1 * i} for i in range(8)]
     # From x = 1.1 to 2.4 within one piece of each table, y from 0 to about 0.5 too.
     run = {"initial": {"x.v": 1.1}, "rtol": 1e-10, "atol": 1e-12}

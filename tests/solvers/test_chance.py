@@ -57,7 +57,7 @@ def bad_place(t, h):
 
 
 def test_a_kink_where_the_error_estimate_vanishes():
-    model = kinked().compile(locate_corners=False)
+    model = kinked().compile(locate_kinks=False)
     smooth = model.simulate((0.0, END), None, "dop853", RTOL, ATOL)
     tried = 0
     for t, after in zip(smooth.t[5:-2], smooth.t[6:-1], strict=True):

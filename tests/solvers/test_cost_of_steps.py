@@ -18,7 +18,7 @@ def rate(i: int, j: int) -> float:
     return 10.0 ** ((7 * i + 11 * j) % 5 - 3)
 
 
-def all_to_all(n: int, feed: str = "flow", *, locate_corners: bool = True) -> Model:
+def all_to_all(n: int, feed: str = "flow", *, locate_kinks: bool = True) -> Model:
     """n species, each of which turns into all others, and a feed of the first."""
     scene = Scene(f"all-to-all-{n}")
     for i in range(n):
@@ -30,7 +30,7 @@ def all_to_all(n: int, feed: str = "flow", *, locate_corners: bool = True) -> Mo
     scene.input("flow", 0.0)
     scene.table("valve", [0.0, 1.0, 2.0], [0.0, 1.0, 1.5])
     scene.edge("feed", "molar_flow_source", "ground", "S0", flow=feed)
-    return scene.compile(locate_corners=locate_corners)
+    return scene.compile(locate_kinks=locate_kinks)
 
 
 def test_cvode_where_steps_of_rodas5_cost_much() -> None:
@@ -62,7 +62,7 @@ def test_rodas5_where_corners_would_restart_cvode() -> None:
 def test_rodas5_where_corners_of_rates_would_restart_cvode(feed: str) -> None:
     taken = {}
     for locates in (True, False):
-        model = all_to_all(30, feed, locate_corners=locates)
+        model = all_to_all(30, feed, locate_kinks=locates)
         result = model.simulate((0.0, END), [0.0, END], throw=True)
         taken[locates] = result.statistics.method
     assert taken == {True: "rodas5", False: "cvode"}

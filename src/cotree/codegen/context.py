@@ -277,7 +277,7 @@ class ModelContext(KernelFile):
             events=layout.has_events,
             modes=any(row.part > 1 for row in layout.events),
             discs=any(row.part == _TURN for row in layout.events),
-            moving_corners=False,
+            moving_breakpoints=False,
             implicit=False,
             helper=False,
             mending=False,

@@ -192,7 +192,7 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
     """Return the rate kernels, and those of inputs and kinks if there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
-    names += ["events"] if program.layout.corners else []
+    names += ["events"] if program.layout.kinks else []
     names += ["event_ranges"] if program.layout.n_quantities else []
     return [program.kernels[name] for name in names]
 

@@ -97,7 +97,7 @@ class Features:
     modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
     discs: bool = True  # whether there is friction on planes in space
     #: Whether rates have kinks at times that depend on sensitivity parameters.
-    moving_corners: bool = True
+    moving_breakpoints: bool = True
     implicit: bool = True  # whether an implicit method uses a Jacobian
     helper: bool = True  # whether a function of the caller finds states if iterations fail
     mending: bool = True  # whether given values may change to satisfy constraints

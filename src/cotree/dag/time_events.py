@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cotree.dag.corners import RestartTimes
 from cotree.dag.derivative import tangents
+from cotree.dag.restart_times import RestartTimes
 from cotree.dag.switching_times import TimeEvent, value_of
 from cotree.tolerances import SAME
 

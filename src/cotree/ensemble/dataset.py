@@ -211,7 +211,7 @@ def _of_lanes(plan: Plan, n_members: int) -> str:
         return f"members run one after another: {why}"
     near = ", except for those close to a kink or jump of the rates"
     is_forwards = plan.settings.t_span[1] >= plan.settings.t_span[0]
-    return f"members run side by side{near if plan.model.layout.corners and is_forwards else ''}"
+    return f"members run side by side{near if plan.model.layout.kinks and is_forwards else ''}"
 
 
 def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:

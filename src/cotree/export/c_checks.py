@@ -182,10 +182,10 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
             f"{integrator} does not locate events, and scene '{program.layout.name}' has "
             f"'{program.layout.events[0].name}': take dopri5, rkf45 or dop853"
         )
-    _check_corners(program, integrator)
+    _check_kinks(program, integrator)
 
 
-def _check_corners(program: Program, integrator: str) -> None:
+def _check_kinks(program: Program, integrator: str) -> None:
     """Raise CodegenError if sensitivities jump at time events, which fixed-step methods pass over.
 
     Sensitivities jump only if rates do. A kink of the rates only reduces the order of the method.

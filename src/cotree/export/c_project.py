@@ -393,7 +393,8 @@ def write_c_project(
     features = replace(
         model.features(),
         implicit=bool(implicit),
-        moving_corners=bool(main.stops and model.layout.sensitivities) and methods[0] not in FIXED,
+        moving_breakpoints=bool(main.stops and model.layout.sensitivities)
+        and methods[0] not in FIXED,
     )
     texts = dict(render_model(model, features))
     if implicit:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.build import BuildOptions
-    from cotree.dag.corners import RestartTimes
+    from cotree.dag.restart_times import RestartTimes
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.model.roots import Junctions
     from cotree.model.start_in_c import StartInC

@@ -64,8 +64,8 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
     p = model.arguments_of(record.parameter_values)
-    corners = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
-    return np.concatenate([corners, *(e.t for e in record.events.values())])
+    restarts = model.restart_times(p, span, settings.inputs, signals.breakpoints).times
+    return np.concatenate([restarts, *(e.t for e in record.events.values())])
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:

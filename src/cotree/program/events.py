@@ -289,7 +289,7 @@ def event_kernels(
     ``values`` are outputs, then the expressions of events, without unknowns; ``along`` has their
     derivatives along each parameter, and ``motion`` those along the motion.
     """
-    if not (equations.events or equations.corners):
+    if not (equations.events or equations.kinks):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events
     # Events without restitution only set states.
@@ -302,26 +302,26 @@ def event_kernels(
     for row, impact in zip(rows, impacts, strict=True):
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
-    corners = solved.substitute([row.value for row in equations.corners])
+    kinks = solved.substitute([row.value for row in equations.kinks])
     # No state jumps at a kink. If the slope is infinite there, the value at rest does not depend on
     # parameters.
     looked_at = [
         value if row.is_steep else dag.zero
-        for row, value in zip(equations.corners, corners, strict=True)
+        for row, value in zip(equations.kinks, kinks, strict=True)
     ]
     # The function that decides whether an impact ends at rest is evaluated only in impacts.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
     # Ranges of values that contain multipliers would be far too wide.
     first = equations.n_speeds + len(equations.constraints.rows)
     multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
-    found_ranges = find_ranges(equations, [*crossed, *corners], multipliers)
+    found_ranges = find_ranges(equations, [*crossed, *kinks], multipliers)
     seed_of_motion = _along_the_motion(equations)
 
     def derivatives(
-        changes: Mapping[int, Node], seed: Mapping[Node, Node], of_corners: Sequence[Node]
+        changes: Mapping[int, Node], seed: Mapping[Node, Node], of_kinks: Sequence[Node]
     ) -> list[Node]:
         # As in the kernels of values, all event functions precede the targets of each event.
-        found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_corners]
+        found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_kinks]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
             if impact is not None and row.restitution is not None:
@@ -336,7 +336,7 @@ def event_kernels(
     kernels = {
         "events": [
             *(values[row.watched] for row in rows),
-            *corners,
+            *kinks,
             *solved.substitute(equations.pieces),
             *found_ranges.quantities,
         ],
@@ -347,7 +347,7 @@ def event_kernels(
             for node in derivatives(row.outputs, own.seed, tangents(looked_at, own.seed))
         ],
         "event_rates": [
-            *derivatives(motion.outputs, seed_of_motion, tangents(corners, seed_of_motion)),
+            *derivatives(motion.outputs, seed_of_motion, tangents(kinks, seed_of_motion)),
             *residuals,
         ],
         "event_ranges": [*found_ranges.results],

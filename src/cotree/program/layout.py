@@ -69,8 +69,8 @@ class Layout:
     #: Parameters that are derived from others and are not kernel arguments.
     derived: tuple[DerivedParameter, ...] = ()
     #: For each kink, which follow the events in the kernel ``events``: index of the branch that
-    #: ends there, direction, and whether it is steep; see :class:`cotree.equations.CornerRow`.
-    corners: tuple[tuple[int, int, bool], ...] = ()
+    #: ends there, direction, and whether it is steep; see :class:`cotree.equations.KinkRow`.
+    kinks: tuple[tuple[int, int, bool], ...] = ()
     #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
@@ -107,7 +107,7 @@ class Layout:
     @property
     def has_events(self) -> bool:
         """Whether there are events, or kinks of rates whose times depend on states."""
-        return bool(self.events or self.corners)
+        return bool(self.events or self.kinks)
 
     @property
     def has_conditions(self) -> bool:

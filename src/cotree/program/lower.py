@@ -580,7 +580,7 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         uses_multipliers=tuple(node in on_multipliers for node in observed),
         followers=followers(equations),
         events=equations.events,
-        corners=tuple((row.piece, row.direction, row.is_steep) for row in equations.corners),
+        kinks=tuple((row.piece, row.direction, row.is_steep) for row in equations.kinks),
         n_pieces=len(equations.pieces),
         positions=equations.positions,
         given_names=equations.given,

@@ -9,9 +9,9 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 import cotree.dag.nodes  # noqa: F401 - registers how graphs are pickled
-from cotree.dag.corners import RestartTimes
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
+from cotree.dag.restart_times import RestartTimes
 from cotree.dag.switching_times import TimeEvent, longest_step
 from cotree.dag.time_events import find_restart_times
 from cotree.errors import SolveError

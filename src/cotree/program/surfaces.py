@@ -42,7 +42,7 @@ from cotree.dag.nodes import (
     symbols_in,
 )
 from cotree.dag.switching_times import time_events_within
-from cotree.equations import CornerRow
+from cotree.equations import KinkRow
 from cotree.program.steep import SteepRoots, ends, find_roots
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def freeze_branches(equations: Equations) -> Equations:
         forcing=again(equations.forcing),
         rates=again(equations.rates),
         output_values=again(equations.output_values),
-        corners=tuple(held.rows),
+        kinks=tuple(held.rows),
         pieces=tuple(held.pieces),
     )
 
@@ -94,7 +94,7 @@ def freeze_branches(equations: Equations) -> Equations:
 def strip_switching_surfaces(program: Program) -> Program:
     """Remove the switching functions, so that arguments always select the branches."""
     layout, kernels = program.layout, dict(program.kernels)
-    n, m = len(layout.events), len(layout.corners)
+    n, m = len(layout.events), len(layout.kinks)
     if not m:
         return program
 
@@ -116,7 +116,7 @@ def strip_switching_surfaces(program: Program) -> Program:
     cut("event_rates")
     if kernels["event_sensitivity"].results:
         cut("event_sensitivity", len(layout.sensitivities))
-    layout = replace(layout, corners=(), n_pieces=0, ranges=ranges, n_quantities=n_quantities)
+    layout = replace(layout, kinks=(), n_pieces=0, ranges=ranges, n_quantities=n_quantities)
     return replace(program, layout=layout, kernels=kernels)
 
 
@@ -139,19 +139,19 @@ def _find(equations: Equations) -> _Found:
     heavy, wild = _heavy(order, equations), _wild(order)
     conditions: dict[_Key, _Sides | None] = {}
     looked_at: dict[_Key, Node] = {}
-    keys, corners = _Keys(), _Kinks(order, roots, symbols)
+    keys, kinks = _Keys(), _Kinks(order, roots, symbols)
     reading = [node for node in order if not moving.isdisjoint(node.args)]
     for node in reading:
         if node.op not in _BRANCHING or node.args[0] not in moving:
             continue
-        if node in wild and corners.is_smooth(node):
+        if node in wild and kinks.is_smooth(node):
             continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
         # All nodes with the same key are one condition, which each of them may exclude.
-        sides = None if node in heavy else corners.sides(node)
+        sides = None if node in heavy else kinks.sides(node)
         if node in wild:
-            sides = _in_common(sides, corners.sides_above(node))
+            sides = _in_common(sides, kinks.sides_above(node))
         sides = None if sides is None else sides.turned(scale)
         conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
     tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
@@ -483,7 +483,7 @@ class _Keys:
 class _Held:
     """The kinks and branch symbols that are collected while branches are numbered."""
 
-    rows: list[CornerRow]
+    rows: list[KinkRow]
     pieces: list[Node]
 
 
@@ -511,7 +511,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
     def sign(condition: Node, key: _Key, scale: float) -> Node:
         if key not in signs:
             signs[key] = slot(), scale
-            held.rows.append(CornerRow(of(condition), signs[key][0].data[1], 0))
+            held.rows.append(KinkRow(of(condition), signs[key][0].data[1], 0))
         piece, first = signs[key]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
@@ -530,7 +530,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         distance = substitute([signed], new)[0]
         if key not in widths:
             widths[key] = slot(), scale
-            held.rows.append(CornerRow(distance, widths[key][0].data[1], 0, is_steep=True))
+            held.rows.append(KinkRow(distance, widths[key][0].data[1], 0, is_steep=True))
         width, first = widths[key]
         given = [of(arg) for arg in node.args]
         if node.op == "div":
@@ -558,8 +558,8 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
                 continue  # a table with the same axis and argument has defined the kink
             low, high, which = data.ends(i)
             held.pieces[number] = made[which]
-            held.rows.append(CornerRow(at - made[low], number, -1))
-            held.rows.append(CornerRow(at - made[high], number, 1))
+            held.rows.append(KinkRow(at - made[low], number, -1))
+            held.rows.append(KinkRow(at - made[high], number, 1))
         return made
 
     results: dict[Node, tuple[Node, ...]] = {}

@@ -34,7 +34,7 @@ class Traits:
 
     def can_extend(self, layout: Layout) -> bool:
         """Return whether algebraic unknowns can be integrated throughout a run."""
-        if layout.corners:
+        if layout.kinks:
             return False  # the rates of algebraic unknowns jump at kinks of the residuals
         name = "extended_augmented_rhs" if layout.sensitivities else "extended_rhs"
         return bool(self.n_results.get(name))

@@ -225,7 +225,7 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
                 edge,
                 rewrite,
                 fields,
-                set() if name in _OF_RATES else _corners(law, names, parameters),
+                set() if name in _OF_RATES else _kinks(law, names, parameters),
                 parameters,
             )
             for name in _LAWS
@@ -344,7 +344,7 @@ def _clipped_law(
     return whole.xreplace(new)
 
 
-def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
+def _kinks(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
     """List the signs and comparisons at which a law as a whole is continuous."""
     import sympy
 
@@ -354,10 +354,8 @@ def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]
         return set()
     atoms = whole.atoms(sympy.sign, sympy.core.relational.Relational)
     parts = {atom: ast.unparse(own) for atom in atoms if (own := to_tree(atom, names)) is not None}
-    corners = {
-        ast.unparse(part) for part in jumps_in(tree) if has_only_kink(tree, part, parameters)
-    }
-    return {atom for atom, text in parts.items() if text in corners}
+    kinks = {ast.unparse(part) for part in jumps_in(tree) if has_only_kink(tree, part, parameters)}
+    return {atom for atom, text in parts.items() if text in kinks}
 
 
 def plain_jumps(expression: Any) -> Any:

@@ -168,9 +168,9 @@ class _Rewriting:
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
         whole = expression.tree
-        corners = [] if is_stored else jumps_in(whole)
+        kinks = [] if is_stored else jumps_in(whole)
         kept = frozenset(
-            id(part) for part in corners if has_only_kink(whole, part, self._old.parameters)
+            id(part) for part in kinks if has_only_kink(whole, part, self._old.parameters)
         )
         tree = _Tree(self, expression.where, kept).rewritten(whole)
         if ast.dump(tree) == ast.dump(expression.tree):

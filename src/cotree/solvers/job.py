@@ -252,7 +252,7 @@ def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
 _MOST_CROSSINGS = 5
 
 # Fields of ``cotree_job`` that depend only on times and the maximum step size.
-_OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
+_OF_TIMES = ("t", "n_breakpoints", "scale", "max_step", "n_wanted")
 
 
 def _times_of(problem: Problem) -> tuple[Any, ...]:
@@ -353,7 +353,7 @@ class Job:
         self.rows = Rows(self._ffi, c, problem)
         # The values, as bytes, from which the tolerances of the last run were computed.
         self._sizes: list[bytes | None] = []
-        self._corners: FloatArray = np.zeros(0)
+        self._times: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
         self._timed: tuple[Any, ...] = ()
         if self._at_once:
@@ -429,17 +429,17 @@ class Job:
 
     def _set_times(self, problem: Problem) -> None:
         """Set the time span, the breakpoints and the requested times."""
-        c, corners = self.job, restart_times(problem)
-        c.t, c.n_corners = corners[0], len(corners)
-        if not np.array_equal(corners, self._corners):
-            self._corners = corners
-            self._set_array("corners", corners)
+        c, times = self.job, restart_times(problem)
+        c.t, c.n_breakpoints = times[0], len(times)
+        if not np.array_equal(times, self._times):
+            self._times = times
+            self._set_array("breakpoints", times)
         c.scale = problem.scale
         if len(problem.breakpoints):
-            c.is_start_sharp = int(corners[0] in problem.breakpoints)
-            c.is_end_sharp = int(corners[-1] in problem.breakpoints)
+            c.is_start_sharp = int(times[0] in problem.breakpoints)
+            c.is_end_sharp = int(times[-1] in problem.breakpoints)
         c.max_step = min(problem.max_step, sys.float_info.max)
-        self._set_slopes(problem, corners)
+        self._set_slopes(problem, times)
         if problem.settings.t_eval is None:
             return
         c.n_wanted = len(problem.settings.t_eval)
@@ -491,12 +491,12 @@ class Job:
         rows = self._crossings[: self.job.n_crossed].copy()
         return [(float(row[0]), row[1:]) for row in rows]
 
-    def _set_slopes(self, problem: Problem, corners: FloatArray) -> None:
+    def _set_slopes(self, problem: Problem, times: FloatArray) -> None:
         """Set the parameter derivatives of the breakpoint times unless all are zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Slopes of breakpoints that do not depend on parameters are zero.
-        are_moved, slopes, spreads = problem.shifts.rows_at(corners)
+        are_moved, slopes, spreads = problem.shifts.rows_at(times)
         if not are_moved[:-1].any():
             return
         # These pointers are set only for this run.

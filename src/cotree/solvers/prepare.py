@@ -229,7 +229,7 @@ class Preparation:
         if self._is_step_free:
             values["max_step"] = model.longest_step(p, self.settings.inputs)
         if self._has_time_events:
-            values |= self._corners(p, signals)
+            values |= self._restarts(p, signals)
         if self._size_of:
             values["scales"] = self._scales(p)
         if start.on_jump:
@@ -256,18 +256,18 @@ class Preparation:
         sizes = [abs(values[of] or 1.0) if isinstance(of, int) else of for of in self._size_of]
         return np.array(sizes)
 
-    def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
+    def _restarts(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
         """Return the fields of a problem on breakpoints, which depend on parameters."""
         settings, scale, begun = self.settings, self._template.scale, time.perf_counter()
-        corners = self.model.restart_times(
+        restarts = self.model.restart_times(
             p, settings.t_span, settings.inputs, signals.breakpoints, settings.time_limit
         )
         return {
             "seconds_taken": time.perf_counter() - begun,
-            "scale": max(scale, corners.scale),
-            "breakpoints": corners.times,
+            "scale": max(scale, restarts.scale),
+            "breakpoints": restarts.times,
             # Sensitivities jump only at time events that depend on parameters.
-            "shifts": corners.moved,
+            "shifts": restarts.moved,
         }
 
     def _functions(self, of: BoundModel) -> dict[str, Any]:
@@ -283,7 +283,7 @@ class Preparation:
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
             "events": of if layout.events else None,
-            "has_kinks": bool(layout.corners),
+            "has_kinks": bool(layout.kinks),
         }
 
 

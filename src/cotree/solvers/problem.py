@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.corners import RestartTimes
+from cotree.dag.restart_times import RestartTimes
 from cotree.errors import SolveError
 from cotree.methods import METHODS
 from cotree.records import changed

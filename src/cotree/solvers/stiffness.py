@@ -188,7 +188,7 @@ _MOST_STATES = 150
 
 # Maximum number of breakpoints with cvode: after each, a multistep method takes about thirty short
 # steps, compared with hundreds in a run.
-_MOST_CORNERS = 3
+_MOST_BREAKPOINTS = 3
 
 # The integrator detects stiffness by differences, which rounding may disturb. It is confirmed if a
 # mode of the Jacobian reaches at least this fraction of the stability limit.
@@ -225,7 +225,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     """
     # Runs that locate events or kinks may restart often.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)
-    has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
+    has_restarts = locates or len(problem.breakpoints) > _MOST_BREAKPOINTS
     is_wide = problem.n_states > _MOST_STATES  # planning the elimination would take long
     if has_restarts or is_wide or problem.n_algebraic or problem.held is not None:
         return 0.0

@@ -65,31 +65,31 @@ static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
     static cotree_real tolerances[LENGTH(N_SENSITIVITIES)];
-    const size_t n_corners = (size_t)cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
+    const size_t n_breakpoints = (size_t)cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
     const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
-    cotree_real *const corners = (cotree_real *)calloc(n_corners, width * sizeof(cotree_real));
+    cotree_real *const breakpoints = (cotree_real *)calloc(n_breakpoints, width * sizeof(cotree_real));
 #else
-    const cotree_real corners[2] = {COTREE_F(0.0), t_end};
+    const cotree_real breakpoints[2] = {COTREE_F(0.0), t_end};
 #endif
     int result = COTREE_JOB_MORE;
 #if COTREE_MAIN_STOPS
-    if (corners == NULL) return fail("there is no memory");
+    if (breakpoints == NULL) return fail("there is no memory");
     cotree_job_set_breakpoints(&job, &stops, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
-                               corners, tolerances);
+                               breakpoints, tolerances);
 #else
-    job.n_corners = 2;
-    job.corners = corners;
+    job.n_breakpoints = 2;
+    job.breakpoints = breakpoints;
 #endif
-    if (job.n_wanted == 0) job.wanted = corners; /* it is not read, but must not be NULL */
+    if (job.n_wanted == 0) job.wanted = breakpoints; /* it is not read, but must not be NULL */
     job.memory = calloc(1, cotree_job_memory(&job));
     if (job.memory == NULL) return fail("there is no memory");
     while (result == COTREE_JOB_MORE) {
-        const int corner = job.corner;
+        const int segment = job.segment;
         result = cotree_job_run(&job, MOST_STEPS);
 #if COTREE_MAIN_EVENTS
-        if (result == COTREE_JOB_MORE && job.corner == corner && job.n_records == 0) {
+        if (result == COTREE_JOB_MORE && job.segment == segment && job.n_records == 0) {
 #else
-        if (result == COTREE_JOB_MORE && job.corner == corner) {
+        if (result == COTREE_JOB_MORE && job.segment == segment) {
 #endif
             job.status = COTREE_TOO_MANY_STEPS;
             result = COTREE_JOB_FAILED;
@@ -100,7 +100,7 @@ static int integrate(cotree_real t_end)
     }
     free(job.memory);
 #if COTREE_MAIN_STOPS
-    free(corners);
+    free(breakpoints);
 #endif
     if (result == COTREE_JOB_FAILED) report();
     return result == COTREE_JOB_FAILED;

@@ -60,7 +60,7 @@ static int prepare_member(const cotree_batch *batch, int member, double *k, doub
     call.tables = batch->start_tables;
     call.p = batch->p + (size_t)member * (size_t)model->n_parameters;
     call.k = k;
-    call.t = pattern->corners[0];
+    call.t = pattern->breakpoints[0];
     call.n_replaced = pattern->n_replaced;
     call.replaced = pattern->replaced;
     call.n_set = batch->n_set;

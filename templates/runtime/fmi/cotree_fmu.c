@@ -185,7 +185,7 @@ void fmu_free(void *instance)
 #if COTREE_HAS_STEPS
     free(m->job_memory);
 #if COTREE_HAS_BREAKPOINTS
-    free(m->corners);
+    free(m->breakpoints);
 #endif
 #endif
     free(m->memory);

@@ -138,10 +138,10 @@ struct fmu {
     double *spare; /* copy of the state before a step */
     double *atols;
 #if COTREE_HAS_BREAKPOINTS
-    double *corners, *turn_tolerances;
-    size_t n_corners; /* allocated length of the array corners */
+    double *breakpoints, *turn_tolerances;
+    size_t n_breakpoints; /* allocated length of the array breakpoints */
 #else
-    double corners[2];
+    double breakpoints[2];
 #endif
     void *job_memory;
     size_t n_job_memory;

@@ -10,20 +10,20 @@ static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
 {
 #if COTREE_HAS_BREAKPOINTS
     const size_t n = (size_t)cotree_list_breakpoints(&m->stops, t, end, NULL);
-    if (n > m->n_corners) {
+    if (n > m->n_breakpoints) {
         const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
-        double *const more = (double *)realloc(m->corners, 2 * n * width * sizeof(double));
+        double *const more = (double *)realloc(m->breakpoints, 2 * n * width * sizeof(double));
         if (more == NULL) return fmu_refuse(m, "there is no memory");
-        m->corners = more;
-        m->n_corners = 2 * n;
+        m->breakpoints = more;
+        m->n_breakpoints = 2 * n;
     }
     cotree_job_set_breakpoints(job, &m->stops, t, end, m->numbers[FMU_BEGIN], m->tables->sizes,
-                               m->tables->start_tables->seeds, m->corners, m->turn_tolerances);
+                               m->tables->start_tables->seeds, m->breakpoints, m->turn_tolerances);
 #else
-    m->corners[0] = t;
-    m->corners[1] = end;
-    job->corners = m->corners;
-    job->n_corners = 2;
+    m->breakpoints[0] = t;
+    m->breakpoints[1] = end;
+    job->breakpoints = m->breakpoints;
+    job->n_breakpoints = 2;
     job->scale = fabs(end);
 #endif
     return 0;
@@ -91,7 +91,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     set_up_events(m, job);
 #endif
     if (set_breakpoints(m, t, end, job) != 0) return 1;
-    job->wanted = job->corners; /* not read, since n_wanted is zero, but must not be NULL */
+    job->wanted = job->breakpoints; /* not read, since n_wanted is zero, but must not be NULL */
     n_bytes = cotree_job_memory(job);
     if (n_bytes > m->n_job_memory) {
         free(m->job_memory);
@@ -113,7 +113,7 @@ static int log_failure(fmu *m, const cotree_job *job, long n_events)
                            is_eventful ? m->tables->most_events : m->tables->most_steps,
                            is_eventful ? "events" : "integrator steps");
     }
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     if (job->status == COTREE_RUN_TURNED) {
         return fmu_discard(
             m,

@@ -11,7 +11,7 @@ static int find_stops(fmu *m)
     double *const rows = m->limits + m->tables->n_limits;
     int i, j;
     if (m->tables->find_stops(m->p, m->k, m->limits) != 0) {
-        return fmu_refuse(m, "the times of corners have no values");
+        return fmu_refuse(m, "the times of breakpoints have no values");
     }
     /* From the last row to the first, since a row is longer than the kernel's result for it. */
     for (i = m->stops.n - 1; i >= 0; --i) {

@@ -112,7 +112,7 @@ void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *break
                                 cotree_real *tolerances)
 {
     const int n = cotree_list_breakpoints(breakpoints, t, t_end, memory);
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     const int m = breakpoints->n_sensitivities;
     cotree_real *const slopes = memory + n, *const spreads = slopes + n * m, least = COTREE_F(1.0);
     int i;
@@ -128,8 +128,8 @@ void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *break
 #else
     (void)begin, (void)sizes, (void)seeds, (void)tolerances;
 #endif
-    job->corners = memory;
-    job->n_corners = n;
+    job->breakpoints = memory;
+    job->n_breakpoints = n;
     job->scale = cotree_largest_breakpoint(breakpoints, t_end);
     job->is_start_sharp = cotree_is_breakpoint(breakpoints, t);
     job->is_end_sharp = cotree_is_breakpoint(breakpoints, t_end);

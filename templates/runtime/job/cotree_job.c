@@ -71,7 +71,7 @@ static int has_events(const cotree_job *job)
     if (hybrid == NULL) return 0;
     if (COTREE_EVENTS_OF(hybrid) > 0) return 1;
     /* Kinks, like events, are only located in forward time. */
-    return !job->is_tested && job->corners[job->n_corners - 1] >= job->corners[0];
+    return !job->is_tested && job->breakpoints[job->n_breakpoints - 1] >= job->breakpoints[0];
 }
 
 /* Copy the prepared values for this job if branches are frozen during its steps. */
@@ -93,7 +93,7 @@ static int interpolate(cotree_real t, cotree_real *w, void *context);
 /* Initialise the events at the start of the job. */
 static void init_events(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 {
-    const cotree_real own = job->corners[job->n_corners - 1] - job->corners[0];
+    const cotree_real own = job->breakpoints[job->n_breakpoints - 1] - job->breakpoints[0];
     const cotree_real span = job->span > COTREE_F(0.0) ? job->span : own;
     cotree_events_init(&e->events, e->watched, job->n, span, job->rtol, job->atols, job->atol,
                        interpolate, job, arena);
@@ -121,7 +121,7 @@ static void lay_out_job(cotree_job *job, cotree_arena *arena)
 {
     cotree_engine spare, *const e =
                              (cotree_engine *)cotree_arena_alloc(arena, sizeof(spare), &spare);
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     int i;
     for (i = 0; i < 4; ++i) e->work[i] = cotree_arena_reals(arena, job->n);
 #endif
@@ -173,7 +173,8 @@ static int is_short(cotree_real t_before, cotree_real t, cotree_real origin)
 
 cotree_real cotree_job_ahead(const cotree_job *job)
 {
-    return job->corners[job->n_corners - 1] > job->corners[0] ? COTREE_F(1.0) : -COTREE_F(1.0);
+    return job->breakpoints[job->n_breakpoints - 1] > job->breakpoints[0] ? COTREE_F(1.0)
+                                                                          : -COTREE_F(1.0);
 }
 
 /* Return a bound on the rounding errors of two breakpoint times, and of the times from which they
@@ -190,10 +191,11 @@ static cotree_real margin_between(const cotree_job *job, cotree_real start, cotr
  * rates on both sides of a jump, for any rounding of its time. */
 static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 {
-    const cotree_real start = job->corners[job->corner], end = job->corners[job->corner + 1];
+    const cotree_real start = job->breakpoints[job->segment],
+                      end = job->breakpoints[job->segment + 1];
     const cotree_real margin = margin_between(job, start, end);
-    const int is_open = job->corner == 0 && !job->is_start_sharp;
-    const int is_last = job->corner == job->n_corners - 2 && !job->is_end_sharp;
+    const int is_open = job->segment == 0 && !job->is_start_sharp;
+    const int is_last = job->segment == job->n_breakpoints - 2 && !job->is_end_sharp;
     const cotree_real first = is_open ? start : start + cotree_job_ahead(job) * margin;
     const cotree_real last = is_last ? end : end - cotree_job_ahead(job) * margin;
     run->low = COTREE_FMIN(first, last);
@@ -309,7 +311,7 @@ static int stop_at_event(cotree_job *job)
 /* Return whether another method is likely to be faster for a stiff problem. */
 static int is_worth_leaving(const cotree_job *job)
 {
-    const cotree_real left = COTREE_FABS(job->corners[job->n_corners - 1] - job->t);
+    const cotree_real left = COTREE_FABS(job->breakpoints[job->n_breakpoints - 1] - job->t);
     return job->is_waiting && job->is_stiff && left > COTREE_MOST_STIFF_STEPS * job->last_step;
 }
 
@@ -323,27 +325,27 @@ static int return_stiff(cotree_job *job)
 }
 #endif
 
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
 /* Return whether the derivatives of a breakpoint time, or of the times of coinciding breakpoints,
  * are nonzero. */
-static int is_moving(const cotree_job *job, int corner)
+static int is_moving(const cotree_job *job, int segment)
 {
     const int m = job->model->n_sensitivities;
     int j;
-    if (job->slopes == NULL || corner == job->n_corners - 1) return 0;
-    for (j = corner * m; j < (corner + 1) * m; ++j) {
+    if (job->slopes == NULL || segment == job->n_breakpoints - 1) return 0;
+    for (j = segment * m; j < (segment + 1) * m; ++j) {
         if (job->slopes[j] != COTREE_F(0.0) || job->spreads[j] != COTREE_F(0.0)) return 1;
     }
     return 0;
 }
 
 /* Return the data of a breakpoint, stored in memory that is unused between two segments. */
-static cotree_corner_sensitivity corner_data(cotree_job *job, int corner)
+static cotree_breakpoint_sensitivity breakpoint_data(cotree_job *job, int segment)
 {
-    const cotree_real start = job->corners[corner], end = job->corners[corner + 1];
-    const int first = corner * job->model->n_sensitivities;
+    const cotree_real start = job->breakpoints[segment], end = job->breakpoints[segment + 1];
+    const int first = segment * job->model->n_sensitivities;
     const cotree_engine *const e = ENGINE;
-    cotree_corner_sensitivity crossing;
+    cotree_breakpoint_sensitivity crossing;
     crossing.w = e->work[0];
     crossing.left = e->work[1];
     crossing.right = e->work[2];
@@ -363,11 +365,11 @@ static cotree_corner_sensitivity corner_data(cotree_job *job, int corner)
 /* Compute the rates at the end of a segment, before its breakpoint. */
 static int compute_left_rates(cotree_job *job)
 {
-    cotree_corner_sensitivity crossing;
-    if (!is_moving(job, job->corner + 1)) return 0;
-    crossing = corner_data(job, job->corner + 1);
+    cotree_breakpoint_sensitivity crossing;
+    if (!is_moving(job, job->segment + 1)) return 0;
+    crossing = breakpoint_data(job, job->segment + 1);
     crossing.margin =
-        cotree_job_ahead(job) * margin_between(job, job->corners[job->corner], job->t);
+        cotree_job_ahead(job) * margin_between(job, job->breakpoints[job->segment], job->t);
     return cotree_run_left_rates(ENGINE->run, job->t, ENGINE->w, job->n, &crossing) != 0
                ? COTREE_NOT_SOLVED
                : 0;
@@ -379,11 +381,11 @@ static int jump_sensitivities(cotree_job *job)
 {
     cotree_run *const run = ENGINE->run;
     const cotree_real low = run->low, high = run->high;
-    cotree_corner_sensitivity crossing;
+    cotree_breakpoint_sensitivity crossing;
     int status = 0;
-    if (!is_moving(job, job->corner)) return 0;
-    crossing = corner_data(job, job->corner);
-    if (job->corner == 0) { /* no previous segment: evaluate the rates before the start now */
+    if (!is_moving(job, job->segment)) return 0;
+    crossing = breakpoint_data(job, job->segment);
+    if (job->segment == 0) { /* no previous segment: evaluate the rates before the start now */
         run->low = COTREE_FMIN(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         run->high = COTREE_FMAX(job->t - crossing.margin, job->t - COTREE_F(3.0) * crossing.margin);
         status = cotree_run_left_rates(run, job->t, ENGINE->w, job->n, &crossing);
@@ -452,22 +454,22 @@ static int store_after_events(cotree_job *job, cotree_real t)
 }
 
 /* Return the derivatives of a breakpoint time by the parameters; NULL if all are zero. */
-static const cotree_real *slopes_of(const cotree_job *job, int corner)
+static const cotree_real *slopes_of(const cotree_job *job, int segment)
 {
-#if COTREE_HAS_MOVING_CORNERS
-    return job->slopes == NULL ? NULL : job->slopes + corner * job->model->n_sensitivities;
+#if COTREE_HAS_MOVING_BREAKPOINTS
+    return job->slopes == NULL ? NULL : job->slopes + segment * job->model->n_sensitivities;
 #else
-    (void)job, (void)corner;
+    (void)job, (void)segment;
     return NULL;
 #endif
 }
 
 /* Apply the events at a breakpoint. */
-static int apply_corner_events(cotree_job *job)
+static int apply_breakpoint_events(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
     cotree_run *const run = events->run;
-    const cotree_real t = job->corners[job->corner];
+    const cotree_real t = job->breakpoints[job->segment];
     cotree_real *const w = events->w;
     int status;
     cotree_run_from_point(run, t, job->n, ENGINE->w, w);
@@ -476,8 +478,8 @@ static int apply_corner_events(cotree_job *job)
         return COTREE_NOT_PROJECTED;
     }
 #endif
-    if (job->corner > 0) {
-        status = cotree_events_resume(events, t, w, slopes_of(job, job->corner));
+    if (job->segment > 0) {
+        status = cotree_events_resume(events, t, w, slopes_of(job, job->segment));
     } else if (!job->is_continued) {
         status = cotree_events_begin(events, t, w);
     } else {
@@ -546,7 +548,7 @@ static int solve_with_helper(cotree_job *job)
     cotree_engine *const e = ENGINE;
     const cotree_real t = cotree_run_inside(e->run, job->t);
     if (job->helper == NULL || job->model->n_algebraic == 0) return 0;
-    if (job->t != job->corners[job->corner]) return 0;
+    if (job->t != job->breakpoints[job->segment]) return 0;
     if (STEPPER->complete(job, t, e->w, 1) != COTREE_OK) return 0;
     if (e->of_states != e->run) cotree_run_narrow(e->of_states, t, e->run->full, e->before);
     if (job->n != e->run->n) {
@@ -578,7 +580,7 @@ static int call_reach(cotree_job *job, int is_first)
 /* Start a segment: apply jumps of sensitivities and events, and restart the stepper. */
 static int begin_segment(cotree_job *job)
 {
-    const int is_first = job->corner == 0;
+    const int is_first = job->segment == 0;
     int status = COTREE_OK;
     if (is_first) begin_job(job);
 #if COTREE_HAS_INPUTS
@@ -588,7 +590,7 @@ static int begin_segment(cotree_job *job)
     ENGINE->is_running = 0;
     restrict_to_segment(job, ENGINE->run);
     restrict_to_segment(job, ENGINE->of_states);
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     status = jump_sensitivities(job);
 #if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
     if (status != COTREE_OK && solve_with_helper(job)) status = jump_sensitivities(job);
@@ -597,7 +599,7 @@ static int begin_segment(cotree_job *job)
 #if COTREE_HAS_EVENTS
     if (status == COTREE_OK && has_events(job)) {
         restrict_to_segment(job, ENGINE->watched);
-        status = apply_corner_events(job);
+        status = apply_breakpoint_events(job);
         if (ENGINE->events.terminal_event >= 0) return status;
     }
 #endif
@@ -616,15 +618,15 @@ static int begin_segment(cotree_job *job)
 /* Continue after the end of a step or after an event. At a breakpoint, enter the next segment. */
 static int end_step(cotree_job *job)
 {
-    if (job->t == job->corners[job->corner + 1]) {
-#if COTREE_HAS_MOVING_CORNERS
+    if (job->t == job->breakpoints[job->segment + 1]) {
+#if COTREE_HAS_MOVING_BREAKPOINTS
         const int status = compute_left_rates(job);
         if (status != COTREE_OK) return fail(job, status);
 #endif
-        ++job->corner;
+        ++job->segment;
         job->is_begun = 0;
     }
-    if (job->corner < job->n_corners - 1) return COTREE_JOB_MORE;
+    if (job->segment < job->n_breakpoints - 1) return COTREE_JOB_MORE;
     finish(job);
     return COTREE_JOB_DONE;
 }
@@ -636,7 +638,7 @@ static int continue_after_events(cotree_job *job)
     int status = apply_found_events(job);
     if (status != COTREE_OK) return fail(job, status);
     if (ENGINE->events.terminal_event >= 0) return stop_at_event(job);
-    if (job->t != job->corners[job->corner + 1]) status = restart(job);
+    if (job->t != job->breakpoints[job->segment + 1]) status = restart(job);
     return status == COTREE_OK ? end_step(job) : fail(job, status);
 }
 
@@ -696,7 +698,7 @@ static int restart_towards(cotree_job *job, cotree_real goal, int status)
 /* Return the length of the shortest step towards a fold. */
 static cotree_real shortest_to_fold(const cotree_job *job)
 {
-    const cotree_real span = job->corners[job->n_corners - 1] - job->corners[0];
+    const cotree_real span = job->breakpoints[job->n_breakpoints - 1] - job->breakpoints[0];
     return COTREE_SELECT(1e-9, 1e-5f) * COTREE_FABS(span);
 }
 
@@ -717,7 +719,7 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
         const int is_last = moved <= shortest_to_fold(job) || status == COTREE_RATE_STOPPED;
         ENGINE->return_time = start;
         return_to(job, start);
-        if (!is_last) return restart_towards(job, job->corners[job->corner + 1], status);
+        if (!is_last) return restart_towards(job, job->breakpoints[job->segment + 1], status);
     }
     return fail(job, status);
 }
@@ -840,7 +842,7 @@ static int begin_watched_step(cotree_job *job)
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
-    const cotree_real start = job->t, end = job->corners[job->corner + 1];
+    const cotree_real start = job->t, end = job->breakpoints[job->segment + 1];
     cotree_real goal = end;
     int status, is_last;
 #if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC

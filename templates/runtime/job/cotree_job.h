@@ -1,7 +1,7 @@
 /* cotree_job.h: an integration that advances by several steps at each call.
  *
  * A job processes breakpoints (its start, time events and its end), wanted points and events. A
- * stepper takes the steps between them. In names, a corner is a breakpoint. */
+ * stepper takes the steps between them. */
 #ifndef COTREE_JOB_H
 #define COTREE_JOB_H
 
@@ -64,11 +64,11 @@ typedef struct cotree_job {
     const cotree_real *atols; /* absolute tolerance of each of the n entries */
     cotree_real atol;         /* absolute tolerance of algebraic unknowns */
     cotree_real max_step;
-    int n_corners; /* number of breakpoints: the start, time events, the end */
-    const cotree_real *corners;
+    int n_breakpoints; /* number of breakpoints: the start, time events, the end */
+    const cotree_real *breakpoints;
     cotree_real scale;                /* largest time used to compute breakpoints */
     int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     /* Derivatives of the breakpoint times by the parameters, in one row for each breakpoint, and
      * the largest differences of these derivatives among coinciding time events. NULL: zero. */
     const cotree_real *slopes;
@@ -84,7 +84,7 @@ typedef struct cotree_job {
     /* The current point. Before the first call, write z and set the other fields to zero. */
     cotree_real *z; /* all states and sensitivities at the time t */
     cotree_real t;
-    int corner; /* index of the last breakpoint passed */
+    int segment; /* index of the current segment, which begins at the breakpoint of this index */
     int is_begun;
     int n_kept;
     long n_steps;

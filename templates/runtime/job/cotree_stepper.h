@@ -34,7 +34,7 @@ typedef struct cotree_engine {
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     cotree_real *before; /* values at the start of the last step */
 #endif
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
     cotree_real *work[4]; /* work space between segments; only `left` persists */
 #endif
 #if COTREE_HAS_CONSTRAINTS

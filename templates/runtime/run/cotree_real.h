@@ -36,8 +36,8 @@
 #ifndef COTREE_HAS_DISCS
 #define COTREE_HAS_DISCS 1 /* the model has friction on planes in space */
 #endif
-#ifndef COTREE_HAS_MOVING_CORNERS
-#define COTREE_HAS_MOVING_CORNERS 1 /* time events depend on parameters of sensitivity */
+#ifndef COTREE_HAS_MOVING_BREAKPOINTS
+#define COTREE_HAS_MOVING_BREAKPOINTS 1 /* time events depend on parameters of sensitivity */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
 #define COTREE_HAS_IMPLICIT 1 /* an implicit method is compiled */

@@ -120,7 +120,7 @@ typedef struct cotree_run {
 
 /* Jump of the sensitivities at a time event that depends on parameters, with the rates f before and
  * after the event: S+ = S- + (f- - f+) t_p. */
-typedef struct cotree_corner_sensitivity {
+typedef struct cotree_breakpoint_sensitivity {
     cotree_real *w, *left, *right,
         *work; /* run->n numbers each: a point, the rates before and after the event, work */
     const cotree_real *slopes;     /* derivatives of the event time by parameter */
@@ -133,7 +133,7 @@ typedef struct cotree_corner_sensitivity {
     int is_constrained; /* 1: constraints are satisfied by projection */
 #endif
     int undefined; /* index in z of a sensitivity that is undefined after the event */
-} cotree_corner_sensitivity;
+} cotree_breakpoint_sensitivity;
 
 /* Status of cotree_run_jump_sensitivities: rates jump at coinciding time events that a parameter
  * would separate. */
@@ -240,9 +240,9 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
  * event. Then, after low and high are set to the next segment, compute the rates after it and apply
  * the jump. A point has n entries: run->n, or n_packed. */
 int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *point, int n,
-                          cotree_corner_sensitivity *crossing);
+                          cotree_breakpoint_sensitivity *crossing);
 int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,
-                                  cotree_corner_sensitivity *crossing);
+                                  cotree_breakpoint_sensitivity *crossing);
 
 COTREE_END_DECLS
 

@@ -479,7 +479,7 @@ static int is_rounding(const cotree_job *job, double length, double t)
 
 static int is_negligible(const cotree_job *job, double length)
 {
-    const double span = job->corners[job->n_corners - 1] - job->corners[0];
+    const double span = job->breakpoints[job->n_breakpoints - 1] - job->breakpoints[0];
     return fabs(length) <= COTREE_STALL_SPACINGS * DBL_EPSILON * fabs(job->t) &&
            fabs(length) <= NEGLIGIBLE * fabs(span);
 }
@@ -490,7 +490,7 @@ static int begin(cotree_job *job)
     cotree_engine *const e = cotree_engine_of(job);
     cotree_bdf *const c = bdf_of(job);
     double *const y = vector_of(job, Y);
-    const double end = job->corners[job->corner + 1];
+    const double end = job->breakpoints[job->segment + 1];
     int i, status;
     hold_rates(job);
     c->has_jacobian = c->has_matrix = c->has_failed = 0;

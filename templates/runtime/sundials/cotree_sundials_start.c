@@ -10,7 +10,7 @@
 static double small_time(const cotree_job *job)
 {
     const double *const y = vector_of(job, Y), *const slopes = vector_of(job, SLOPES);
-    const double end = job->corners[job->corner + 1];
+    const double end = job->breakpoints[job->segment + 1];
     const double least = 64.0 * DBL_EPSILON * fmax(fabs(job->t), fabs(end));
     double time = fabs(end - job->t);
     int i;
@@ -56,7 +56,7 @@ static double first_step(const cotree_job *job, double time)
 {
     const double *const y = vector_of(job, Y), *const before = vector_of(job, BETWEEN),
                         *const after = vector_of(job, RATES);
-    const double length = fabs(job->corners[job->corner + 1] - job->t);
+    const double length = fabs(job->breakpoints[job->segment + 1] - job->t);
     double sum = 0.0, slope = 0.0, steepest;
     int i;
     for (i = 0; i < job->n; ++i) {

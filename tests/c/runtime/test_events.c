@@ -87,7 +87,7 @@ int main(void)
 {
     static cotree_real records[MOST_RECORDS * RECORD];
     static cotree_real times[1000], values[1000];
-    const cotree_real corners[2] = {0.0, 9.0}, atol = 1e-6;
+    const cotree_real ends[2] = {0.0, 9.0}, atol = 1e-6;
     cotree_hybrid hybrid = {0};
     cotree_model model = {0};
     cotree_job job = {0};
@@ -109,8 +109,8 @@ int main(void)
     job.rtol = job.atol = atol;
     job.atols = &atol;
     job.max_step = DBL_MAX;
-    job.corners = corners;
-    job.n_corners = 2;
+    job.breakpoints = ends;
+    job.n_breakpoints = 2;
     job.times = times;
     job.values = values;
     job.z = z;

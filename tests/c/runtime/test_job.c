@@ -55,14 +55,14 @@ static void check_run(const double *wanted, int n_wanted, long most_steps)
     const cotree_model model = integrator();
     const cotree_breakpoints breakpoints = {2, 0, rows[0]};
     const cotree_real atol = 1e-9;
-    cotree_real corners[8], u[1], z[1] = {0.0};
+    cotree_real ends[8], u[1], z[1] = {0.0};
     cotree_job job = {0};
     size_t size;
     int i, n_calls = 0, result = COTREE_JOB_MORE;
-    for (corners[0] = 0.0; corners[job.n_corners++] < 1.0;) {
-        corners[job.n_corners] = cotree_next_breakpoint(&breakpoints, corners[job.n_corners - 1], 1.0);
+    for (ends[0] = 0.0; ends[job.n_breakpoints++] < 1.0;) {
+        ends[job.n_breakpoints] = cotree_next_breakpoint(&breakpoints, ends[job.n_breakpoints - 1], 1.0);
     }
-    CHECK(job.n_corners == 4);
+    CHECK(job.n_breakpoints == 4);
     job.model = &model;
     job.u = u;
     job.stepper = cotree_dopri5_stepper();
@@ -71,7 +71,7 @@ static void check_run(const double *wanted, int n_wanted, long most_steps)
     job.atol = atol;
     job.atols = &atol;
     job.max_step = DBL_MAX;
-    job.corners = corners;
+    job.breakpoints = ends;
     job.scale = cotree_largest_breakpoint(&breakpoints, 1.0);
     job.n_wanted = n_wanted;
     job.wanted = wanted;

@@ -178,7 +178,7 @@ def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], 
         "stops",
         _PARAMETER,
         "values",
-        "upper bounds of steps; first time, period and their derivatives of all that has corners",
+        "upper bounds of steps; first times, periods and their derivatives of all time events",
     )
     return tuple(stop.starts for stop in stops), Kernel(spec, tuple(values), {}), len(limits)
 
@@ -251,7 +251,7 @@ def source_files(
     features = replace(
         model.features(),
         sensitivities=facts.has_sensitivities,
-        moving_corners=facts.has_sensitivities and bool(kernels.starts),
+        moving_breakpoints=facts.has_sensitivities and bool(kernels.starts),
         implicit=is_implicit,
         start=_has_start(program.layout, tables.start_tables),
         breakpoints=kernels.stops is not None,

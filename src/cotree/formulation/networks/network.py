@@ -72,7 +72,7 @@ class Network:
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
     #: Fields whose rates jump at unknown times, with the symbols on which these times depend.
-    corners: Mapping[str, frozenset[Node]]
+    kinks: Mapping[str, frozenset[Node]]
     #: Symbols of the mechanism that are used only in fields of friction and dampers acting on it.
     #: They may be reactions, since such a field is solved for together with the accelerations.
     of_friction: frozenset[Node]
@@ -208,7 +208,7 @@ def form_network(
         summed_positions(ports, topologies, positions, used, places),
         # The initial value of an algebraic unknown is a guess for the start, not a condition.
         tuple(row for row in redundant if row.variable not in solved.algebraic),
-        terminals.corners,
+        terminals.kinks,
         used_by_friction(ports, fields),
         names,
         tuple(

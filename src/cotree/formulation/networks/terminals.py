@@ -78,7 +78,7 @@ class Terminals:
     #: Conditions on parameters under which values whose rates are used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
     #: Values whose rates jump at unknown times (kinks), and symbols on which the times depend.
-    corners: dict[str, frozenset[Node]] = field(default_factory=dict)
+    kinks: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
         """Return whether a port's edge is a branch of the tree of across variables."""
@@ -358,7 +358,7 @@ class Terminals:
             self.guards[guard.value] = guard
         looked_at = kink_symbols(node, changing)
         if looked_at and not is_timed(node, self.time):
-            self.corners[what] = looked_at
+            self.kinks[what] = looked_at
 
     def _rate_of_law(self, port: Port, law: Law) -> Law:
         """Return a law's time derivative; raise if a waveform in it jumps."""

@@ -1,7 +1,7 @@
-/* cotree_corner_sensitivity.c: jumps of sensitivities at time events that depend on parameters. */
+/* cotree_breakpoint_sensitivity.c: jumps of sensitivities at times that depend on parameters. */
 #include "cotree_run_internal.h"
 
-#if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
+#if COTREE_HAS_MOVING_BREAKPOINTS || COTREE_HAS_EVENTS
 void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                            cotree_real *w)
 {
@@ -28,11 +28,11 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 }
 #endif
 
-#if COTREE_HAS_MOVING_CORNERS
+#if COTREE_HAS_MOVING_BREAKPOINTS
 /* Compute the rates on one side of a time event by extrapolation from two times on that side, since
  * sources with steep edges may change within the rounding error of t. */
 static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
-                         cotree_corner_sensitivity *crossing, cotree_real *rates)
+                         cotree_breakpoint_sensitivity *crossing, cotree_real *rates)
 {
     int i, status = cotree_run_rate(t, crossing->w, rates, run);
     if (status == 0)
@@ -46,7 +46,7 @@ static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
 }
 
 int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *point, int n,
-                          cotree_corner_sensitivity *crossing)
+                          cotree_breakpoint_sensitivity *crossing)
 {
     cotree_run_from_point(run, t, n, point, crossing->w);
     return rates_on_side(run, t, -crossing->margin, crossing, crossing->left);
@@ -54,7 +54,7 @@ int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *poi
 
 /* Find a sensitivity whose jump is undefined, because parameters separate events that coincide.
  * Return its index in z, or 0. */
-static int find_undefined(const cotree_run *run, const cotree_corner_sensitivity *crossing)
+static int find_undefined(const cotree_run *run, const cotree_breakpoint_sensitivity *crossing)
 {
     const int *const starts = run->model->sensitivity_starts;
     const int *const rows = run->model->sensitivity_rows;
@@ -75,7 +75,8 @@ static int find_undefined(const cotree_run *run, const cotree_corner_sensitivity
     return 0;
 }
 
-static void shift_sensitivities(const cotree_run *run, const cotree_corner_sensitivity *crossing)
+static void shift_sensitivities(const cotree_run *run,
+                                const cotree_breakpoint_sensitivity *crossing)
 {
     const int *const starts = run->model->sensitivity_starts;
     const int *const rows = run->model->sensitivity_rows;
@@ -90,7 +91,7 @@ static void shift_sensitivities(const cotree_run *run, const cotree_corner_sensi
 }
 
 int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,
-                                  cotree_corner_sensitivity *crossing)
+                                  cotree_breakpoint_sensitivity *crossing)
 {
     int status = 0;
     cotree_run_from_point(run, t, n, point, crossing->w);

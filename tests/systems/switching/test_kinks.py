@@ -337,15 +337,15 @@ def test_roots_of_infinite_slope_on_both_sides_have_one_band() -> None:
         "-where(j.s > 0, j.s**0.7, -(-j.s)**0.7)",
         "-abs(j.s)**0.7",
     ):
-        assert mass(force, s=1.0).compile().kernels.layout.corners == ((0, 0, True),), force
+        assert mass(force, s=1.0).compile().kernels.layout.kinks == ((0, 0, True),), force
 
 
 def test_what_is_left_to_the_error_test() -> None:
     """Times are known, and outputs move nothing."""
-    assert not mass("sin(max(t - 1, 0))", s=1.0).compile().kernels.layout.corners
+    assert not mass("sin(max(t - 1, 0))", s=1.0).compile().kernels.layout.kinks
     scene = mass("-j.s", s=1.0)
     scene.output("side", "abs(j.s)")
-    assert not scene.compile().kernels.layout.corners
+    assert not scene.compile().kernels.layout.kinks
     # Capacitances of loops are a linear system, as masses are, and its pivots are chosen by sizes.
     scene = Scene("amplifier")
     scene.edge("V", "voltage_source", "in", "ground", voltage="0.4*sin(t)")
@@ -358,13 +358,13 @@ def test_what_is_left_to_the_error_test() -> None:
     junctions = {"saturation_current": 1e-14, "be_capacitance": 1e-11, "bc_capacitance": 5e-12}
     gains = {"forward_gain": 100.0, "reverse_gain": 1.0}
     scene.edge("Q", "bjt_npn", "b", "c", "e", **junctions, **gains)
-    assert not scene.compile().kernels.layout.corners
+    assert not scene.compile().kernels.layout.kinks
     dense = np.linspace(-1.0, 1.0, 1002)
     scene = Scene("dense")
     scene.table("f", dense, -np.sin(dense))
     scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="f(j.s)")
     scene.edge("m", "rigid_body", "ground", "A", mass=1.0)
-    assert not scene.compile().kernels.layout.corners
+    assert not scene.compile().kernels.layout.kinks
 
 
 @pytest.mark.parametrize("power", ["1.5", "0.7", "0.5", "n"])
@@ -412,7 +412,7 @@ def test_a_corner_within_a_function(method: str, law: str) -> None:
     scene.edge("J", "current_source", "ground", "b", current=current)
     scene.edge("D", "capacitor", "b", "ground", capacitance=1.0)
     model = scene.compile(["k"])
-    assert model.kernels.layout.corners
+    assert model.kernels.layout.kinks
     result = model.simulate((0, 2 * math.pi), method=method, rtol=1e-8, atol=1e-10)
     # Eight tolerances; over corners that nothing located errors were up to a thousand.
     most = 8e-8 * (12.0 if method in ("cvode", "ida") else 1.0)
@@ -437,14 +437,14 @@ def test_what_is_twice_differentiable_within_a_root_is_not_located(
     current = re.sub(r"\bx\b", "C.v", law)
     scene.edge("I", "current_source", "a", "ground", current=current)
     scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
-    assert bool(scene.compile([]).kernels.layout.corners) == is_located
+    assert bool(scene.compile([]).kernels.layout.kinks) == is_located
 
 
 @pytest.mark.parametrize("name", ["two-tanks", "crane"])
 def test_orifices_meet_their_smoothed_part_smoothly(
     program_of: Callable[[str], Program], name: str
 ) -> None:
-    assert not program_of(name).layout.corners
+    assert not program_of(name).layout.kinks
 
 
 @pytest.mark.parametrize(
@@ -459,7 +459,7 @@ def test_a_corner_within_a_table(law: str) -> None:
     scene.edge("J", "current_source", "ground", "b", current=law)
     scene.edge("D", "capacitor", "b", "ground", capacitance=1.0)
     model = scene.compile()
-    assert model.kernels.layout.corners
+    assert model.kernels.layout.kinks
     found = model.simulate((0, 2 * math.pi), method="dopri5", rtol=1e-8, atol=1e-10)
     assert found["D.v"][-1] == pytest.approx(12.0, rel=8e-8)  # eight tolerances
 
@@ -510,7 +510,7 @@ def test_a_root_holds_the_side_on_which_it_is_constant() -> None:
 def test_a_collision_by_hertz(law: str, method: str) -> None:
     """A mass comes back from an elastic contact as fast as it met it, after a known time."""
     model = mass(f"-({law})", {"k": 30.0}, s=-0.2, s_dot=1.0).compile()
-    assert len(model.kernels.layout.corners) == 1
+    assert len(model.kernels.layout.kinks) == 1
     result = model.simulate((0, 1.5), method=method, rtol=1e-8, atol=1e-10)
     depth = (5.0 / (4.0 * 30.0)) ** 0.4
     beta = math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
@@ -529,10 +529,10 @@ def test_one_piece_serves_tables_of_one_argument_and_one_axis() -> None:
     scene.edge("I", "current_source", "ground", "a", current="1 + f(C.v)*g(C.v)")
     layout = scene.compile().kernels.layout
     # Both ends of the piece that is held, however many points there are.
-    assert (layout.n_pieces, len(layout.corners)) == (1, 2)
+    assert (layout.n_pieces, len(layout.kinks)) == (1, 2)
 
 
-def test_members_of_ensembles_locate_corners() -> None:
+def test_members_of_ensembles_locate_kinks() -> None:
     scene = mass(SPRINGS["abs"], {"k1": 4.0, "k2": 1.0}, s_dot=1.0)
     members = [{"k1": 1.0 + 0.5 * i} for i in range(8)]
     run = {"t_eval": [3.0, 10.0], "lanes": 4, **_TIGHT}
@@ -543,7 +543,7 @@ def test_members_of_ensembles_locate_corners() -> None:
     for i, member in enumerate(members):
         exact = bilinear(np.array([3.0, 10.0]), member["k1"])
         assert found["j.s"].values[i] == pytest.approx(exact, abs=1e-9)
-    tested = scene.compile(locate_corners=False).ensemble((0, 10), members, **run)
+    tested = scene.compile(locate_kinks=False).ensemble((0, 10), members, **run)
     assert tested.attrs["lanes"] == "members run side by side"
 
 
@@ -559,7 +559,7 @@ def test_kernels_and_linearisations_take_the_piece_of_their_point() -> None:
 
 @pytest.mark.parametrize("method", ["dop853", "rodas5"])
 @pytest.mark.parametrize("end", [10.0, -4.0])
-def test_a_c_project_locates_corners(tmp_path: Path, method: str, end: float) -> None:
+def test_a_c_project_locates_kinks(tmp_path: Path, method: str, end: float) -> None:
     """Forwards; backwards, as everywhere, the error test finds them."""
     model = mass(SPRINGS["abs"], {"k1": 4.0, "k2": 1.0}, s_dot=1.0).compile()
     project = model.write(tmp_path, method)
@@ -648,7 +648,7 @@ def test_corners_beside_dry_friction(method: str) -> None:
     scene.edge("push", "force_source", *ends, force=push)
     scene.edge("rub", "translational_dry_friction", *ends, force=1.0, breakaway=1.2)
     found = scene.compile(["k"]).simulate((0, 3), method=method, **_TIGHT)
-    tested = scene.compile(["k"], locate_corners=False)
+    tested = scene.compile(["k"], locate_kinks=False)
     exact = tested.simulate((0, 3), method="dop853", rtol=1e-12, atol=1e-14)
     assert len(found.events["rub stops"].t) == len(exact.events["rub stops"].t) == 5
     assert found["spring.s"][-1] == pytest.approx(exact["spring.s"][-1], abs=1e-9)
@@ -721,3 +721,10 @@ def test_a_table_of_what_jumps(law):
     result = scene.compile().simulate((0, 7.0), **_TIGHT)
     # Three whole teeth of area 3/4, and of the fourth 0.25 to its peak and 0.375 beyond.
     assert result["y.v"][-1] == pytest.approx(3 * 0.75 + 0.25 + 0.375, rel=1e-9)
+
+
+def test_the_former_name_of_the_option_warns() -> None:
+    scene = mass("-abs(j.s)", s=1.0)
+    with pytest.warns(DeprecationWarning, match="locate_kinks"):
+        model = scene.compile(locate_corners=False)
+    assert not model.kernels.layout.kinks

@@ -48,7 +48,7 @@ def mass(force, **initial):
 @pytest.fixture(scope="module", params=LAWS)
 def model(request):
     made = mass(LAWS[request.param]).compile(["k", "a"])
-    assert made.kernels.layout.corners
+    assert made.kernels.layout.kinks
     return made
 
 
