@@ -1,8 +1,4 @@
-"""Integration of initial value problems: methods, the C engine, and results.
-
-``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; a ``RunRecord`` contains
-one with names, units and outputs.
-"""
+"""Integration of initial value problems: methods, the C engine, and results."""
 
 from __future__ import annotations
 

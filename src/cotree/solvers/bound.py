@@ -31,8 +31,7 @@ _INVOLVED = 0.1
 class BoundModel:
     """The functions of a model for the parameters p and the inputs u of one run.
 
-    ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own. ``event_rows`` contains
-    the names and directions of the events, and whether they end a run.
+    ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
     """
 
     def __init__(
@@ -93,8 +92,7 @@ class BoundModel:
     def jammed(self, t: float, z: FloatArray) -> str:
         """Return a sentence on contacts that jam at the end of a failed run; empty if none does.
 
-        Sliding friction may increase the normal force of its contact, which grows without bound if
-        the friction cancels the inertia that the contact accelerates.
+        Friction increases the normal force without bound if it cancels the inertia at the contact.
         """
         from cotree.model.unknowns import solve_states
 
@@ -135,7 +133,6 @@ class BoundModel:
         return EvaluationPoint(self._model, t, self._p, self._u(t))
 
     def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the states, and the sensitivities with a column for each parameter."""
         return z[: self._n], z[self._n :].reshape(len(self._model.sensitivities), self._n).T
 
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:

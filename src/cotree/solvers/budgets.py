@@ -1,8 +1,6 @@
 """Limits of a run: steps, events, time, and memory for its stored points.
 
-A run without requested times stores each step, and a faulty run may take steps without end. Every
-method therefore has limits of steps, events and time. If the stored steps exceed their memory,
-every second one is dropped, and the run continues.
+If the stored steps exceed their memory, every second one is dropped, and the run continues.
 """
 
 from __future__ import annotations
@@ -102,7 +100,6 @@ class OwnBar:
 
     @staticmethod
     def _begin(name: str, total: float, *columns: str | ProgressColumn) -> Bar:
-        """Create and show a bar with the given columns."""
         from rich.console import Console
         from rich.progress import Progress as Bar
 

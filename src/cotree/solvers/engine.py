@@ -1,8 +1,4 @@
-"""The C engine of a stepper, which is built once on a machine, loaded, and runs jobs.
-
-In: a name in ``codegen.c_files.STEPPERS``. Out: the library that runs jobs, with the SUNDIALS
-functions that it calls; or the reason why it cannot be built.
-"""
+"""The C engine of a stepper, which is built once on a machine, loaded, and runs jobs."""
 
 from __future__ import annotations
 
@@ -53,11 +49,7 @@ class Engine:
 def build_ahead(
     *methods: str, has_events: bool = True, then: Sequence[Callable[[], object]] = ()
 ) -> None:
-    """Build or load the engines of the given methods in a thread while the model is compiled.
-
-    Unknown methods and those without an engine are ignored. The functions ``then`` are called
-    afterwards in the same thread.
-    """
+    """Build the engines of methods, then call ``then``, in a thread while the model is compiled."""
     # "auto" begins with steps of dop853.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
@@ -93,8 +85,7 @@ def _prepare(
 def load_engine(stepper: str, *, has_events: bool = True) -> Engine | str:
     """Build and load the engine of a stepper once, or return the reason why that fails.
 
-    An engine without events compiles in half of the time, but runs only models without events and
-    kinks.
+    An engine without events and kinks compiles in half of the time.
     """
     if stepper not in SUNDIALS:
         return _opened(stepper, "", has_events)
@@ -131,30 +122,9 @@ if TYPE_CHECKING:
 def sweep(
     model: CompiledModel, native: NativeModel, u: Inputs, t: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluate outputs, output sensitivities and inputs at many points.
+    """Return outputs (n_outputs, n_t), sensitivities (n_outputs, n_sensitivities, n_t) and inputs.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    native : NativeModel
-        The C model with its parameters.
-    u : callable
-        ``u(t)`` returns the inputs, or None for the model's own.
-    t, z : ndarray, shapes (n_t,) and (n_states * (1 + n_sensitivities), n_t)
-        Times, [s], and states with sensitivities.
-
-    Returns
-    -------
-    outputs, sensitivities, inputs : ndarray
-        Shapes (n_outputs, n_t), (n_outputs, n_sensitivities, n_t) and (n_inputs, n_t).
-
-    Raises
-    ------
-    SingularSystemError
-        If an output is undetermined at a point.
-    BuildError
-        If the C loop over the points cannot be built.
+    Raises SingularSystemError if an output is undetermined at a point, BuildError without compiler.
     """
     if not model.outputs and not model.inputs:
         return (

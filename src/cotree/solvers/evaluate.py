@@ -1,14 +1,10 @@
 """Guarded calls of the right-hand side and the Jacobian during one integration.
 
 The Jacobian of z has the state Jacobian J in each diagonal block, and d(J s_p + f_p)/dy below the
-first block. These second derivatives are computed by ``n_states`` differences of the right-hand
-side, which are accurate enough for an iteration. Without them, Newton's method needs one more
-iteration, since its error is nilpotent: SciPy's BDF and Radau, which allow 4 and 6 iterations, then
-take up to a hundred times as many steps on Robertson's problem, and sensitivities outside the error
-test have large errors (IDA, 20 %).
-
-In: a ``Problem``. Out: functions for solvers that count calls, copy results, record the first
-derivative that is not finite, and check the time limit.
+first block. These second derivatives are differences of the right-hand side. Without them, Newton's
+method needs one more iteration, since its error is nilpotent: SciPy's BDF and Radau, which allow 4
+and 6 iterations, then take up to a hundred times as many steps on Robertson's problem, and
+sensitivities outside the error test have large errors (IDA, 20 %).
 """
 
 from __future__ import annotations
@@ -43,10 +39,9 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
 
 
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
-    """Return the dense Jacobian of z from its first columns.
+    """Return the dense Jacobian of z from its first columns, (size, n_states).
 
-    ``first``, (size, n_states), has the derivatives of z' with respect to the states: J, then
-    d(J s_p + f_p)/dy for each parameter. The other diagonal blocks are also J.
+    These have the derivatives of z' with respect to the states; other diagonal blocks are also J.
     """
     size = first.shape[0]
     matrix = np.zeros((size, size))
@@ -96,11 +91,7 @@ def difference_columns(
 
 
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
-    """Return the relative tolerance and the absolute tolerances of all integrated entries.
-
-    The relative tolerance is at least ``RTOL_FLOOR``; the others have shape
-    (..., len(problem.integrated)), see :class:`cotree.solvers.problem.Tolerances`.
-    """
+    """Return the relative tolerance, and the absolute tolerances (..., len(problem.integrated))."""
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
 
@@ -117,9 +108,7 @@ class IntegrationStopError(Exception):
 class Evaluator:
     """Counted and guarded calls of the functions of one integration.
 
-    ``nfev`` counts calls of the right-hand side, including those for differences; ``njev`` counts
-    state Jacobians; ``not_finite`` names the first value that was not finite after the last call of
-    ``progressed()``.
+    ``not_finite`` names the first value that was not finite since the last accepted step.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -177,10 +166,9 @@ class Evaluator:
         return min(max(float(t), low), high)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the dense Jacobian of the states, (n_states, n_states).
+        """Return the state Jacobian or, if an entry is not finite, the last finite one.
 
-        If an entry is not finite, the result is the last finite Jacobian; if there is none,
-        IntegrationStopError is raised.
+        Raises IntegrationStopError if there is none.
         """
         self.njev += 1
         n_states = self.problem.n_states

@@ -77,10 +77,7 @@ class Callbacks(CObjects):
 
 
 class Rescue:
-    """Search in Python for points of an integration that the iterations in C do not find.
-
-    ``reason`` states why the last point was not found, without a capital and full stop.
-    """
+    """Search in Python for points that the iterations in C do not find; ``reason`` of a failure."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -132,10 +129,7 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the stored times and values of a job, each of shape (..., n_t).
-
-        They end with the last point z of the job if it stopped early (``is_cut``).
-        """
+        """Return the stored times and values, (..., n_t), with the last point z if ``is_cut``."""
         kept = int(self._job.n_kept)
         # If stored steps are thinned out, the last one may be missing.
         if is_cut or self.thinning.stride > 1:
@@ -189,7 +183,6 @@ class Rows:
         self._n_thinned = int(self._job.n_kept)
 
     def _make_room(self, rows: int) -> None:
-        """Allocate the given number of rows, and copy the existing ones."""
         kept = int(self._job.n_kept)
         times, values = np.zeros(rows), np.zeros((rows, self._n))
         times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
@@ -212,7 +205,7 @@ _MOST_FINDINGS = 64
 class Shared:
     """Thread-safe store of jobs and results that runs with the same settings share.
 
-    If ``is_repeatable``, runs with equal numbers are equal, since they call no Python functions.
+    Results are stored only if ``is_repeatable``: runs that call no Python functions.
     """
 
     def __init__(self, *, is_repeatable: bool) -> None:
@@ -263,26 +256,9 @@ def _times_of(problem: Problem) -> tuple[Any, ...]:
 class Job:
     """A C job with the arrays that it points to; :meth:`end` must be called.
 
-    A job that has ended can begin again with other values in the same arrays.
-
-    Attributes
-    ----------
-    engine : Engine
-        The engine that runs the job.
-    job : cotree_job
-        The C structure.
-    z : ndarray, shape (n_states * (1 + n_sensitivities),)
-        The last valid point, which C overwrites.
-    rows : Rows
-        The stored points of the run.
-    kind : object
-        See :func:`job_kind`.
-    is_reusable : bool
-        Whether another run may use the job.
-    rescue : Rescue
-        Search for points that the iterations in C do not find.
-    is_wide : bool
-        Whether a sparse factorisation would be much cheaper than the banded one used for SUNDIALS.
+    A job that has ended can begin again with other values in the same arrays. C overwrites ``z``,
+    the last valid point. ``is_wide``: a sparse factorisation would be much cheaper than the banded
+    one of SUNDIALS.
     """
 
     def __init__(
@@ -398,7 +374,6 @@ class Job:
             self._keep_times(problem)
 
     def _is_timed(self, problem: Problem) -> bool:
-        """Return whether a run has the same times as the last run."""
         timed = _times_of(problem)
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
@@ -428,7 +403,6 @@ class Job:
             c.helper = self._callbacks.helper(problem.n_states)
 
     def _set_times(self, problem: Problem) -> None:
-        """Set the time span, the breakpoints and the requested times."""
         c, times = self.job, restart_times(problem)
         c.t, c.n_breakpoints = times[0], len(times)
         if not np.array_equal(times, self._times):
@@ -449,10 +423,7 @@ class Job:
             self._set_array("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
-        """Take at most ``most_steps`` steps, and return a result such as ``COTREE_JOB_DONE``.
-
-        If a Python function raises an exception, the job ends, and the exception is raised.
-        """
+        """Take at most ``most_steps`` steps, and return a result such as ``COTREE_JOB_DONE``."""
         most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
@@ -505,7 +476,6 @@ class Job:
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
     def _make_records(self, rows: int) -> None:
-        """Allocate the given number of event records, and copy the existing ones."""
         kept = int(self.job.n_records)
         records = np.zeros((rows, self._width))
         records[:kept] = self.records[:kept]

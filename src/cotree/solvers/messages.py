@@ -1,8 +1,4 @@
-"""Messages on the outcome of an integration.
-
-In: a ``Problem`` and its ``Trajectory``. Out: the trajectory with a complete message. This module
-only explains why a run has ended.
-"""
+"""Messages on the outcome of an integration."""
 
 from __future__ import annotations
 
@@ -80,7 +76,6 @@ def _fault_of_jacobian(job: Job, problem: Problem) -> list[str]:
 
 
 def _event_reason(job: Job, problem: Problem, name: str) -> str:
-    """Return the reason why an event ended the job."""
     c = job.job
     # Kinks of laws are located like events but have no names.
     rows = problem.events.event_rows if problem.events is not None else ()
@@ -106,8 +101,7 @@ def notes_of(job: Job, problem: Problem, z: FloatArray, *, has_failed: bool) -> 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     """Return the reason why rates are undefined just after the last point, or an empty string.
 
-    C reports only that the rates fail. To find the reason, they are evaluated along the tangent of
-    the motion from the last valid point (t, z).
+    They are evaluated along the tangent of the motion from the last valid point (t, z).
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -291,10 +285,7 @@ def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Return a sentence on impacts after which a rigid stop is at rest, or an empty string.
-
-    ``records`` has the format of :attr:`cotree.solvers.result.Trajectory.events`.
-    """
+    """Return a sentence on impacts after which a rigid stop is at rest, or an empty string."""
     listed = [
         f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
         for t, i in records[:, :2].tolist()
@@ -389,8 +380,7 @@ def fold_at(problem: Problem, t: float, z: FloatArray, *, is_known: bool = False
 def _is_near_fold(problem: Problem, t: float, y: FloatArray) -> bool:
     """Return whether two solutions of the algebraic equations merge near a point, and end there.
 
-    The determinant of the derivatives with respect to the unknowns has different signs on the two
-    sides of a fold.
+    The determinant of the derivatives with respect to the unknowns changes its sign at a fold.
     """
     m, n = problem.n_algebraic, problem.n_states
     if not 0 < m <= _MOST_UNKNOWNS or problem.jacobian is None:
@@ -437,8 +427,7 @@ def undetermined(problem: Problem, trajectory: Trajectory) -> str:
 def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
     """Return a sentence on a rate with an infinite slope where steps became too short, or empty.
 
-    Near such a slope, sensitivities are proportional to a root of time, which steps resolve only to
-    about the square root of rounding.
+    Sensitivities there are proportional to a root of time, which steps resolve to about sqrt(eps).
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     is_sought = problem.n_sensitivities and ROUNDING_LEVEL in trajectory.message
@@ -467,9 +456,8 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
 def growth(problem: Problem, trajectory: Trajectory) -> str:
     """Return a sentence on the state that has grown most, or empty if none has grown much.
 
-    A state has grown much if it exceeds its range in the first tenth of the run a thousandfold,
-    reaches its maximum in the last tenth, and grows there at least like the seventh power of time.
-    The range is at least the value below which the absolute tolerance dominates.
+    Much is a thousand times its range in the first tenth of the run, with the maximum in the last
+    tenth, and growth there at least like the seventh power of time.
     """
     n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:

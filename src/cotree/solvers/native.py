@@ -40,19 +40,7 @@ _FINE = 1e-12
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Return sentences on the end time of a run, the reason for an early stop, and the tolerance.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    method : str
-        Name of the method.
-    t : float
-        The last time, [s].
-    reason : str
-        The reason for an early stop, without a capital and full stop; empty if there was none.
-    """
+    """Return sentences on the end time, the reason for an early stop if any, and the tolerance."""
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
         end = problem.settings.t_span[1]
@@ -97,7 +85,6 @@ def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
-    """Return the residuals of constraints and algebraic equations at the stored points, if any."""
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
@@ -355,19 +342,13 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
 
 
 def engine_of(stepper: str, problem: Problem) -> Engine | str:
-    """Build and load the engine of a stepper for a problem, or return the reason why that fails.
-
-    The engine can locate events only if the model has any.
-    """
+    """Build and load the engine of a stepper for a problem, or return the reason why that fails."""
     assert problem.native is not None
     return load_engine(stepper, has_events=problem.native.layout.has_events)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
-    """Return the ``cotree_newton`` for cotree's implicit methods, or None for other methods.
-
-    If it cannot be built, the reason is returned.
-    """
+    """Return the ``cotree_newton`` of an implicit method, None, or the reason why that fails."""
     if row.family != "cotree" or not row.implicit:
         return None
     assert problem.native is not None  # otherwise the method is rejected

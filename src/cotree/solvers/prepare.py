@@ -74,8 +74,7 @@ _FUNCTIONS = (FunctionType, MethodType, BuiltinFunctionType)
 def key_of(given: Mapping[str, Any]) -> Hashable | None:
     """Return a key that is equal for equal settings; None if they cannot be compared.
 
-    Arrays and lists are compared by their values, even if these change later, and functions by
-    their identity.
+    Arrays and lists are compared by their values, functions by their identity.
     """
     try:
         return tuple(given), _tokens(given.values())
@@ -121,8 +120,6 @@ def _token(value: Any) -> Hashable:
 
 
 class _Same:
-    """Wrapper of an object that is compared by identity."""
-
     def __init__(self, value: object) -> None:
         self._value = value
 
@@ -136,9 +133,8 @@ class _Same:
 class Preparation:
     """Data of a problem that all runs with the same settings share; thread-safe.
 
-    Parameters and initial values of ``settings`` are ignored. ``model`` is the given model, without
-    sensitivities if none are requested. Raises ModelError if an input is not accepted, and
-    SolveError if settings are inconsistent or the model was not compiled.
+    Parameters and initial values of ``settings`` are ignored. Raises ModelError if an input is not
+    accepted, and SolveError if settings are inconsistent or the model was not compiled.
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
@@ -187,10 +183,7 @@ class Preparation:
         self._has_constant_start = model.has_constant_start and not self.asks_python
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Problem:
-        """Return the problem of one run; ``parameters`` and ``initial`` replace the scene's values.
-
-        Raises ModelError if a value is not accepted, or no consistent start exists.
-        """
+        """Return the problem of one run, with values in place of the scene's."""
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)
@@ -251,7 +244,6 @@ class Preparation:
         return found
 
     def _scales(self, p: FloatArray) -> FloatArray:
-        """Return the sizes of the sensitivity parameters: given ones, or the parameter values."""
         values = p.tolist()
         sizes = [abs(values[of] or 1.0) if isinstance(of, int) else of for of in self._size_of]
         return np.array(sizes)
@@ -271,7 +263,6 @@ class Preparation:
         }
 
     def _functions(self, of: BoundModel) -> dict[str, Any]:
-        """Return the functions of a problem."""
         layout = self.model.layout
         return {
             # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
@@ -309,8 +300,7 @@ def n_observed(model: CompiledModel) -> int:
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
     """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
-    An index means that the size is the value of that parameter, or one if the value is zero.
-    Initial values of states have size one. Sizes in ``given`` take precedence.
+    An index means the value of that parameter, or one if it is zero. Initial values have size one.
     """
     places = {name: i for i, name in enumerate(model.parameters)}
     found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]
@@ -364,7 +354,6 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
 
 
 def _replaced_inputs(signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the fields of a problem that describe replaced inputs."""
     # C evaluates tables itself, but must call Python functions.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"replaced": signals.tables, "functions": others}

@@ -1,15 +1,11 @@
 """The initial value problem that every solver takes, and its checks before integration.
 
-In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that names the cause. The
-vector z = [y, s_1, ..., s_np] contains the states y, then their sensitivities to each parameter.
-Each of its blocks of ``n_states`` entries has the same state Jacobian.
+The vector z = [y, s_1, ..., s_np] contains the states y, then their sensitivities to each
+parameter. Each of its blocks of ``n_states`` entries has the same state Jacobian.
 
 At a breakpoint whose time t* depends on the parameters, rates may jump from f- to f+. The states
 are continuous there, but their sensitivities jump by ``(f- - f+) dt*/dp``, since a later breakpoint
 prolongs the action of f- at the expense of f+.
-
-C locates and applies events (``templates/runtime/events/cotree_events.h``) and projects onto the
-constraints during a run. Python uses ``BoundModel`` to choose methods and check results.
 """
 
 from __future__ import annotations
@@ -62,130 +58,73 @@ def _own_inputs(t: float) -> None:
 class Problem:
     """An initial value problem M z' = rhs(t, z) in states and sensitivities.
 
-    M is the identity except in rows of algebraic unknowns, which are determined by rhs = 0.
-
-    Attributes
-    ----------
-    rhs : callable
-        ``rhs(t, z)``; z and the result have shape (n_states * (1 + n_sensitivities),). It always
-        receives a contiguous array and may return the same buffer at every call.
-    jacobian : callable or None
-        ``jacobian(t, y)`` returns the dense state Jacobian, shape (n_states, n_states).
-    n_states : int
-        Number of states.
-    n_sensitivities : int
-        Number of parameters whose sensitivities are integrated.
-    z0 : ndarray, shape (n_states * (1 + n_sensitivities),)
-        Initial states and sensitivities.
-    settings : Settings
-        Span, requested times, tolerances and limits. An rtol below ``RTOL_FLOOR`` is raised to it,
-        which the message states. Solvers do not use its other values, but the fields below.
-    sizes : ndarray, shape (n_states,), or None
-        Factors of the absolute tolerances of states; None if all are one. For a storage content,
-        the factor is the change of the content per unit of the variable that follows from it.
-    scales : ndarray, shape (n_sensitivities,), or None
-        Sizes of the parameters; None if all are one. Absolute tolerances of sensitivities are
-        divided by them: the effect of a change of a parameter by its own size is then tested as
-        the states are.
-    breakpoints : sequence of float
-        Times at which the right-hand side jumps or has a kink, [s]. Integration restarts there, so
-        that no pulse between two breakpoints is skipped. Breakpoints outside the span are ignored.
-        If an end of the span is a breakpoint, nothing beyond it is evaluated.
-    scale : float
-        The largest time in the computation of breakpoints, which determines their rounding error,
-        [s].
-    shifts : RestartTimes
-        Derivatives of the breakpoints and of the start time by the sensitivity parameters.
-    names, parameters : tuple of str
-        Names of states and sensitivity parameters for messages; empty if there are no names.
-    max_step : float
-        The maximum step size, [s]; breakpoints and requested times may require shorter steps.
-    seconds_taken : float
-        The time in which breakpoints were listed, [s], which counts towards the time limit.
-    steps_taken : int
-        Number of steps, part of the limit, that other runs have taken before this one.
-    held : BoundModel or None
-        The model with the constraints onto which C projects; None if there are none.
-    constraints : tuple of str
-        Names of the constraint residuals.
-    n_algebraic : int
-        Number of algebraic unknowns, which are the last states. Their initial values may be
-        guesses.
-    state_rhs : callable or None
-        ``state_rhs(t, y)`` returns the first ``n_states`` entries of rhs, which determine algebraic
-        unknowns; if it is None, rhs is used.
-    undefined : callable or None
-        ``undefined(t, y)`` returns the reason why rates are undefined at a point, without a capital
-        and full stop, or an empty string.
-    sparse_jacobian : callable or None
-        ``sparse_jacobian(t, y)`` returns the state Jacobian in SciPy's CSC form, with the same
-        pattern at all points; None if the Jacobian has many entries.
-    native : NativeModel or None
-        The C model with prepared parameters; None if C cannot integrate the problem.
-    u : callable
-        ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
-    replaced : mapping of int to (ndarray, ndarray)
-        Times and values of the inputs that are replaced by piecewise linear functions, by index.
-    functions : mapping of int to callable
-        Inputs that are Python functions of time, ``f(t)`` with t in [s], by index.
-    note : str
-        A sentence on the start, which the message of the run contains.
-    not_native : str
-        The reason why C cannot integrate the problem, without a capital and full stop.
-    singular : callable or None
-        ``singular(t, z)`` returns the edges whose constraints are nearly dependent at a point; None
-        if no edges are constrained.
-    events : BoundModel or None
-        The model with its events, which only C methods locate; time must increase.
-    has_kinks : bool
-        Whether the rates have kinks that C methods locate, and at which they restart, if time
-        increases.
-    n_observed : int
-        Number of values at a stored point besides z, for the limit of memory.
-    reach : callable or None
-        ``reach(t, z)`` is called at the start of each segment between breakpoints, before any
-        evaluation in it, and may change inputs.
-    places : ndarray of int or None
-        Indices in z of the entries that methods integrate, in ascending order; all others are
-        identically zero. None if all entries are integrated.
-    shared : Shared or None
-        Jobs and results of other runs of the same model with the same settings.
+    M is the identity except in rows of algebraic unknowns, which are determined by rhs = 0. z has
+    shape (n_states * (1 + n_sensitivities),). Reasons have no capital and no full stop.
     """
 
+    #: Receives a contiguous array, and may return the same buffer at every call.
     rhs: Callable[[float, FloatArray], FloatArray]
+    #: Dense state Jacobian at (t, y), shape (n_states, n_states).
     jacobian: Callable[[float, FloatArray], FloatArray] | None
     n_states: int
     n_sensitivities: int
     z0: FloatArray
+    #: Solvers read span, requested times, tolerances and limits from here, the rest from the fields
+    #: below. An rtol below ``RTOL_FLOOR`` is raised to it.
     settings: Settings
+    #: Factors of the absolute tolerances of states, (n_states,). That of a storage content is its
+    #: change per unit of the variable that follows from it.
     sizes: FloatArray | None = None
+    #: Sizes of the parameters, (n_sensitivities,), by which absolute tolerances of sensitivities
+    #: are divided: the effect of a change by this size is then tested as the states are.
     scales: FloatArray | None = None
+    #: Times at which the right-hand side jumps or has a kink, [s]. Integration restarts there, so
+    #: that no pulse between two of them is skipped. If an end of the span is one of them, nothing
+    #: beyond it is evaluated.
     breakpoints: Sequence[float] | FloatArray = ()
+    #: The largest time, [s], that breakpoints are computed from: determines their rounding error.
     scale: float = 0.0
+    #: Derivatives of the breakpoints and of the start time by the sensitivity parameters.
     shifts: RestartTimes = field(default_factory=RestartTimes.none)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
+    #: Steps taken by other runs, and time to list breakpoints, [s], which count towards the limits.
     steps_taken: int = 0
     seconds_taken: float = 0.0
+    #: The model with the constraints onto which C projects.
     held: BoundModel | None = None
     constraints: tuple[str, ...] = ()
+    #: Edges whose constraints are nearly dependent at (t, z); None if no edges are constrained.
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
+    #: Number of algebraic unknowns, which are the last states. Their initial values may be guesses.
     n_algebraic: int = 0
+    #: The first ``n_states`` entries of rhs at (t, y); if it is None, rhs is used.
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
+    #: The reason why rates are undefined at (t, y), or an empty string.
     undefined: Callable[[float, FloatArray], str] | None = None
+    #: The state Jacobian with the same pattern at all points; None if it has many entries.
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: NativeModel | None = None
+    #: The inputs at time t, (n_inputs,), or None for the model's own.
     u: Callable[[float], FloatArray | None] = _own_inputs
+    #: Inputs replaced by tables (times, values), and inputs that are Python functions, by index.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)
+    #: A sentence on the start, which the message of the run contains.
     note: str = ""
     not_native: str = "its equations are Python functions"
+    #: The model with its events, which only C methods locate; time must increase.
     events: BoundModel | None = None
+    #: Whether the rates have kinks at which C methods restart if time increases.
     has_kinks: bool = False
+    #: Ascending indices in z of the integrated entries; all others are identically zero.
     places: npt.NDArray[np.intp] | None = None
+    #: Number of values at a stored point besides z, for the limit of memory.
     n_observed: int = 0
+    #: Called with (t, z) at the start of each segment between breakpoints; may change inputs.
     reach: Callable[[float, FloatArray], None] | None = None
+    #: Jobs and results of other runs of the same model with the same settings.
     shared: Shared | None = None
 
     def with_settings(self, **values: Any) -> Problem:
@@ -216,10 +155,7 @@ class Problem:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether methods iterate with a sparse Jacobian.
-
-        With sensitivities, the first columns of the Jacobian of z are dense finite differences.
-        """
+        """Whether methods iterate with a sparse Jacobian, which sensitivities prevent."""
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
@@ -238,11 +174,8 @@ class Tolerances:
 
     Solvers cannot exclude entries from the error test, so untested sensitivities have a tolerance
     that no error reaches. Since solvers average squares over all entries, the tolerances of states
-    are then divided by the square root of (number of entries / number of states): states are tested
-    as without sensitivities. LSODA uses the maximum and becomes stricter by that factor.
-
-    Sizes of states and parameters may have a row for each of several problems. ``is_left`` selects
-    among the integrated entries; by default, all of them are selected.
+    are then divided by sqrt(number of entries / number of states). LSODA uses the maximum, so it
+    becomes stricter by that factor. Sizes may have a row for each of several problems.
     """
 
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
@@ -288,10 +221,7 @@ def _share(problem: Problem) -> float:
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return the indices in z of entries integrated in C, (n,), and their tolerances, (..., n).
-
-    If ``is_extended``, an explicit method also integrates the algebraic unknowns.
-    """
+    """Return the indices in z of entries integrated in C, (n,), and their tolerances, (..., n)."""
     is_left = is_integrated(row, problem, is_extended=is_extended)
     known = as_tested(row, problem)
     return problem.integrated[is_left], Tolerances(known, is_left).of(known)
@@ -390,10 +320,7 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:
-    """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m).
-
-    Sizes may have a row for each of several problems; see :class:`Tolerances`.
-    """
+    """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m)."""
     # The least tolerance of states is divided by the parameter size, as in the error test.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
     found: FloatArray = least / np.array(

@@ -48,11 +48,9 @@ class Measured(Mapping[str, float]):
 
 
 class Samples:
-    """The samples of one input during a run.
+    """The samples of one input during a run, each computed once, so that repeated steps agree.
 
-    Each sample is computed once, so that repeated steps and other methods use the same value. C
-    reads the current value from ``held``, shape (1,); ``before`` is the value before the first
-    sample.
+    C reads the current value from ``held``, shape (1,).
     """
 
     def __init__(

@@ -1,11 +1,7 @@
-"""SciPy's methods: ``scipy.integrate.solve_ivp`` with the compiled rates and Jacobian.
+"""SciPy's methods: ``scipy.integrate.solve_ivp`` from one breakpoint to the next.
 
 LSODA would fail if all rates are zero at the start and grow soon after, as in a stiff circuit with
 a sine source: its own first step is far too long, and it shortens a step only a few times.
-
-In: a ``Problem`` without events, constraints and algebraic unknowns, and the name of a method. Out:
-a ``Trajectory``. ``solve_ivp`` runs from one breakpoint to the next. Its event function, which is
-called once in each step, counts steps and ends the run at a limit.
 """
 
 from __future__ import annotations
@@ -47,10 +43,10 @@ def first_step(
     longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
-    """Return a first step size, [s], estimated from the rates and their change in a small step.
+    """Return a first step size, [s], for a method that begins with order 1.
 
-    The estimate is that of E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
-    Equations I, second edition, section II.4, for a method that begins with order 1.
+    See E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second
+    edition, section II.4.
     """
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
@@ -91,11 +87,7 @@ _DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'r
 
 
 def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
-    """Integrate with "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
-
-    A trajectory with status other than 0 ends at the last valid point. Raises SolveError if the
-    problem cannot be accepted, or only C methods support it.
-    """
+    """Integrate with "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA"."""
     check_problem(problem)
     what = beyond_scipy(problem)
     if what:
@@ -122,8 +114,6 @@ def _serialized(method: str) -> Iterator[None]:
 
 
 class _Run:
-    """One integration with its counts and stored points."""
-
     def __init__(self, problem: Problem, method: str) -> None:
         self.problem, self.method = problem, method
         self.evaluator = Evaluator(problem)
@@ -174,7 +164,6 @@ class _Run:
         )
 
     def _integrate(self, start: float, end: float) -> None:
-        """Integrate between two breakpoints."""
         import scipy.integrate
 
         if self.problem.reach is not None:
@@ -233,7 +222,6 @@ class _Run:
         return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
 
     def step_allowed(self) -> bool:
-        """Return whether another step is allowed, and end the run if it is not."""
         self.stop = self.stop or self._spent()
         return self.stop is None
 
@@ -313,9 +301,9 @@ class _Segment:
     def _is_turned(self, before: float, w: FloatArray) -> bool:
         """Return whether a step damps a fast growing mode.
 
-        The test solves (I - h J / 2) x = r with the residual r of the trapezoidal rule. For
-        decaying modes x has the sign of r; for a fast growing mode it has the opposite sign and
-        about the same size.
+        With the residual r of the trapezoidal rule, the solution x of (I - h J / 2) x = r has the
+        sign of r for decaying modes; for a fast growing mode, it has the opposite sign and about
+        the same size.
         """
         step = self._last - before
         # The residual is the step of the trapezoidal rule minus the actual step.
@@ -354,7 +342,6 @@ class _Segment:
         return np.full(len(w), np.nan)
 
     def options(self) -> dict[str, Any]:
-        """Return the tolerances and other options of ``solve_ivp``."""
         run = self._run
         rtol, atol = augmented_tolerances(run.problem)
         longest = min(run.problem.max_step, abs(self._end - self._start))

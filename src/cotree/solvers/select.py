@@ -1,8 +1,4 @@
-"""Choice of a method for a problem, and its integration.
-
-In: a ``Problem``, and the name of a method or "auto". Out: a method with the reason for its choice,
-or a ``Trajectory``.
-"""
+"""Choice of a method for a problem, and its integration."""
 
 from __future__ import annotations
 
@@ -55,9 +51,8 @@ _PROBE_RTOL = 1e-3
 def integrate(problem: Problem, method: str = "auto") -> Trajectory:
     """Integrate a problem with a method of ``METHODS``, or with "auto".
 
-    The trajectory of a failed integration has a status other than 0. With "auto", the message ends
-    with the reason for the choice. Raises SolveError if the method is unknown or not installed, or
-    the problem cannot be accepted.
+    A failed integration returns a status other than 0. Raises SolveError if the method is unknown
+    or not installed, or the problem cannot be accepted.
     """
     check_problem(problem)
     return run(problem, method)
@@ -81,8 +76,7 @@ def run(problem: Problem, method: str) -> Trajectory:
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
-    In each step, "ida" solves for states and unknowns together, from predicted values; other
-    methods solve for the unknowns at given states.
+    "ida" solves for states and unknowns together, other methods for the unknowns at given states.
     """
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
@@ -171,10 +165,7 @@ def _solve(
     successor: MethodSwitch | None = None,
     begun: Attempt | None = None,
 ) -> Trajectory:
-    """Integrate a checked problem with a named method or its substitute.
-
-    ``begun`` is the integration if it has already begun.
-    """
+    """Integrate a checked problem with a named method or its substitute."""
     row = method_row(method)
     if problem.n_states == problem.n_algebraic and row.family != "cotree":
         # Without states, all C methods only solve for the unknowns at each output time.
@@ -217,19 +208,14 @@ def _run_substitute(problem: Problem, row: Method, why: str) -> Trajectory:
 def choose_method(problem: Problem) -> tuple[str, str]:
     """Return a method and the reason for it, based on the fastest decay early in the run.
 
-    Strongly damped modes with time constants far below the span restrict explicit methods to
-    steps that are shorter than accuracy requires. Modes that oscillate faster than they decay do
-    not count, since accuracy requires short steps for them with any method. "dop853" itself detects
-    stiffness that appears after the first steps; see :mod:`cotree.solvers.stiffness`.
+    Strongly damped modes with time constants far below the span restrict explicit methods to steps
+    that are shorter than accuracy requires. Modes that oscillate faster than they decay do not
+    count, since accuracy requires short steps for them with any method. Stiffness that appears
+    later is detected by "dop853", see :mod:`cotree.solvers.stiffness`.
 
     Methods for stiff problems damp modes that grow from below the tolerance, which their error
     estimates cannot detect. If there are such modes at the start, the choice is an explicit method
     if possible; otherwise the reason mentions them.
-
-    The choice is "dop853" or, if the problem is stiff, "rodas5", or "cvode" if its estimated time
-    is less; with Python functions, it is "DOP853" or "BDF". "cvode" is also chosen for stiff
-    problems with many states, and with loops, which "rodas5" cannot carry through singular
-    configurations. Without scikit-sundae, "BDF" replaces it if possible.
     """
     check_problem(problem)
     method, reason, begun = _choose(problem)
@@ -294,9 +280,8 @@ def _saving(problem: Problem, method: str) -> str:
 class Rates(NamedTuple):
     """Rates of the modes on which the choice of a method depends, [1/s].
 
-    They are the fastest decay at the start and after a few steps, the fastest decay at the start,
-    and the fastest growth at the start. The last two are computed only if the first one indicates
-    stiffness. An upper bound of the first one is used instead if it excludes stiffness.
+    ``decay`` is the fastest at the start and after a few steps, or an upper bound that excludes
+    stiffness. The others are those at the start, computed only if ``decay`` indicates stiffness.
     """
 
     decay: float
@@ -314,10 +299,7 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 
 
 class Probe:
-    """Computation of mode rates at the start of a problem and at a point a few steps later.
-
-    If possible, these steps are the first ones of the run itself (``begun``).
-    """
+    """Mode rates at the start and a few steps later; ``begun`` if these are the run's own steps."""
 
     def __init__(self, problem: Problem, explicit: str) -> None:
         self._problem, self._explicit = problem, explicit
@@ -363,7 +345,6 @@ class Probe:
         return Rates(decay, first, fastest_growth(problem, *points[0]))
 
     def _begin(self) -> list[tuple[float, FloatArray]]:
-        """Take the first steps of the run, and return their end point, if any."""
         attempt = begin_in_c(self._problem, self._explicit)
         if isinstance(attempt, str):  # there is no compiler for the method's engine
             return []
@@ -373,11 +354,9 @@ class Probe:
 
 
 def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return an upper bound of the decay rates of modes at a point, [1/s].
+    """Return an upper bound of the decay rates of modes at a point, [1/s]; infinite if unknown.
 
-    It is the Frobenius norm of the Jacobian, which bounds the magnitudes of all eigenvalues and is
-    computed in a fraction of their time. It is infinite if the Jacobian is unknown, or there are
-    algebraic unknowns or constraints.
+    It is the Frobenius norm of the Jacobian, which bounds the magnitudes of all eigenvalues.
     """
     # Algebraic unknowns would have to be eliminated, and the Jacobian is large near dependent
     # constraints.

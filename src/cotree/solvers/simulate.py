@@ -46,8 +46,7 @@ def observed(
 ) -> dict[str, Any]:
     """Return the outputs, inputs and events of a record; see :func:`deferred`.
 
-    The sensitivities of outputs in ``left_out`` are set to nan, since they are not unique. At first
-    use, SingularSystemError is raised if an output is undetermined at a stored time.
+    The sensitivities of outputs in ``left_out`` are set to nan, since they are not unique.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native, u = problem.native, problem.u
@@ -70,13 +69,11 @@ def observed(
 
 
 def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:
-    """Return the values of the tunable and derived parameters by name."""
     named = dict(zip(model.parameters, p.tolist(), strict=True))
     return named | derived_values(model.layout.derived, p)
 
 
 def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTimes]:
-    """Group event records by the name of the event."""
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
         own = records[records[:, 1] == i]
@@ -88,16 +85,7 @@ def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTi
 
 
 def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
-    """Simulate a model.
-
-    Raises
-    ------
-    ModelError
-        If a parameter, initial value or input is not accepted.
-    SolveError
-        If the method is unknown or does not support the problem; with ``throw``, also if the
-        integration fails.
-    """
+    """Simulate a model; with ``throw``, raise SolveError if the integration fails."""
     return filled(
         RunRecord, run_values(prepared(model, settings), settings.parameters, settings.initial)
     )
@@ -106,10 +94,7 @@ def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
 def run_values(
     preparation: Preparation, parameters: Any, initial: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Simulate a model with prepared settings, and return the fields of a ``RunRecord`` by name.
-
-    Outputs, inputs, events and parameter values are evaluated on first use.
-    """
+    """Simulate a model with prepared settings, and return the fields of a ``RunRecord`` by name."""
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
     problem = preparation.run(parameters, initial)

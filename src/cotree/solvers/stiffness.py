@@ -1,8 +1,7 @@
 """Stiffness: mode rates of a problem, and the switch to a method for stiff problems.
 
-The coefficients of estimated step times were fitted by least squares on 20 networks of 6 to 200
-species with up to 20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks). Estimates
-are 0.6 to 1.3 times the measured times; only their ratios matter.
+Coefficients of step times were fitted to 20 networks of 6 to 200 species with up to 20
+sensitivities (``benchmarks/stiff_choice.py``); estimates are 0.6 to 1.3 times the measured times.
 """
 
 from __future__ import annotations
@@ -38,10 +37,7 @@ _MOST_RESTARTS = 200
 
 
 def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
-    """Return the largest decay rate of modes that decay faster than they oscillate, [1/s].
-
-    ``points`` are pairs of a time, [s], and a vector z.
-    """
+    """Return the largest decay rate, [1/s], of modes that decay faster than they oscillate."""
     modes = _modes(problem, points, problem.direction)
     # If |Im| > -Re, a mode oscillates faster than it decays.
     return float(np.max(-modes[np.abs(modes.imag) <= -modes.real].real, initial=0.0))
@@ -97,8 +93,8 @@ def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:
     """Return the eigenvalues; for a sparse matrix, only a few with the fastest decay.
 
-    If the iteration does not converge, the result is a bound, the smaller of the 1-norm and the
-    infinity norm of the matrix, if ``is_bounded``; otherwise it is empty.
+    If the iteration does not converge, the result is the smaller of the 1-norm and the infinity
+    norm, if ``is_bounded``; otherwise it is empty.
     """
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
@@ -146,10 +142,7 @@ _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
 def share_of_rodas5(problem: Problem) -> float | None:
-    """Estimate the time of rodas5 divided by that of cvode; return None if costs are unknown.
-
-    The problem must not have algebraic unknowns, constraints or events.
-    """
+    """Estimate the time of rodas5 divided by that of cvode; return None if costs are unknown."""
     work = None if problem.native is None else problem.native.work()
     if work is None:
         return None
@@ -158,7 +151,6 @@ def share_of_rodas5(problem: Problem) -> float | None:
 
 
 def _of_rodas5(work: StepWork, m: int) -> float:
-    """Estimate the time of a rodas5 step with m sensitivities, [ns]."""
     evaluation = 0.43 * (work.augmented if m else work.rates)
     if work.is_unrolled:
         solution = 1.1 * work.n_factors * (1 + m)
@@ -172,7 +164,6 @@ def _of_rodas5(work: StepWork, m: int) -> float:
 
 
 def _of_cvode(work: StepWork, n: int, m: int) -> float:
-    """Estimate the time of a cvode step with n states and m sensitivities, [ns]."""
     evaluation = 0.25 * (_RATES * work.rates + (_ALL * work.augmented if m else 0.0))
     solution = 0.34 * _SOLUTIONS * work.n_banded * (1 + m)
     is_fresh = m > 0 and work.n_banded_products <= _FEW_MULTIPLICATIONS
@@ -200,11 +191,11 @@ _AT_ZERO = 10.0
 
 
 def stiff_method(problem: Problem) -> str:
-    """Return the name of the method for a stiff problem.
+    """Return the name of the method for a stiff problem, by default "rodas5".
 
-    It is "rodas5" by default. It is "cvode" if a run then costs less, if there are many states, or
-    if there are loops, whose singular configurations "rodas5" cannot pass; without scikit-sundae it
-    is then "BDF", or a C method if SciPy's methods do not support the problem.
+    It is "cvode" if a run then costs less, if there are many states, or if there are loops, whose
+    singular configurations "rodas5" cannot pass. Without scikit-sundae it is then "BDF", or a C
+    method if SciPy's methods do not support the problem.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
@@ -219,9 +210,9 @@ def stiff_method(problem: Problem) -> str:
 def cost_of_rodas5(problem: Problem) -> float:
     """Return the estimated time of "rodas5" divided by that of "cvode", or zero without "cvode".
 
-    "cvode" is not considered for problems with events, many breakpoints, constraints or algebraic
-    unknowns: a multistep method restarts with order one after each event, breakpoint or projection,
-    and solves for algebraic unknowns at each evaluation.
+    A multistep method restarts with order one after each event, breakpoint or projection, so
+    "cvode" is not considered for problems with these, nor for algebraic unknowns, solved at each
+    evaluation.
     """
     # Runs that locate events or kinks may restart often.
     locates = problem.events is not None or (problem.has_kinks and problem.direction > 0)

@@ -3,12 +3,9 @@
 CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
 environment variable COTREE_SUNDIALS names a library that replaces both.
 
-cotree's own C code factorises the Newton matrix of the SUNDIALS methods once for the states and all
-their sensitivities.
-
-CVODE and IDA integrate states and sensitivities as one vector. CVODES and IDAS have a vector for
-each parameter, so that the error test and the iteration use the largest norm, not the mean. They
-have two correctors:
+CVODE and IDA integrate states and sensitivities as one vector, with cotree's factorisation of the
+Newton matrix. CVODES and IDAS have a vector for each parameter, so that the error test and the
+iteration use the largest norm, not the mean. They have two correctors:
 
 - staggered: solves for the states and tests them, then the sensitivities (W. F. Feehery, J. E.
   Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997);
@@ -79,11 +76,7 @@ def library_path(library: str) -> LibraryPath:
 
 
 def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
-    """Open a SUNDIALS library and find the functions that an engine calls.
-
-    Returns a ``cotree_sundials`` and the opened library, or the reason of a failure, without a
-    capital and full stop. The engine's ``ffi`` declares these functions.
-    """
+    """Open a SUNDIALS library; return a ``cotree_sundials`` with it, or the reason of a failure."""
     # Imported here, since cotree's own methods do not need the modules that generate C.
     from cotree.codegen.c_files import sundials_functions
 
@@ -106,8 +99,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
     """Return the major and minor version of an opened library, or an empty tuple if unknown.
 
-    sundials4py lacks the function that returns the version. The package has the same version as
-    SUNDIALS, which the name of its metadata folder contains.
+    sundials4py lacks the function for it, but its metadata folder has the version in its name.
     """
     try:
         get_version = library.SUNDIALSGetVersionNumber
@@ -147,10 +139,7 @@ _MOST_MULTIPLICATIONS = 3e7
 
 
 class SundialsAid:
-    """The ``cotree_sundials_aid`` of a job, with the arrays that it points to.
-
-    ``is_wide`` is true if a sparse factorisation would be much cheaper than the banded one.
-    """
+    """The ``cotree_sundials_aid`` of a job with its arrays; see :class:`cotree.solvers.job.Job`."""
 
     def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:
         ffi, n = engine.library.ffi, problem.n_states

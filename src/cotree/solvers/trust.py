@@ -60,7 +60,6 @@ def warn_of_result(
     """Warn if the tolerances were too loose to control the states of a run.
 
     ``followers`` are pairs of indices: a storage content, and the variable that follows from it.
-    ``is_balanced`` returns whether the rates at the start are rounding errors of a balance.
     """
     if trajectory.status == 0:
         untested = _untested(problem, trajectory)
@@ -73,8 +72,7 @@ def warn_of_result(
 def is_balanced(model: CompiledModel, problem: Problem) -> bool:
     """Return whether the first rates are rounding errors of large terms, as in a robot at rest.
 
-    Such rates change completely if parameters and inputs change in their tenth digit; rates of
-    small motions then also change only in their tenth digit.
+    Such rates change completely if parameters and inputs change in their tenth digit.
     """
     native, t, y = problem.native, problem.settings.t_span[0], problem.z0[: problem.n_states]
     assert native is not None  # the settings require a C compiler
@@ -104,8 +102,8 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
 def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
     """Mark a run as failed if it may have jumped to another branch of the constraints.
 
-    This is the case if a projection changed the states by far more than the tolerance, or if there
-    are ``redundant`` constraints and the tolerance is too loose for these.
+    A projection then changed the states by far more than the tolerance, or the tolerance is too
+    loose for ``redundant`` constraints.
     """
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
@@ -234,10 +232,7 @@ def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajector
 
 
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
-    """Return whether the rounding of times has no effect.
-
-    ``n_steps`` is the number of steps of one run, or an array for several runs.
-    """
+    """Return whether the rounding of times has no effect, for one number of steps or an array."""
     start, end = problem.settings.t_span
     # Runs without steps count as having one.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
@@ -247,8 +242,7 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
     """Return the error of a step due to the rounding of t, as a fraction of the tolerance.
 
-    The smaller one of the changes forwards and backwards in time is used, since a jump of the rates
-    affects only one of them.
+    The smaller change forwards or backwards in time is used, since a jump affects only one of them.
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)
