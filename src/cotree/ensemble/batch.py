@@ -1,8 +1,7 @@
 """Execution of a block of ensemble members in C.
 
-A ``Plan`` and the rows of the members yield a ``Block`` of results. Threads take members from a
-common counter. The results of a member depend only on the plan and its own row, not on the number
-of threads, the order of rows, or other members.
+Threads take members from a common counter. The results of a member depend only on the plan and its
+own row, not on the number of threads, the order of rows, or other members.
 
 SIMD lanes run several members in one vector: each worker calls the function ``lanes`` of
 ``cotree_batch.h`` instead of the loop over single members. It takes members with
@@ -84,8 +83,7 @@ def load_batch() -> LoadedLibrary:
 class BlockInC(CObjects):
     """The members of a block as a C structure that its workers share.
 
-    ``ended`` contains the outcome of each member in C. ``lanes`` is the library of SIMD lanes, or
-    the reason why members run without them.
+    ``lanes`` is the library of SIMD lanes, or the reason why members run without them.
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
@@ -113,10 +111,7 @@ class BlockInC(CObjects):
         self.results.fail(member, STATUS_FAILED, message)
 
     def rerun_single(self, member: int, method: str = "", note: str = "") -> None:
-        """Run a member by ``simulate``, with the plan's or another method.
-
-        ``note`` becomes the message of a successful run.
-        """
+        """Run a member by ``simulate``; ``note`` becomes the message of a successful run."""
         plan = self.pattern.plan
         if method:
             plan = replace(plan, settings=replace(plan.settings, method=method))
@@ -190,7 +185,6 @@ class BlockInC(CObjects):
         return True
 
     def _set_shared(self) -> None:
-        """Set the data that all members share."""
         c, ffi, pattern = self.batch, self.library.ffi, self.pattern
         job, problem, engine = pattern.job.job, pattern.problem, pattern.engine.library
         c.pattern = ffi.cast("cotree_job *", int(engine.ffi.cast("uintptr_t", job)))
@@ -238,7 +232,6 @@ class BlockInC(CObjects):
         c.given_values = self.pointer(np.array(values, dtype=float))
 
     def _set_own(self) -> None:
-        """Set parameters, initial values and tolerances of each member."""
         c, own = self.batch, own_values(self.pattern, self.rows)
         c.n_members, c.n_set = len(self.rows), len(own.states)
         c.p, c.set_values = self.pointer(own.p), self.pointer(own.values)
@@ -254,7 +247,6 @@ class BlockInC(CObjects):
             self.rerun_single(member)
 
     def _set_results(self) -> None:
-        """Allocate the results."""
         c, results, n = self.batch, self.results, len(self.rows)
         plan = self.pattern.plan
         places = [plan.model.outputs.index(name) for name in plan.outputs]
@@ -360,7 +352,6 @@ class Worker:
         c.given_job = self._ffi.cast("cotree_job *", address)
 
     def _check_last(self) -> None:
-        """Check a finished member that was prepared in Python."""
         if self._prepared is None or int(self._worker.member) == self._prepared[0]:
             return
         member, problem = self._prepared
@@ -379,7 +370,6 @@ class Worker:
         self._worker.member = -1
 
     def _record_budget(self, member: int, ended: int) -> None:
-        """Record a member that exhausted its budget."""
         c, members, engine = self._worker, self._members, self._pattern.engine.library
         address = int(self._ffi.cast("uintptr_t", self._ffi.addressof(c, "job")))
         engine.lib.cotree_job_sync(engine.ffi.cast("cotree_job *", address))
@@ -391,7 +381,6 @@ class Worker:
         members.results.fail(member, BUDGET_SPENT, message)
 
     def _last_point(self) -> FloatArray:
-        """Return the state at the last point of the current member."""
         size = self._pattern.problem.size
         return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
 
@@ -420,13 +409,11 @@ class Worker:
         return False
 
     def _problem(self, member: int) -> Problem:
-        """Return the problem of a member."""
         plan, row = self._pattern.plan, self._members.rows[member].tolist()
         own = settings_of(plan.model, plan.settings, plan.columns, row)
         return problem_of(plan, own.parameters, own.initial)
 
     def _grow_records(self) -> None:
-        """Enlarge the event arrays and keep their contents."""
         c = self._worker
         n_records = int(c.job.n_records)
         # ``records`` has the events of the current member, ``events`` those of all members.
@@ -462,13 +449,7 @@ _patterns: weakref.WeakKeyDictionary[Plan, Pattern | NotBatchable] = weakref.Wea
 def run_block(
     plan: Plan, rows: FloatArray, *, threads: int | None = 1, stop: Event | None = None
 ) -> Block:
-    """Run the members of an ensemble with the given rows.
-
-    Returns
-    -------
-    Block
-        Members that were not run have the status -3.
-    """
+    """Run the members with the given rows; those that were not run have the status -3."""
     rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
     pattern = pattern_of(plan)
     if isinstance(pattern, NotBatchable):
@@ -486,8 +467,7 @@ def run_block(
 def usable_cores() -> int:
     """Count the cores that this process may use.
 
-    The number is limited by the process affinity and, on Linux, by the control group of a
-    container, whose limit is rounded down to whole cores.
+    Affinity and, on Linux, the control group of a container limit the number, rounded down.
     """
     try:
         cores = len(os.sched_getaffinity(0))

@@ -1,7 +1,7 @@
 """The results of an ensemble as an ``xarray.Dataset``.
 
-Variables have the same names as in results of single runs. They are views of the arrays in which
-blocks were collected. Attributes are only texts and numbers, as netCDF and Zarr require.
+Variables are named as in results of single runs, and are views of the arrays of blocks. Attributes
+are only texts and numbers, as netCDF and Zarr require.
 """
 
 from __future__ import annotations
@@ -58,13 +58,7 @@ def check_xarray() -> Any:
 
 
 class DatasetSchema:
-    """Dimensions, coordinates and attributes of the Dataset of an ensemble.
-
-    Attributes
-    ----------
-    dims, shape : tuple of str, tuple of int
-        Dimensions over which members extend, and their lengths.
-    """
+    """Dimensions, coordinates and attributes of the Dataset of an ensemble."""
 
     def __init__(self, plan: Plan, members: Members, attributes: Mapping[str, Any]) -> None:
         self.plan, self.members = plan, members
@@ -121,7 +115,6 @@ class DatasetSchema:
         return f"parameter({name})" if name in _TAKEN or name in plan.outputs else name
 
     def _coordinates(self) -> dict[str, Any]:
-        """Return the coordinates along the dimensions of members, times and parameters."""
         plan, members, layout = self.plan, self.members, self.plan.model.layout
         docs = {row.name: row.doc for row in (*layout.parameters, *layout.outputs)}
         about = {
@@ -215,10 +208,7 @@ def _of_lanes(plan: Plan, n_members: int) -> str:
 
 
 def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Return the arguments of the ensemble call, except members and times, as JSON values.
-
-    Python functions are represented by their names.
-    """
+    """Return the arguments of the ensemble call, except members and times, as JSON values."""
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     found = {name: plain(getattr(plan.settings, name)) for name in names}
     found["inputs"] = {**found["inputs"], **expressions}
@@ -277,8 +267,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
 def table_rows(dataset: Any) -> Iterator[list[Any]]:
     """Yield the rows of a table: column titles, then a row for each member and time.
 
-    Columns are the values that members set, the time, and all results including sensitivities, with
-    the same titles as for single runs. Missing values are empty.
+    Columns are the values that members set, the time, and all results; missing values are empty.
     """
     dims = dataset["status"].dims
     columns = [name for name, row in dataset.coords.items() if set(row.dims) <= set(dims)]
@@ -313,7 +302,6 @@ def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
 
 
 def _flat(values: Any, n_last: int) -> Any:
-    """Flatten all dimensions over members to a single one."""
     return values.reshape(-1, *values.shape[values.ndim - n_last :])
 
 
@@ -342,13 +330,7 @@ def _is_zarr(path: Path) -> bool:
 
 
 class Collected:
-    """Results in memory, with nan for members that are not computed yet.
-
-    Attributes
-    ----------
-    reasons : Reasons
-        Number of members that were run, and reasons of failures.
-    """
+    """Results in memory, with nan for members that are not computed yet."""
 
     def __init__(self, schema: DatasetSchema, ranges: Iterable[tuple[int, int]]) -> None:
         n_members = len(schema.members.rows)

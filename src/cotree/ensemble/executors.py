@@ -1,9 +1,9 @@
 """Execution of blocks of members on an executor: thread or process pools, dask, MPI.
 
-An executor is an object with ``submit`` as in ``concurrent.futures``. Each block is returned once,
-when it is finished. The number of submitted blocks and their memory are bounded. If a worker dies,
-its blocks are run again one at a time, so that a block that kills its worker does not affect
-others. If the worker dies again, the members of that block fail.
+An executor is an object with ``submit`` as in ``concurrent.futures``. The number of submitted
+blocks and their memory are bounded. If a worker dies, its blocks are run again one at a time, so
+that a block that kills its worker does not affect others. If the worker dies again, the members of
+that block fail.
 """
 
 from __future__ import annotations
@@ -64,8 +64,7 @@ def run_parcel(
 ) -> tuple[Block, float] | None:
     """Run members in a worker; return results and elapsed time, [s], or None if it lacks the plan.
 
-    ``attempt`` makes repeated calls differ, because dask returns the earlier result for equal
-    arguments.
+    ``attempt`` makes calls differ, because dask returns the earlier result for equal arguments.
     """
     plan = _load(parcel)
     return None if plan is None else run_here(plan, rows, threads)
@@ -169,8 +168,6 @@ class AdaptiveRanges:
 
 @dataclass(frozen=True)
 class _Share:
-    """A range of rows that is submitted to the executor."""
-
     first: int
     end: int
     attempt: int = 0  # number of previous submissions
@@ -179,10 +176,7 @@ class _Share:
 
 
 class ExecutorRun:
-    """A run of all ranges on an executor, which submits ranges again if their worker died.
-
-    A broken pool of processes is replaced by a new one of the same size.
-    """
+    """A run of all ranges on an executor; a broken process pool is replaced by one of its size."""
 
     def __init__(
         self, executor: Any, plan: Plan, rows: FloatArray, threads: int, stop: threading.Event

@@ -1,7 +1,6 @@
 """Reading of ensemble members from tables, mappings, lists, grids and samples.
 
-The result is a ``Members`` object: rows of finite numbers, names of the columns and dimensions of
-the results. Names are checked against a model later.
+Names are checked against a model later.
 """
 
 from __future__ import annotations
@@ -237,7 +236,6 @@ def _from_frame(frame: Any) -> Members:
 
 
 def _labels(index: Any) -> npt.NDArray[Any]:
-    """Return the row labels of a table."""
     if getattr(index, "nlevels", 1) > 1:
         raise ParameterError(
             "the index of members has several levels: call reset_index() to make them columns, or "

@@ -1,8 +1,5 @@
 """The pattern of an ensemble: data that all members share, with a template of their C jobs.
 
-A ``Plan`` yields a ``Pattern``, or the reason why members must run one by one. The pattern and the
-rows of a block determine parameters, initial values and tolerances of the members.
-
 SIMD lanes run several members in one vector. Their code is compiled for the first ensemble that
 uses it. If members cannot use lanes, a sentence states the reason.
 """
@@ -201,8 +198,8 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
 def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
     """Return absolute tolerances of values and of quaternions by member; None if they are equal.
 
-    Tolerances of sensitivities are divided by the parameter magnitudes, which may differ between
-    members; see :class:`cotree.solvers.problem.Tolerances`.
+    Those of sensitivities differ with the parameter magnitudes: see
+    :class:`cotree.solvers.problem.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
     names = model.sensitivities[: problem.n_sensitivities]
@@ -249,8 +246,7 @@ class LoadedLanes:
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:
     """Return the SIMD lanes of a pattern, built if necessary, or the reason why there are none.
 
-    The choice depends only on the plan and the processor, so that results of a member do not depend
-    on the other members of its block.
+    The choice depends only on the plan and the processor, not on the members of a block.
     """
     why = refusal_of(pattern)
     if why:
@@ -266,8 +262,7 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
 def refusal_of(pattern: Pattern) -> str:
     """Return the reason why members cannot run in SIMD lanes, or an empty string.
 
-    The reason begins in lower case and has no full stop. Compiler support for vectors is not tested
-    here, but when lanes are built.
+    The reason has no capital and no full stop. Compilers are only tested when lanes are built.
     """
     plan, problem = pattern.plan, pattern.problem
     if plan.lanes is not None and plan.lanes not in WIDTHS:

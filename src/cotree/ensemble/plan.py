@@ -1,8 +1,7 @@
 """Data structures of an ensemble: the plan that all members share, and the results of a block.
 
-A ``Plan`` consists of a model, the settings of a run and the names of the values that differ
-between members. A member is a row of these values. A plan and rows are sufficient to run a block,
-in SIMD lanes, in threads or on another machine. Its results are a ``Block``.
+A member is a row of the values that differ between members. A plan and rows are sufficient to run a
+block, in SIMD lanes, in threads or on another machine.
 """
 
 from __future__ import annotations
@@ -54,27 +53,22 @@ NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 
 class Block:
-    """Results of the members of a block, in the order of rows. Members may be added in any order.
+    """Results of the members of a block, in the order of rows, which may be added in any order.
+
+    Values are nan if a member failed, and after the end of a member that an event stopped.
 
     Attributes
     ----------
     z : ndarray, shape (n_members, n_t, n_states * (1 + n_sensitivities))
-        States, then their sensitivities parameter by parameter. Values are nan if the member
-        failed, and after the end of a member that an event stopped.
     outputs : ndarray, shape (n_members, n_t, n_outputs)
-        Outputs, with nan as above.
     output_sensitivities : ndarray, shape (n_members, n_t, n_sensitivities, n_outputs)
-        Sensitivities of the outputs.
     status : ndarray of int8, shape (n_members,)
         As in :class:`cotree.solvers.result.Trajectory`, or -3 if the ensemble was stopped before
         the member had run.
     messages : list of str
-        A sentence for each member that failed, was not run, or was run by another method; else
-        empty.
-    steps : ndarray of int64, shape (n_members,)
-        Number of accepted steps.
+        A sentence for each member that failed, was not run, or was run by another method.
     seconds : ndarray, shape (n_members,)
-        Wall-clock time of each member, [s], which is divided among members that ran in one vector.
+        Wall-clock times, [s]; that of a vector is divided among its members.
     events : ndarray, shape (n_events, 3 + n_sensitivities)
         Index of the member in the block, index of the event in ``model.layout.events``, its time,
         [s], and the sensitivities of the time. Rows are sorted by member, then by time.

@@ -1,7 +1,4 @@
-"""Reasons why members failed, and how often each occurred.
-
-If a budget is exhausted, a sentence is formed from the member's problem and the state of its C job.
-"""
+"""Reasons why members failed, and how often each occurred."""
 
 from __future__ import annotations
 
@@ -31,14 +28,7 @@ _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
 class Reasons:
     """Counts of the distinct messages of failed members.
 
-    Attributes
-    ----------
-    done : int
-        Number of members that were run.
-    failed : int
-        Number of members that failed.
-    first : (int, str) or None
-        Index and message of the failed member with the lowest index.
+    ``first`` is the index and message of the failed member with the lowest index.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,7 @@
 """Execution of ensembles by blocks of members, in this process or on an executor.
 
-A model, the settings of a run and members yield a ``Plan``, whose results are collected in an
-``xarray.Dataset``. Results of a member depend only on the plan and on its own row, not on block
-sizes or on where blocks run.
+Results of a member depend only on the plan and on its own row, not on block sizes or on where
+blocks run.
 """
 
 from __future__ import annotations
@@ -94,10 +93,9 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C sets.
+    """Yield an event that Ctrl-C sets, in the main thread of a program without its own handler.
 
-    Outside the main thread, which alone receives signals, and in programs with their own handler,
-    nothing sets the event. KeyboardInterrupt may then be raised at any statement.
+    Elsewhere, KeyboardInterrupt may be raised at any statement.
     """
     stop = threading.Event()
     is_main = threading.current_thread() is threading.main_thread()
@@ -233,10 +231,9 @@ def run_blocks(
 
 
 class BlockSizes:
-    """Determines block sizes from the time of previous blocks and the size of results.
+    """Block sizes from the time of previous blocks and the size of results.
 
-    ``threads`` is the number of threads that share a block: all of this process, or those of one
-    worker.
+    ``threads`` is the number of threads that share a block.
     """
 
     def __init__(self, plan: Plan, execution: Execution) -> None:
@@ -295,7 +292,6 @@ def check_count(value: object, name: str) -> None:
 
 
 def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the requested outputs, by default of all."""
     if outputs is None:
         return model.outputs
     names = tuple(dict.fromkeys(check_names(outputs, "outputs")))

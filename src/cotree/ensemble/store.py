@@ -1,10 +1,10 @@
 """Storage of ensemble results in a folder.
 
-``manifest.json`` identifies the ensemble and states the number of members per block.
-``coordinates.npz`` contains the coordinates of the Dataset. Each block is a file in the folder
-``blocks``: a NumPy archive with an array for each variable, followed by a checksum. Files are
-written under a temporary name and then renamed. Several processes may write blocks of one store.
-Each locks the blocks that it runs, and the system releases the locks of a process that dies.
+``manifest.json`` identifies the ensemble and states the number of members per block, and
+``coordinates.npz`` has the coordinates of the Dataset. Each file of ``blocks`` is a NumPy archive
+with an array for each variable, followed by a checksum. Files are written under a temporary name
+and then renamed. Several processes may write blocks of one store. Each locks the blocks that it
+runs, and the system releases the locks of a process that dies.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _LONGEST = 200
 def identity_of(plan: Plan) -> dict[str, Any]:
     """Return the data that identify an ensemble, by name, as JSON values.
 
-    Members and times are not included, because they are compared as coordinates of the results.
+    Members and times are compared as coordinates of the results instead.
     """
     model, settings = plan.model, plan.settings
     signals = read_signals(settings.inputs, model.inputs)
@@ -228,15 +228,7 @@ def block_path(path: Path, first: int) -> Path:
 
 
 class Store:
-    """The result folder of an ensemble, open for writing.
-
-    Attributes
-    ----------
-    reasons : Reasons
-        Number of stored members, and reasons of failures.
-    members_of_a_block : int
-        Number of members of each block except the last.
-    """
+    """The result folder of an ensemble, open for writing; ``reasons`` counts stored members."""
 
     def __init__(self, store: Any, schema: DatasetSchema, size: Callable[[], int]) -> None:
         self.path, self._schema = read_path(store), schema

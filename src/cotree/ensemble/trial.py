@@ -1,8 +1,6 @@
 """Execution of members one at a time, and trial runs before an ensemble.
 
 SciPy methods, and inputs that are Python functions, require members to run one at a time.
-
-Trial runs check the settings and choose the method of the ensemble.
 """
 
 from __future__ import annotations
@@ -85,11 +83,10 @@ _TRIED = 3
 def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
     """Check settings by trial runs, and return them with the chosen method.
 
-    Invalid settings raise an error before any member runs. If the method is ``auto``, it is chosen
-    once for all members, from the first steps of trial runs: with the scene's values, and with the
-    members that have the smallest and the largest value of each column. If one of these is stiff,
-    the method is one for stiff problems. Members that become stiff later are detected when they
-    run.
+    "auto" is chosen once for all members, from the first steps with the scene's values, and with
+    the members that have the smallest and the largest value of each column. If one of these is
+    stiff, the method is one for stiff problems. Members that become stiff later are detected when
+    they run.
     """
     settings = replace(settings, throw=False)
     if settings.method != "auto":
@@ -110,13 +107,7 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:
-    """Run with the scene's values or, if that fails, with those of the first members.
-
-    Raises
-    ------
-    ModelError, SolveError
-        If all runs fail for the same reason, so that the settings are invalid.
-    """
+    """Run with the scene's values or, if that fails, with those of the first members."""
     try:
         return _run_with_warnings(model, settings)
     except Error as error:
