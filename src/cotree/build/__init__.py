@@ -1,8 +1,4 @@
-"""Compilation of C text to shared libraries, which are cached by content and loaded.
-
-:func:`find_toolchain` finds a compiler; :func:`build_library` returns a library from the cache or
-compiles it; :func:`load_library` loads it; :func:`obtain_library` does both of the latter.
-"""
+"""Compilation of C text to shared libraries, which are cached by content and loaded."""
 
 from __future__ import annotations
 

@@ -1,12 +1,10 @@
 """Cache of compiled libraries in a folder of the user; keys depend on all inputs of a library.
 
 Libraries are stored as ``<key>.so``, object files that several libraries link as ``<key>.o``, and C
-text with its program as ``<key>.text``, each with its checksum in ``<key>.sha256``. They are
-published by atomic renaming from a private folder, so that readers never find an incomplete file. A
-file that does not match its checksum counts as absent and is built again.
-
-If several processes need the same library, one builds it and the others wait for a lock. The lock
-only saves work: a process that cannot acquire it builds the library itself.
+text with its program as ``<key>.text``, each with its checksum in ``<key>.sha256``: a file that
+does not match counts as absent. They are published by atomic renaming from a private folder, so
+that readers never find an incomplete file. The lock of a key only saves work: a process that cannot
+acquire it builds the library itself.
 """
 
 from __future__ import annotations
@@ -154,10 +152,9 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
 
 
 def cached(of: object, make: Callable[[], _T]) -> _T:
-    """Return the result of a function, from the cache if possible.
+    """Return the result of a function, from the cache if ``of`` and the result can be pickled.
 
-    The result depends only on ``of``, None if that is unknown, and on cotree's files. It is cached
-    if both ``of`` and the result can be pickled.
+    The result depends only on ``of``, None if that is unknown, and on cotree's files.
     """
     data = pickled(of) if KEEPS and of is not None else None
     if data is None:
@@ -204,10 +201,7 @@ def _sources() -> bytes:
 
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
-    """Create a private folder for one build in the cache, and thus on the same file system.
-
-    The folders of killed builds are removed first.
-    """
+    """Create a private folder for one build in the cache, and thus on the same file system."""
     _remove_abandoned()
     with tempfile.TemporaryDirectory(
         prefix=_PRIVATE_PREFIX, dir=cache_directory(), ignore_cleanup_errors=True
@@ -291,7 +285,6 @@ def clear_cache() -> int:
 
 
 def _remove_abandoned() -> None:
-    """Remove the private folders of killed builds."""
     oldest = time.time() - _ABANDONED_AFTER
     for path in cache_directory().glob(f"{_PRIVATE_PREFIX}*"):
         # Another process may remove the same folder.

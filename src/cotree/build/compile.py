@@ -2,8 +2,7 @@
 
 ``-ffast-math`` is never used, since it breaks checks for NaN and changes the order of operations.
 ``-ffp-contract`` is always set, since its default, which affects the last digits, depends on the
-compiler: it is off unless ``native`` is requested. Libraries are loaded by cffi in ABI mode, which
-needs no compiler and no Python headers.
+compiler. Libraries are loaded by cffi in ABI mode, which needs no compiler and no Python headers.
 """
 
 from __future__ import annotations
@@ -66,18 +65,7 @@ _LOOPS_GCC = (
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Compiler options for a model.
-
-    Raises
-    ------
-    BuildError
-        If ``optimize`` is unknown or ``time_limit`` is not positive.
-
-    Examples
-    --------
-    >>> BuildOptions().optimize
-    'auto'
-    """
+    """Compiler options for a model; raises BuildError for invalid ones."""
 
     #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
@@ -106,11 +94,6 @@ def compiler_flags(
     """Return the compiler flags that precede the file names.
 
     ``'auto'`` depends on the numbers of operations in the longest C function and in total.
-
-    >>> from cotree.build import BuildOptions, Toolchain, compiler_flags
-    >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
-    >>> "-O0" in compiler_flags(gcc, BuildOptions(), n_operations=50_000)
-    True
     """
     flags = ["-std=c99", _level(toolchain, options, n_operations, n_all)]
     # On Windows, code is always relocatable, and clang rejects the flag.
@@ -131,8 +114,7 @@ def compiler_flags(
 def loop_flags(toolchain: Toolchain) -> str:
     """Return the flags, separated by blanks, for a file whose loops over equations are vectorised.
 
-    They are the parts of ``-O3`` from which these loops benefit: compilation takes half as long as
-    with ``-O3``, and the code executes at most 1 % more instructions.
+    Compilation takes half as long as with ``-O3``; at most 1 % more instructions are executed.
     """
     return "-O3" if toolchain.is_clang else _LOOPS_GCC
 
@@ -222,24 +204,19 @@ def build_library(
     ----------
     files : mapping of str to str
         C text by file name. The ``.c`` files are compiled in parallel, each with all ``.h`` files.
-    abi_version : int
-        Version of the interface between the library and its caller.
     n_operations, n_all : int
         Number of operations in the longest C function, and in all functions.
-    options, toolchain : BuildOptions, Toolchain
-        The user's options and the compiler.
     levels : mapping of str to str
         Optimisation levels of individual files, and further flags, separated by blanks.
     shared : collection of str
-        Files that other libraries also contain, with the same text, and that include only each
-        other. The object files of these ``.c`` files are cached.
+        Files with the same text in other libraries, which include only each other. The object files
+        of these ``.c`` files are cached.
 
     Raises
     ------
     BuildError
-        If the compiler fails or takes too long; the message contains the command, the compiler's
-        output and the path of the saved C file. Also if the cache folder cannot be used, or a file
-        name is not that of a C file.
+        If the compiler fails or takes too long, the cache folder cannot be used, or a file name is
+        not that of a C file.
     """
     start = time.perf_counter()
     sources = _source_names(files)
@@ -279,7 +256,6 @@ def build_library(
 
 
 def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the names of the C files, sorted."""
     for name in files:
         # A name must not leave its folder or be read as a compiler option.
         if not _FILE_NAME.fullmatch(name):
@@ -434,9 +410,8 @@ class LoadedLibrary:
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     """Load a shared library, once in a process for each path and set of declarations.
 
-    The declarations must not contain preprocessor lines. The file must be intact, since a damaged
-    file may crash the process. Raises BuildError if the system cannot load it, or the declared
-    names are missing.
+    The declarations must not contain preprocessor lines; a damaged file may crash the process.
+    Raises BuildError if the system cannot load the file, or the declared names are missing.
     """
     # The path is absolute, since the system would search its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
@@ -474,8 +449,7 @@ def obtain_library(
 ) -> tuple[BuiltLibrary, LoadedLibrary]:
     """Find or build a library and load it; see :func:`build_library` for ``options``.
 
-    The library is built again if another process removes it by ``clear_cache()`` before it is
-    loaded.
+    It is built again if another process removes it by ``clear_cache()`` before it is loaded.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)

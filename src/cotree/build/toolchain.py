@@ -1,8 +1,7 @@
 """Search for a C compiler.
 
-In: the environment. Out: a :class:`Toolchain`. Candidates are, in this order, the environment
-variable ``CC``, ``cc``, ``gcc``, ``clang``, and the package ``ziglang``. ``COTREE_COMPILER=none``
-disables all compilers.
+Candidates are, in this order, the environment variable ``CC``, ``cc``, ``gcc``, ``clang``, and the
+package ``ziglang``. ``COTREE_COMPILER=none`` disables all compilers.
 """
 
 from __future__ import annotations
@@ -57,12 +56,12 @@ def run_limited(
     time_limit: float,
     owner: threading.Thread | None = None,
 ) -> Outcome:
-    """Run a command for at most ``time_limit`` seconds.
+    """Run a command for at most ``time_limit`` seconds, without input.
 
-    ``directory`` is the current directory of the command and contains its temporary files. There is
-    no input. The whole process group is killed after the time limit or if the caller is
-    interrupted. Raises OSError if the command cannot be started, and BuildError if the ``owner``,
-    by default the calling thread, has been abandoned (:func:`abandon`).
+    ``directory`` is its current directory, also for temporary files. The whole process group is
+    killed after the time limit or if the caller is interrupted. Raises OSError if the command
+    cannot be started, and BuildError if the ``owner``, by default the calling thread, has been
+    abandoned.
     """
     folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
@@ -118,8 +117,7 @@ def _check_wanted(thread: threading.Thread) -> None:
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
     """Return a shell command that sets the memory limit and then runs the command.
 
-    A preexec_fn would be unsafe in a process with threads, which NumPy's libraries start. If the
-    system rejects the limit, the command runs without it.
+    A preexec_fn would be unsafe in a process with threads, which NumPy's libraries start.
     """
     if sys.platform == "win32":
         return list(command)
@@ -161,9 +159,8 @@ class Toolchain:
 def find_toolchain() -> Toolchain | None:
     """Find a C compiler; return None if there is none, or ``COTREE_COMPILER`` is ``none``.
 
-    The environment is read at each call; only version texts are cached, by command. Raises
-    BuildError if ``CC`` is not a usable compiler, or ``COTREE_COMPILER`` has another value than
-    ``none``.
+    The environment is read at each call. Raises BuildError if ``CC`` is not a usable compiler, or
+    ``COTREE_COMPILER`` has another value than ``none``.
     """
     if _is_switched_off():
         return None
@@ -221,10 +218,9 @@ def _candidate_commands() -> Iterator[tuple[str, ...]]:
 
 
 def _find_program(name: str) -> str | None:
-    """Return the absolute path of a program.
+    """Return the absolute path of a program, which must not be found by a relative entry of PATH.
 
-    Relative entries of PATH and, on Windows, the current directory are skipped: programs in the
-    current directory are only run if their path is given.
+    Programs in the current directory are only run if their path is given.
     """
     if os.path.dirname(name):
         return shutil.which(os.path.abspath(name))
