@@ -74,10 +74,7 @@ class Evaluated:
         return program.values(kernel, known)
 
     def found_start(self) -> Start | None:
-        """Return the start if it must be computed, or None if the initial values are the start.
-
-        In both cases, redundant initial values are checked.
-        """
+        """Return the start if it must be computed, else None; check redundant initial values."""
         layout = self.program.layout
         # The start must be computed if there are constraints, further conditions, algebraic
         # unknowns, or discontinuous expressions, which need initial modes.
@@ -166,8 +163,7 @@ def check_range(program: Program, target: Target) -> None:
 def check_step(program: Program, integrator: str, step: float | None) -> None:
     """Raise CodegenError if the step size does not suit the integrator or the scene.
 
-    Fixed-step methods require a step size; others accept none. Since fixed steps pass over events,
-    the scene must have no state events, and no time events at which sensitivities jump.
+    Fixed steps pass over events, so they exclude state events and jumps of sensitivities.
     """
     if integrator not in FIXED:
         if step is not None:

@@ -1,13 +1,10 @@
 """Export of a program to C99 files that build an executable and a library.
 
 The folder holds the model, integrators without dependencies, a main program that integrates the
-model to its end time and prints the end state, and build files. If the model has constraints, the
-main program finds a consistent start and projects onto them, as a run does. Algebraic unknowns are
-solved for at each evaluation; the other states are integrated.
+model to its end time and prints the end state, and build files.
 
 Numbers that follow from parameters when the text is written (the start, the times of kinks) are
-constants of the main program. Parameters that they depend on are marked, and the main program
-refuses to change them.
+constants of the main program, which refuses to change the parameters that they depend on.
 """
 
 from __future__ import annotations
@@ -145,12 +142,10 @@ def main_context(
     is_strict: bool,
     is_found: bool,
 ) -> MainContext:
-    """Build the template variables of the main program.
+    """Build the template variables of the main program; ``methods`` begin with the default one.
 
-    ``methods`` begin with the default one; ``sizes`` are factors of the absolute tolerances of
-    states. ``start`` is the start for the scene's parameters, if it must be computed, and
-    ``is_found`` whether C can compute it, also for other values. If ``is_strict``, constraints are
-    dependent and rates are evaluated at projected points.
+    ``is_found``: C can compute the start, also for other values. ``is_strict``: constraints are
+    dependent, and rates are evaluated at projected points.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target
@@ -329,15 +324,10 @@ def write_c_project(
 
     Parameters
     ----------
-    program : Program
-        The program after its optimisation passes.
-    directory : Path
-        Folder of the files, created if it is missing.
     kit : Kit or str
         The options of the project, or only the names of the methods.
     t_end, rtol, atol : float
-        Default end time, [s], and default tolerances of states and sensitivities. Tolerances that
-        single precision cannot meet are loosened.
+        Default end time, [s], and default tolerances, loosened if the number type cannot meet them.
     step : float, optional
         Step size of a fixed-step method, [s].
     start : Start, optional
@@ -350,12 +340,10 @@ def write_c_project(
     SceneError
         If the end time, a tolerance or the folder's name is invalid.
     ParameterError, SingularSystemError
-        If there are constraints, and the initial values violate one, a guard refuses parameters, or
-        a linear system is singular at the start.
+        If the initial values violate a constraint, a guard refuses parameters, or a linear system
+        is singular at the start.
     CodegenError
-        If an integrator is unknown or does not support the model's constraints or events, the
-        prefix or the number type is invalid, a parameter is beyond the range of the type, or a file
-        cannot be written.
+        If a method, the prefix or the number type is invalid, or a file cannot be written.
     """
     kit = Kit(kit) if isinstance(kit, str) else kit
     methods, target = kit.methods(), kit.target()
@@ -490,10 +478,7 @@ def kit_files(
     *,
     has_wrapper: bool,
 ) -> Mapping[str, str]:
-    """Return the texts of a project's build files and of its C++ header, if any, by file name.
-
-    ``sources`` are the files of the library.
-    """
+    """Return the build files of a project and its C++ header, if any, as texts by file name."""
     prefix = model.prefix
     wrapper = [f"{prefix}.hpp"] if has_wrapper else []
     kit = KitContext(

@@ -103,10 +103,7 @@ def graph_report(
     costs: tuple[Alternative, ...] = (),
     parts: tuple[str, ...] = (),
 ) -> GraphReport:
-    """Build the report with graphs, trees and their matrices ([1] eq. 1, 2) by domain.
-
-    ``costs`` are those of the compared trees, the cheapest first.
-    """
+    """Build the report with graphs, trees and their matrices ([1] eq. 1, 2) by domain."""
     return GraphReport(
         graphs,
         trees,

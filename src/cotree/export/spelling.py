@@ -1,6 +1,6 @@
 """Display of expressions: short names of variables, and SymPy expressions as plain text or LaTeX.
 
-In: full names such as ``j1.s_dot``. Out: ``s_dot``, or ``s_j1_dot`` if ``s`` is ambiguous.
+``j1.s_dot`` becomes ``s_dot``, or ``s_j1_dot`` if ``s`` is ambiguous.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Printed steps from a linear graph to its equations, with all terms.
+"""Printed steps from a linear graph to its equations: the paper's Eq. (1) to (9) with all terms.
 
-In: the first graph and its equations. Out: a text with the paper's Eq. (1) to (9) in the names of
-the scene. This module only prints: the trees define the topology, terms (:class:`Term`) are nodes
-of the formulation's arena, and terms of a sensitivity graph are their derivatives.
+This module only prints: the trees define the topology, terms (:class:`Term`) are nodes of the
+formulation's arena, and terms of a sensitivity graph are their derivatives.
 """
 
 from __future__ import annotations
@@ -274,9 +273,8 @@ _LIKEWISE = {"r": ", likewise v and a", "ω": ", likewise α; orientations follo
 def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     """Return the formulation steps of a scene ([1] eq. 1 to 9) as text.
 
-    The first graph is the paper's G1; there is one sensitivity graph (G2, ...) for each direction
-    in ``equations.sensitivities``. Zero terms are omitted; components of terms that precede are
-    written by name, such as ``F^k.x``.
+    The first graph is the paper's G1; each sensitivity has a graph (G2, ...). Zero terms are
+    omitted; components of terms that precede are written by name, such as ``F^k.x``.
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)

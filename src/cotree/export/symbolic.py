@@ -1,8 +1,7 @@
 """Equations for display: governing and sensitivity equations in SymPy, LaTeX and plain text.
 
-In: :class:`~cotree.equations.Equations`. Out: :class:`SymbolicEquations`, which reads like the
-paper's Eq. (8) and (9): inertia terms first, with positive sign, then the rest, equal to zero.
-Constraints follow, differentiated until accelerations appear in them.
+They read like the paper's Eq. (8) and (9): inertia terms first, with positive sign, then the rest,
+equal to zero. Constraints follow, differentiated until accelerations appear in them.
 """
 
 from __future__ import annotations
@@ -191,17 +190,7 @@ class SymbolicEvent:
         return self.is_terminal
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
-        """Write the event as plain text.
-
-        Parameters
-        ----------
-        name : str
-            Name of the event.
-        spell : callable
-            Writes an expression.
-        symbols : mapping of str to sympy.Symbol
-            The symbol of each state.
-        """
+        """Write the event as plain text; ``spell`` writes an expression."""
         # Expressions read the values before the event.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
         if self.is_chosen:
@@ -486,11 +475,7 @@ def _tidied(entry: Any) -> Any:
 
 @dataclass(frozen=True)
 class SymbolTable:
-    """The SymPy symbols by name, and LaTeX names of states and unknowns.
-
-    ``accelerations`` and ``multipliers`` are the unknowns in order; ``rates`` are those of network
-    states; ``subscripts`` of derivatives are stored by parameter or state.
-    """
+    """The SymPy symbols by name, and LaTeX names; ``rates`` are those of network states."""
 
     states: tuple[str, ...]
     accelerations: tuple[str, ...]

@@ -83,20 +83,7 @@ def this_platform() -> str | None:
 
 
 def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform]:
-    """Return platforms by name.
-
-    Parameters
-    ----------
-    names : sequence of str or None
-        The names; None for this machine.
-    version : int
-        Version of the interface.
-
-    Raises
-    ------
-    CodegenError
-        If a name is unknown, or the version has no such platform.
-    """
+    """Return platforms by name, by default this machine's; raise CodegenError for unknown ones."""
     if names is None:
         own = this_platform()
         if own is None or not PLATFORMS[own].folder(version):
@@ -117,26 +104,10 @@ def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform
 def build_libraries(
     files: Mapping[str, str], platforms: Sequence[Platform], n_operations: int, n_all: int
 ) -> dict[str, bytes]:
-    """Compile the sources for platforms.
+    """Compile the sources; return the libraries by the names of their platforms.
 
-    Parameters
-    ----------
-    files : mapping of str to str
-        C text by file name.
-    platforms : sequence of Platform
-        The platforms.
-    n_operations, n_all : int
-        Operations of the longest function, and of all, for the choice of the compiler's level.
-
-    Returns
-    -------
-    dict of str to bytes
-        The library by the name of its platform.
-
-    Raises
-    ------
-    BuildError
-        If there is no compiler, or it fails.
+    ``n_operations`` is that of the longest function, ``n_all`` that of all, for the compiler's
+    level.
     """
     own, libraries = this_platform(), {}
     for row in platforms:
@@ -209,13 +180,7 @@ def choose(
     inputs: Sequence[str] | None,
     platforms: Sequence[str] | None,
 ) -> FmuChoice:
-    """Take a choice, or refuse it.
-
-    Raises
-    ------
-    CodegenError
-        If there is no such version, kind or integrator.
-    """
+    """Return the checked options of an FMU; raise CodegenError if one is unknown."""
     wanted = check_names(kinds, "kinds")
     if version not in VERSIONS or isinstance(version, bool):
         raise CodegenError(f"there is no FMI {version} here: give version 2 or 3")
@@ -250,22 +215,7 @@ def reference_files(
     times: Iterable[float],
     columns: Mapping[str, Iterable[float]],
 ) -> dict[str, bytes]:
-    """Write expected results in the format of the layered standard LS-REF.
-
-    Parameters
-    ----------
-    identifier : str
-        The model's identifier.
-    times : iterable of float
-        Times, [s].
-    columns : mapping of str to iterable of float
-        Values by name of variable.
-
-    Returns
-    -------
-    dict of str to bytes
-        Two files by name.
-    """
+    """Return files with expected results, in the format of the layered standard LS-REF."""
     text = io.StringIO()
     rows = zip(times, *columns.values(), strict=True)
     write_rows(text, [("time", *columns), *rows])
@@ -337,31 +287,10 @@ def write_fmu(
 ) -> Fmu:
     """Write a model as an FMU, completely or not at all.
 
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    path : Path
-        The file.
-    choice : FmuChoice
-        What it is to have.
-    evaluated : Evaluated
-        The program, for its start.
-    numbers : tuple of float
-        End time, relative and absolute tolerance of the default experiment.
-    rest : Start or None
-        The operating point that runs begin at, if they do.
-    extra : mapping of str to bytes
-        Further files by name.
-
-    Raises
-    ------
-    CodegenError
-        If the model does not support the options.
-    SceneError
-        If the file cannot be written, or the end time or a tolerance is not acceptable.
-    BuildError
-        If there is no compiler, or it fails.
+    ``numbers`` are end time, relative and absolute tolerance of the default experiment; ``rest`` is
+    the operating point at which runs begin, and ``extra`` are further files by name. Raises
+    CodegenError if the model does not support the options, SceneError if the file cannot be written
+    or a number is refused, and BuildError if the compiler fails.
     """
     t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)

@@ -262,13 +262,7 @@ class FmuVariable:
 
 @dataclass(frozen=True)
 class FmuVariables:
-    """All variables, by block.
-
-    Attributes
-    ----------
-    n_rates : int
-        Number of states that have rates.
-    """
+    """All variables, by block; ``n_rates`` states have rates."""
 
     time: FmuVariable  # the independent variable, time
     #: The blocks, in order; algebraic unknowns are the last of the states.
@@ -309,27 +303,9 @@ def list_variables(
 ) -> FmuVariables:
     """List the variables of a model.
 
-    Parameters
-    ----------
-    layout : Layout
-        Names and units.
-    kernels : FmuKernels
-        Kernels with the patterns of dependencies.
-    outside : sequence of int
-        Places of the inputs that are set from outside.
-    input_values : sequence of float
-        Their start values.
-    start : sequence of float
-        States at the start.
-    has_sensitivities : bool
-        Whether sensitivities are variables, too.
-    is_found : bool
-        Whether states at the start follow from constraints or other conditions.
-
-    Raises
-    ------
-    CodegenError
-        If the scene is too large for value references.
+    ``outside`` are the places of the inputs that are set from outside, ``input_values`` their start
+    values, ``start`` the states at the start. ``is_found``: the start follows from conditions.
+    Raises CodegenError if the scene is too large for value references.
     """
     return _Listing(layout, kernels, outside, has_sensitivities).listed(
         input_values, start, is_found=is_found

@@ -1,8 +1,7 @@
 """The C sources of an FMU: model, further kernels, tables, an integrator, the interface.
 
-Further kernels of an FMU are derivatives with respect to all arguments, and times of kinks. The
-derivatives are formed node by node from the results of the program, for states, inputs and
-parameters, whichever sensitivities were compiled.
+Further kernels are derivatives with respect to all arguments, and times of kinks. The derivatives
+are formed node by node from the results of the program, whichever sensitivities were compiled.
 """
 
 from __future__ import annotations
@@ -89,15 +88,7 @@ class FmuKernels:
 
 
 def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
-    """Form the further kernels of a program.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    outside : sequence of int
-        Places of the inputs that are set from outside; the others are functions of time.
-    """
+    """Form the further kernels; inputs that are not ``outside`` are functions of time."""
     dag, layout, kernels = program.dag, program.layout, program.kernels
     own = kernels["inputs"].results
     signals = {dag.symbol(INPUT, i): own[i] for i in range(len(own)) if i not in outside}
@@ -224,24 +215,7 @@ class Facts:
 def source_files(
     program: Program, kernels: FmuKernels, facts: Facts, version: int
 ) -> Mapping[str, str]:
-    """Write all sources.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    kernels : FmuKernels
-        Its further kernels.
-    facts : Facts
-        Further values of the tables.
-    version : int
-        2 or 3.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
+    """Return all sources as text by file name, for version 2 or 3."""
     integrator, is_implicit = facts.integrator, _is_implicit(facts)
     if not (is_implicit or program.layout.n_algebraic):
         unused = replace(program.kernels["jacobian"], results=())
