@@ -1,8 +1,4 @@
-"""Figures of linear graphs, with their trees in bold, and of results; saving of figures.
-
-Every function returns a matplotlib `Figure`, which belongs to no window unless the caller passes a
-function that makes figures (:mod:`cotree.plot.figures`).
-"""
+"""Figures of linear graphs, with their trees in bold, and of results; saving of figures."""
 
 from __future__ import annotations
 

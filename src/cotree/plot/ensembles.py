@@ -1,7 +1,6 @@
 """Figures of ensembles: bands over time, families of curves, and heat maps over grids.
 
-In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`. Failed
-members, whose values are nan, are left out.
+Failed members, whose values are nan, are left out.
 """
 
 from __future__ import annotations
@@ -401,7 +400,6 @@ def _panels(
 
 
 def _layout(n: int) -> tuple[int, int]:
-    """Return the numbers of rows and columns for ``n`` panels."""
     columns = min(n, _COLUMNS)
     return -(-n // columns), columns
 

@@ -1,8 +1,7 @@
 """Figures that pyplot manages, so that ``plt.show()`` displays them.
 
-Pyplot makes the figure in notebooks, at interactive prompts, and if the program has imported
-pyplot. Other programs get a separate figure, which needs no window system and does not remain in
-memory.
+Pyplot makes them in notebooks, at interactive prompts, and in programs that have imported it. Other
+figures need no window system and do not remain in memory.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Figures of fits: measured and computed values, residuals, starts, profiles and correlations.
-
-In: arrays and names. Out: a matplotlib `Figure`.
-"""
+"""Figures of fits: measured and computed values, residuals, starts, profiles and correlations."""
 
 from __future__ import annotations
 
@@ -136,10 +133,7 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
 
 
 def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
-    """Draw the objectives reached from all starting points, in ascending order.
-
-    ``starts`` are the starting points of a fit, :class:`cotree.estimation.multistart.StartRecord`.
-    """
+    """Draw the objectives reached from all starting points, in ascending order."""
     from matplotlib.ticker import MaxNLocator
 
     if ax is None:
@@ -166,10 +160,7 @@ def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
 
 
 def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
-    """Draw the profiles of parameters, each with the parabola of its standard error, if finite.
-
-    ``curves`` are objects of :class:`cotree.estimation.profiles.Profile`.
-    """
+    """Draw the profiles of parameters, each with the parabola of its standard error, if finite."""
     figure, places = _panels(len(curves))
     for k, (ax, curve) in enumerate(zip(places, curves, strict=True)):
         ax.plot(curve.values, curve.rise, "o", ms=3.5, color=_CURVE)

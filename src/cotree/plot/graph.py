@@ -1,7 +1,4 @@
-"""Drawings of linear graphs as in the paper ([1] Fig. 1 and 4): tree bold, ground hatched.
-
-In: a `LinearGraph` with its `Tree`. Out: a matplotlib `Figure`.
-"""
+"""Drawings of linear graphs as in the paper ([1] Fig. 1 and 4): tree bold, ground hatched."""
 
 from __future__ import annotations
 
@@ -27,10 +24,7 @@ _LABEL_DISTANCE = 0.2
 
 
 def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) -> Figure:
-    """Draw a linear graph: nodes as dots, edges as arrows, hatching at the reference node.
-
-    Branches of the tree are bold, chords are thin. If ``ax`` is None, the graph has a new figure.
-    """
+    """Draw a linear graph: nodes as dots, branches as bold and chords as thin arrows."""
     drawing = lay_out(graph)
     if ax is None:
         figure = _new_figure([drawing])
@@ -46,8 +40,7 @@ def draw_graphs(
 ) -> Figure:
     """Draw several graphs side by side, each under the name of its domain.
 
-    ``make`` makes a figure of the given width and height, [in]; by default pyplot does not manage
-    it. Edges of each of the ``parts`` have a background of one colour.
+    Edges of each of the ``parts`` have a background of one colour.
     """
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])

@@ -1,8 +1,6 @@
-"""Layout of the nodes and edges of a linear graph on paper.
+"""Layout of the nodes and edges of a linear graph on paper; deterministic.
 
-In: a `LinearGraph`. Out: a `GraphDrawing`: node positions, edge curves, corners of the picture. The
-unit of length is about two thirds of the usual distance between neighbours. The layout is
-deterministic.
+The unit of length is about two thirds of the usual distance between neighbours.
 """
 
 from __future__ import annotations

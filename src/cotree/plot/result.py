@@ -1,7 +1,4 @@
-"""Figures of results over time, with sensitivities next to them ([1] Fig. 5 and 6).
-
-In: a result. Out: a matplotlib `Figure`.
-"""
+"""Figures of results over time, with sensitivities next to them ([1] Fig. 5 and 6)."""
 
 from __future__ import annotations
 
@@ -51,12 +48,9 @@ def choose_curves(
     *,
     is_alone: bool = False,
 ) -> Curves:
-    """Return the curves with the given names.
+    """Return the curves with the given names; see :func:`plot_result`.
 
-    Names are states, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or ``(name,
-    parameter)``. If no sensitivity is named, those of the named states and outputs to the first
-    four parameters are added, unless ``is_alone``. None means the coordinates, which are the states
-    that are not rates. Raises SceneError if a name is unknown.
+    No sensitivities are added if ``is_alone``. Raises SceneError if a name is unknown.
     """
     known = (*states, *outputs)
     # A result has no equations, so rates are identified by their names.
@@ -122,12 +116,10 @@ class _Row:
 
     @property
     def height(self) -> int:
-        """Number of rows of panels that the sensitivities need."""
         return max(1, -(-len(self.by_parameter) // _COLUMNS))
 
     @property
     def colors(self) -> dict[str, Color]:
-        """A colour for each name, the same in all panels."""
         groups = (self.values, *self.by_parameter.values())
         names = dict.fromkeys(name for group in groups for name in group)
         return dict(zip(names, curve_colors(len(names)), strict=True))
@@ -141,31 +133,14 @@ def plot_result(
 ) -> Figure:
     """Plot states, outputs and inputs over time, and sensitivities next to them.
 
-    Parameters
-    ----------
-    result : RunRecord
-        The result of a simulation.
-    names : str, sequence of str or of (str, str), or None
-        States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
-        ``(name, parameter)``. If no sensitivity is named, those of the named states and outputs to
-        the first four parameters are added. None plots the coordinates, the states that are not
-        rates.
-    overlay : mapping of (name, parameter) to (t, values), or None
-        Sensitivities from another source, such as finite differences, each of shape (n,), drawn as
-        open circles.
-    make : callable, optional
-        Function that makes a figure of the given width and height, [in]; by default pyplot does not
-        manage it.
+    Names are states, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or ``(name,
+    parameter)``. If no sensitivity is named, those of the named states and outputs to the first
+    four parameters are added. None means the coordinates, the states that are not rates.
+    ``overlay`` has the times and values of sensitivities from another source, such as finite
+    differences, drawn as open circles.
 
-    Returns
-    -------
-    Figure
-        On the left one panel for each unit; on the right one for each unit and parameter.
-
-    Raises
-    ------
-    SceneError
-        If the result has no variable with a name, or an overlay belongs to no curve.
+    The figure has on the left one panel for each unit; on the right one for each unit and
+    parameter. Raises SceneError if a name is unknown, or an overlay belongs to no curve.
     """
     parameters = result.parameters_of_sensitivity
     curves = choose_curves(names, result.states, _followers(result), result.inputs, parameters)
@@ -216,10 +191,9 @@ def _followers(result: RunRecord) -> tuple[str, ...]:
 
 
 def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
-    """Draw curves of one unit into the given axes.
+    """Draw curves of one unit into the given axes, without sensitivities unless named.
 
-    Names are as in :func:`plot_result`, but no sensitivity is added. Raises SceneError if a name is
-    unknown, or the curves have several units.
+    Raises SceneError if a name is unknown, or the curves have several units.
     """
     known = (result.states, _followers(result), result.inputs, result.parameters_of_sensitivity)
     curves = choose_curves(names, *known, is_alone=True)
