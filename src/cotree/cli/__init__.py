@@ -1,7 +1,6 @@
 """The command line, which converts arguments to calls and results to text and files.
 
-For runs, the C engine begins to compile before the command's packages are imported. At the first
-run on a machine, compilation thus overlaps with imports and with forming the equations.
+The C engine of a run begins to compile before the command's packages are imported.
 """
 
 from __future__ import annotations
@@ -37,8 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def begin_engine(arguments: Sequence[str]) -> None:
     """Begin to build the engine if the command line runs a scene.
 
-    Scene, method and presence of events are guesses; the command itself checks its arguments and
-    waits for the engine that it needs.
+    Scene, method and presence of events are guesses, which the command itself checks.
     """
     if "run" not in arguments or "--help" in arguments:
         return

@@ -161,10 +161,9 @@ Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to 
 def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
     """Return a decorator that adds the options of a command's arguments ``settings`` and ``tree``.
 
-    ``settings`` is replaced by options for all settings of runs that have a help text, except those
-    in ``leave``; the command receives a dict of the options that were set, including parameters,
-    initial values and inputs. ``helps`` replaces help texts or defaults of settings. ``tree`` is
-    replaced by ``--tree``; the command receives the chosen tree.
+    ``settings``, a dict of the options that were set, is replaced by options for all settings of
+    runs that have a help text, except those in ``leave``; ``helps`` replaces help texts or
+    defaults. ``tree`` is replaced by ``--tree``.
     """
     rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
     shared = {"settings": [_parameter(name, row, helps.get(name)) for name, row in rows.items()]}

@@ -34,11 +34,7 @@ def draw_run(
     settings: Mapping[str, Any],
     names: Sequence[str] = (),
 ) -> None:
-    """Draw the result of a model, with finite differences, and save the figure.
-
-    ``settings`` are the arguments of :meth:`cotree.Model.simulate`, and ``names`` the curves; see
-    :func:`check_names`.
-    """
+    """Draw curves of a result, with finite differences, and save the figure."""
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
     # After a failed run, the runs for finite differences would fail, too.
