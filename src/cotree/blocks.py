@@ -1,8 +1,6 @@
 """Linear systems of signals as scenes, to be added to others as parts.
 
-In: matrices or polynomials. Out: scenes with inputs ``u`` and outputs ``y``, whose entries are
-parameters. States are the voltages of 1 F capacitors, charged by current sources, as in an analogue
-computer.
+States are the voltages of 1 F capacitors, charged by current sources, as in an analogue computer.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Comparison of sensitivities with finite differences over a range of step sizes.
-
-In: a model compiled with sensitivities. Out: a report with the deviation as a function of the step
-size for each of them, and whether it is as small as rounding and integration errors allow.
-"""
+"""Comparison of sensitivities with finite differences over a range of step sizes."""
 
 from __future__ import annotations
 
@@ -45,17 +41,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A run that is repeated with one value changed.
-
-    Attributes
-    ----------
-    model : Model
-        The model that runs.
-    t_eval : ndarray, shape (n_t,)
-        Times to report, [s]; the run goes from the first to the last.
-    settings : mapping of str to object
-        Other arguments of :meth:`cotree.Model.simulate`: method, tolerances, parameters, ...
-    """
+    """A run from the first to the last of ``t_eval`` that is repeated with one value changed."""
 
     model: Model
     t_eval: Array
@@ -67,15 +53,7 @@ class Experiment:
         return (*self.model.states, *self.model.outputs)
 
     def run(self, changed: Mapping[str, float] | None = None) -> Result:
-        """Simulate with changed parameters or initial values.
-
-        Raises
-        ------
-        ModelError
-            If the model rejects a value.
-        SolveError
-            If the integration fails.
-        """
+        """Simulate with changed parameters or initial values."""
         parameters, initial = self._values("parameters"), self._values("initial")
         for name, value in (changed or {}).items():
             # The name of a state represents its initial value, as for sensitivities.
@@ -101,8 +79,7 @@ class Experiment:
         """Return the scale of the finite-difference steps of a parameter or initial value.
 
         It is the magnitude of the parameter. An initial value is often zero or small by chance; its
-        scale is the largest magnitude of the state in ``result``. If this is zero, too, the scale
-        is 1.
+        scale is the largest magnitude of the state in ``result`` or, if this is zero, 1.
         """
         if name in self.model.states:
             size = float(np.max(np.abs(result[name])))
@@ -111,25 +88,9 @@ class Experiment:
         return size or 1.0
 
     def central_difference(self, name: str, step: float) -> Array:
-        """Approximate the derivatives of states and outputs by a central difference.
+        """Approximate the derivatives of states and outputs, (n_states + n_outputs, n_t).
 
-        Parameters
-        ----------
-        name : str
-            A parameter, or a state, which represents its initial value.
-        step : float
-            Half the distance between the two runs, in the unit of ``name``.
-
-        Returns
-        -------
-        ndarray, shape (n_states + n_outputs, n_t)
-
-        Raises
-        ------
-        ModelError
-            If the model rejects one of the two values.
-        SolveError
-            If one of the two integrations fails.
+        ``step`` is half the distance between the two runs, in the unit of ``name``.
         """
         value = self.value(name)
         above, below = value + step, value - step
@@ -301,41 +262,9 @@ def check_sensitivities(
 ) -> CheckReport:
     """Compare sensitivities with central finite differences over a range of step sizes.
 
-    Parameters
-    ----------
-    model : Model
-        Compiled with sensitivities.
-    sensitivities : sequence of str, optional
-        The sensitivities to check; by default all.
-    t_end : float, optional
-        End of the runs, [s]; by default the scene's.
-    plain : Model, optional
-        The same scene compiled without sensitivities, for the differences. They are most of the
-        runs, which then take a fraction of the time.
-    parameters : mapping of str to float, optional
-        Parameter values that replace the scene's.
-    method : str, optional
-        The method of all runs; by default that of ``auto``.
-    report : callable, optional
-        Called with each part of :meth:`CheckReport.summary` as soon as it is available.
-    **settings
-        Settings of all runs, see :meth:`cotree.Model.simulate`. By default ``rtol`` is 1e-12, and
-        ``atol`` a hundredth of it.
-
-    Returns
-    -------
-    CheckReport
-        A row for each parameter.
-
-    Raises
-    ------
-    ParameterError
-        If a sensitivity was not compiled in, or there is none.
-    ModelError
-        If a value or a setting is refused.
-    SolveError
-        If the run at the unchanged values fails. If a run at changed values fails, its step is left
-        out.
+    See :meth:`cotree.Model.check`. ``plain`` is the same scene compiled without sensitivities, for
+    the differences: most of the runs then take a fraction of the time. If a run at changed values
+    fails, its step is left out.
 
     Notes
     -----
@@ -359,8 +288,6 @@ def check_sensitivities(
     least the requested accuracy, atol + rtol max|S| and atol + rtol max|y|. The step h* is that of
     the most accurate FD: the smaller of the two neighbours whose differences agree best. It does
     not depend on S, so that a wrong S cannot select a favourable step.
-
-    A parameter passes if this holds for every state and output.
     """
     names = _checked_names(model, sensitivities)
     # A short run determines the method that "auto" selects and the scene's end time.

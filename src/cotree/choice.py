@@ -118,9 +118,8 @@ def choose_first_graph(
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
     """Form the first graph in the tree and the axes with the cheapest equations.
 
-    Also returns all alternatives that were tried, the cheapest first. ``check`` may raise an error
-    for the first graph in the first tree, before other trees are tried; ``baumgarte`` is the decay
-    rate of constraint violations, [1/s]. Errors of the first tree and of the check are raised.
+    Also returns all alternatives, the cheapest first. ``check`` may raise an error for the first
+    graph in the first tree, before other trees are tried; errors of this tree are raised.
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)
@@ -166,8 +165,7 @@ def _tried(
 def _eliminations(first: FirstGraph, *, may_defer: bool) -> list[tuple[TreeLink, ...]]:
     """List the elimination methods to compare: by the matrix, along the tree, or both.
 
-    Sensitivity operations do not wait for each other, so deferred elimination does not accelerate
-    them.
+    Sensitivity operations are independent, so deferred elimination does not accelerate them.
     """
     # If there are few bodies, elimination along the tree only adds operations.
     if len(first.motion.geometry) < _LONG:

@@ -1,7 +1,6 @@
 """Table of the physical domains: names, symbols and units of across and through variables.
 
-A domain defines the variables of one linear graph ([1] section 1.1). A new domain is a new row of
-`_ROWS`.
+A domain defines the variables of one linear graph ([1] section 1.1), in a row of `_ROWS`.
 """
 
 from __future__ import annotations
@@ -18,65 +17,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Domain:
-    """The across and through variables of one physical domain.
-
-    Parameters
-    ----------
-    name : str
-        Name of the domain, also of its linear graph.
-    across : tuple of str
-        The across variables, each one the time derivative of the one before it.
-    across_symbol : str
-        Symbol of the first across variable.
-    through : str
-        The through variable.
-    through_symbol : str
-        Symbol of the through variable.
-    across_unit : str
-        SI unit of the first across variable.
-    through_unit : str
-        SI unit of the through variable.
-    stretch, stretch_unit : str
-        Symbol and SI unit of the integral of the across variable over time, where it has a name.
-    content, impulse : pair of str
-        Symbol and SI unit of the quantities that storages hold: the integral of the through
-        variable, such as charge, and that of the across variable, such as flux linkage. Empty if no
-        storage holds it, or if ``stretch`` names it.
-    is_scalar : bool
-        Whether variables are scalars, as in networks, instead of vectors, as in multibody systems.
-    head_first : bool
-        Whether edges are written with the head of the across variable before its tail.
-    remedy : str
-        Message part: what to add at a node if no equation determines its across variable.
-    absolute : str
-        Message part: the fault and its remedy if a storage whose across variable is measured from
-        the ground starts at another node, ``{tail}``.
-    """
+    """The across and through variables of one physical domain; symbols and units in SI."""
 
     name: str
+    #: The across variables, each one the time derivative of the one before it.
     across: tuple[str, ...]
     across_symbol: str
     through: str
     through_symbol: str
     across_unit: str
     through_unit: str
+    #: Symbol and unit of the integral of the across variable over time, where it has a name.
     stretch: str = ""
     stretch_unit: str = ""
+    #: Symbol and unit of what storages hold: the integrals of the through variable, such as charge,
+    #: and of the across variable, such as flux linkage, unless ``stretch`` names it.
     content: tuple[str, str] = ("", "")
     impulse: tuple[str, str] = ("", "")
+    #: Whether variables are scalars, as in networks, instead of vectors, as in multibody systems.
     is_scalar: bool = False
+    #: Whether edges are written with the head of the across variable before its tail.
     head_first: bool = False
+    #: Message part: what to add at a node if no equation determines its across variable.
     remedy: str = "a resistance or a storage"
+    #: Message part: the fault and its remedy if a storage whose across variable is measured from
+    #: the ground starts at another node, ``{tail}``.
     absolute: str = ""
 
     def summary(self) -> str:
-        """Return a description of the domain on one line.
-
-        Examples
-        --------
-        >>> domain("translation").summary()
-        'translation: across r [m] (position, velocity, acceleration), through F [N] (force)'
-        """
+        """Return a description of the domain on one line."""
         return (
             f"{self.name}: across {self.across_symbol} [{self.across_unit}] "
             f"({', '.join(self.across)}), through {self.through_symbol} [{self.through_unit}] "
@@ -196,11 +165,7 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType({row.name: row for row in _ROWS
 
 
 def domain(name: str) -> Domain:
-    """Return the domain with the given name.
-
-    >>> domain("rotation").through_unit
-    'N m'
-    """
+    """Return the domain with the given name; raise SceneError if there is none."""
     try:
         return DOMAINS[name]
     except KeyError:

@@ -1,10 +1,10 @@
 """Equations of a scene: ``A(x) w = b(x)`` and ``M x' = rates(x, w)``, with their derivatives.
 
 The unknowns w, accelerations and multipliers, solve linear equations at each instant. M is
-diagonal: one for states with a rate, zero for algebraic unknowns, which nonlinear equations
-determine. Those come last among the states, and their ``rates`` are the residuals of these
-equations. A derivative along a direction has the same matrices on the left: ``A w_p = b_p`` and ``M
-x_p' = rates_p``. All values are nodes of one arena.
+diagonal: one for states with a rate, zero for algebraic unknowns, which come last among the states
+and whose ``rates`` are the residuals of their equations. A derivative along a direction has the
+same matrices on the left: ``A w_p = b_p`` and ``M x_p' = rates_p``. All values are nodes of one
+arena.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
 class Derivative:
     """Derivatives of the equations along one direction.
 
-    A direction may change only a few of thousands of states and outputs, so only nonzero
-    derivatives are stored, by index.
+    Only nonzero ones are stored, by index: they may be few among thousands.
     """
 
     name: str  # parameter or state by which the equations are differentiated

@@ -35,10 +35,7 @@ class Error(Exception):
     """Base class of the errors that cotree raises."""
 
     def _render_traceback_(self) -> list[str]:
-        """Return a traceback for notebooks: the user's statements and the message.
-
-        Frames inside cotree are omitted; ``%debug`` still has them.
-        """
+        """Return a traceback for notebooks without frames inside cotree."""
         return [*_own_frames(self.__traceback__), f"{type(self).__name__}: {self}"]
 
 
@@ -149,10 +146,7 @@ def check_known(
     after: str = "",
     error: type[Error] = SceneError,
 ) -> None:
-    """Raise an error for the first unknown name, with a suggestion.
-
-    The message contains ``what``, as in ``"edge 'k' has no field"``, the name, and ``after``.
-    """
+    """Raise an error for the first unknown name, with a suggestion: "WHAT 'NAME'AFTER"."""
     names = frozenset(known)
     for name in given:
         if name not in names:
@@ -173,10 +167,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _own_frames(trace: TracebackType | None) -> list[str]:
-    """Return the frames of a traceback that belong to neither cotree nor the notebook software.
-
-    Each frame is one line, followed by its statement.
-    """
+    """Return the frames of a traceback that belong to neither cotree nor notebook software."""
     package = str(Path(__file__).parent)
     # Imported here, since commands start faster without it.
     import traceback

@@ -92,9 +92,9 @@ def _with_point(cell: str) -> str:
 
 
 def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows of comma-separated values.
+    """Write rows of comma-separated values; nan is an empty cell.
 
-    Numbers have the fewest digits that read back as the same number; nan is an empty cell.
+    Numbers have the fewest digits that read back as the same number.
     """
     writer = csv.writer(file, lineterminator="\n")
     writer.writerows(map(_cell, row) for row in rows)
@@ -132,10 +132,7 @@ def check_parent(path: Path) -> None:
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
-    """Return the path of an output file; raise SceneError if the system cannot represent its name.
-
-    Such names contain a NUL, or characters that the file system cannot encode.
-    """
+    """Return the path of an output file; raise SceneError for a name that no file can have."""
     target = Path(path)
     try:
         # Otherwise the system would raise other errors for these names, some only on writing.
@@ -151,8 +148,8 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 def atomic_write(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
     """Return a temporary file that replaces a file once it is complete.
 
-    A reader never sees an incomplete file, and after an error the old file is unchanged. Devices,
-    pipes and links are not replaced but written to.
+    After an error the old file is unchanged. Devices, pipes and links are not replaced but written
+    to.
     """
     target = target_path(path, what)
     is_other = target.is_symlink() or (target.exists() and not target.is_file())

@@ -89,8 +89,8 @@ _LIKE = 0.8  # minimum similarity of two names, from 0 to 1
 def similar_name(name: str, others: Iterable[str]) -> str:
     """Return the one of ``others`` that ``name`` probably misspells, or "" if none is similar.
 
-    Names that differ in digits only, such as ``m1`` and ``m2``, are not similar. Names in a part
-    are compared with names in the same part.
+    Names that differ in digits only, such as ``m1`` and ``m2``, are not similar, nor are names in
+    different parts.
     """
     form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
     alike = (other for other in others if other.rpartition(".")[0] == owner)
@@ -509,8 +509,8 @@ def lint(
 ) -> tuple[Finding, ...]:
     """Return the findings of a scene, except those that ``allow`` or the scene permits.
 
-    Entries of ``allow`` are ``rule`` or ``rule:name``; SceneError is raised for an unknown rule. If
-    ``is_formed``, the equations are formed, too, and errors are findings.
+    If ``is_formed``, the equations are formed, too, and errors are findings. Raises SceneError for
+    an unknown rule in ``allow``.
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []

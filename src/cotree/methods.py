@@ -1,8 +1,4 @@
-"""Table of the integration methods.
-
-A new method of a known family is a row of ``METHODS``. Its name then appears in the documentation
-of settings and in the help of commands.
-"""
+"""Table of the integration methods."""
 
 from __future__ import annotations
 
@@ -74,13 +70,7 @@ SUNDIALS = ("cvode", "ida", "cvodes", "idas")
 
 
 def method_row(method: str) -> Method:
-    """Return the table row of a method.
-
-    Raises
-    ------
-    SolveError
-        If no method has this name; the message suggests a similar one.
-    """
+    """Return the table row of a method; raise SolveError with a suggestion if there is none."""
     if method not in METHODS:
         raise SolveError(f"There is no method '{method}'{nearest(method, [*METHODS, 'auto'])}")
     return METHODS[method]

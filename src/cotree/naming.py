@@ -45,11 +45,10 @@ _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean",
 
 
 def check_name(kind: str, name: object) -> str:
-    """Check the name of a node, edge, parameter, input or output.
+    """Raise SceneError for an invalid name of a node, edge, parameter, input or output.
 
-    Raises SceneError if it is not a letter or underscore followed by at most 63 letters, digits or
-    underscores, or is a reserved word of expressions. Nodes and edges may have reserved words as
-    names, since a dot follows them.
+    A name is a letter or underscore followed by at most 63 letters, digits or underscores. Only
+    nodes and edges, whose names a dot follows, may have reserved words of expressions as names.
     """
     if not isinstance(name, str) or not _NAME.match(name):
         raise SceneError(
@@ -75,10 +74,7 @@ def check_path(kind: str, name: object) -> str:
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split a variable's name at the last dot: into ``leg1.knee`` and ``theta``, for example.
-
-    Without a dot, the first part is empty.
-    """
+    """Split a variable's name at the last dot; without a dot, the first part is empty."""
     owner, _, variable = name.rpartition(".")
     return owner, variable
 

@@ -68,11 +68,7 @@ class Formed:
 def draw_graphs(
     scene: SceneDescription, tree: TreeChoice
 ) -> tuple[dict[str, LinearGraph], dict[str, Tree]]:
-    """Form the linear graphs of a scene and choose their trees.
-
-    Raises TopologyError if the scene has no edges, a node is floating, or a named tree is not a
-    tree.
-    """
+    """Form the linear graphs of a scene and choose trees; raise TopologyError if that fails."""
     check_edges(scene)
     mechanics = scene.mechanics
     graphs = linear_graphs(mechanics)
@@ -101,30 +97,11 @@ def formulate(
     baumgarte: float = 0.0,
     check: Callable[[FirstGraph], None] | None = None,
 ) -> tuple[FirstGraph, Equations, tuple[Alternative, ...]]:
-    """Form the governing and sensitivity equations of a scene.
+    """Return the first graph, the equations and the formulations tried, the cheapest first.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    sensitivities : sequence of str
-        Parameters, and states whose initial values, sensitivities are taken to.
-    tree : None, sequence of str, or mapping of domain to sequence of str
-        The branches; None chooses them by the cost of the equations.
-    baumgarte : float
-        Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
-    check : callable, optional
-        May raise an error for the first graph in the first tree, before other trees are tried.
-
-    Returns
-    -------
-    first, equations, alternatives : FirstGraph, Equations, tuple of Alternative
-        The alternatives are the formulations that were tried, the cheapest first.
-
-    Raises
-    ------
-    ModelError, FormulationError
-        If the scene is invalid, or its equations cannot be formed.
+    ``baumgarte`` is the rate, [1/s], at which violated constraints decay; zero leaves them to
+    projection. ``check`` may raise an error for the first graph in the first tree, before other
+    trees are tried. Raises ModelError or FormulationError if the equations cannot be formed.
     """
     with within_range(scene):
         check_scene_units(scene)
@@ -157,8 +134,7 @@ def _check_kinks(first: FirstGraph, sensitivities: Sequence[str]) -> None:
 def _check_impacts(first: FirstGraph) -> None:
     """Raise an error if the inertia or friction of an impact depends on time or inputs.
 
-    Sensitivities would need the derivatives of inertia and friction with respect to the time of the
-    impact.
+    Sensitivities would need their derivatives with respect to the time of the impact.
     """
     ports = first.network.ports if first.network else {}
     stops = [port.edge.name for port in ports.values() if port.kind is Kind.STOP]
@@ -193,9 +169,8 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     """Estimate the cost of the equations in each tree; return one row per tree, the cheapest first.
 
-    Pairs of different trees for translation and rotation come last, since they are only used if the
-    user names them. If no equations can be formed, the result is empty. Raises TopologyError as
-    :func:`draw_graphs`.
+    Pairs of different trees for translation and rotation come last: they are only used if named.
+    The result is empty if no equations can be formed.
     """
     trees = trees_to_try(scene, None)
     try:

@@ -1,8 +1,8 @@
 """Thread-safe suppression of warnings, a lock for parsers, and pauses of the cycle collector.
 
-``warnings.catch_warnings`` restores the filters that it found at its start. If two threads overlap,
-the one that ends last restores the filters of the other, and warnings remain suppressed. Here the
-first thread adds a filter, and the last one removes it.
+If two threads overlap in ``warnings.catch_warnings``, the one that ends last restores the filters
+of the other, and warnings remain suppressed. Here the first thread adds a filter, and the last one
+removes it.
 """
 
 from __future__ import annotations
@@ -66,10 +66,7 @@ def _filters() -> list[Any]:
 
 
 def level_of_user() -> int:
-    """Return the stack level at which ``warnings.warn`` shows the user's line.
-
-    It is the level of the first caller outside this package and ``functools``.
-    """
+    """Return the stack level of the first caller outside this package, for ``warnings.warn``."""
     inner, level = (str(Path(__file__).parent), functools.__file__), 1
     frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(inner):

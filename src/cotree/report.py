@@ -1,7 +1,6 @@
 """Reports of objects: text in terminals, HTML in notebooks.
 
-In: names, numbers and texts. Out: aligned columns of text, and HTML in the light or dark colours of
-its page. All texts are escaped in HTML, since they may come from untrusted files.
+All texts are escaped in HTML, since they may come from untrusted files.
 """
 
 from __future__ import annotations
@@ -27,24 +26,11 @@ _SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
 
 @dataclass(frozen=True)
 class Table:
-    """A table: rows under headings.
+    """A table: rows under headings, of texts and numbers, which are right-aligned.
 
-    Attributes
-    ----------
-    head : sequence of str
-        Headings of the columns.
-    rows : sequence of sequence
-        Cells: texts, and numbers, which are right-aligned.
-    caption : str
-        The name of the table.
-    align : str
-        For each column ``l`` or ``r``; by default decided by the first row.
-    digits : int
-        Significant digits of numbers.
-    in_text : int, optional
-        Number of columns in text, by default all; HTML has all of them.
-    most : int
-        Largest number of rows in HTML; a note states the number of the others.
+    ``align`` has for each column ``l`` or ``r``, by default decided by the first row. ``digits``
+    are significant digits of numbers. In text, only the first ``in_text`` columns are shown; in
+    HTML, at most ``most`` rows.
     """
 
     head: Sequence[str]
@@ -158,15 +144,7 @@ def _wrapped(text: str, width: int) -> list[tuple[bool, str]]:
 
 @dataclass(frozen=True)
 class Report:
-    """A title with sentences and tables.
-
-    Attributes
-    ----------
-    title : str
-        The first line.
-    parts : tuple of str or Table
-        Parts in order; empty ones are left out. HTML joins the lines of a text.
-    """
+    """A title with sentences and tables; empty parts are left out."""
 
     title: str
     parts: tuple[str | Table, ...]
@@ -231,15 +209,7 @@ class Reported:
 
 
 class Listing(Reported, dict[str, Any]):
-    """A table of objects by name, displayed with one line for each.
-
-    The objects have a method ``cells()``, which returns texts and numbers, the name first.
-
-    Parameters
-    ----------
-    *head : str
-        Headings of the columns.
-    """
+    """Objects by name, shown as a table of their ``cells()``: texts and numbers, the name first."""
 
     def __init__(self, *head: str) -> None:
         super().__init__()
@@ -257,13 +227,7 @@ class Listing(Reported, dict[str, Any]):
 
 
 def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | None = None) -> Any:
-    """Convert rows or columns to a pandas DataFrame.
-
-    Raises
-    ------
-    Error
-        If pandas is not installed.
-    """
+    """Convert rows or columns to a pandas DataFrame; raise Error if pandas is not installed."""
     try:
         import pandas as pd
     except ImportError as error:
@@ -286,17 +250,7 @@ def json_values(value: Any) -> Any:
 
 
 def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: Any) -> Table:
-    """Return a table, for HTML only, of a matrix with named rows and columns.
-
-    Parameters
-    ----------
-    caption : str
-        Its name.
-    rows, columns : sequence of str
-        Names.
-    values : ndarray, shape (n_rows, n_columns)
-        Its entries.
-    """
+    """Return a table for HTML of a matrix (n_rows, n_columns) with named rows and columns."""
     shown = zip(rows, values[:, :MOST_COLUMNS].tolist(), strict=True) if columns else ()
     body = [(name, *entries) for name, entries in shown]
     return Table(("", *columns), body, caption, in_text=0, most=MOST_COLUMNS)

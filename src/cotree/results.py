@@ -1,8 +1,4 @@
-"""Simulation results with their plots and animations.
-
-In: the record of a run and its model. Out: a ``Result``, which can be plotted over time and, if
-bodies move in space, animated.
-"""
+"""Simulation results with their plots and animations."""
 
 from __future__ import annotations
 

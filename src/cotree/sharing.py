@@ -1,7 +1,6 @@
 """Caches that threads share: one thread computes a value at its first use, the others wait.
 
-They hold compiled libraries, run preparations, and derivatives that are rarely used. Only one
-thread at a time may form derivatives, since the arena numbers their nodes in order.
+Only one thread at a time may form derivatives, since the arena numbers their nodes in order.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """The specification of a model, and its compilation to kernels.
 
-If the library of a model is cached, forming and printing its equations takes most of the time.
-Therefore programs with their C text are cached, too, with the specification and cotree's own
-sources as key. The stages before the program are repeated if they are needed, as by linearization
-and animation.
+Programs with their C text are cached, too, with the specification and cotree's own sources as key:
+forming and printing equations would take most of the time if the library is cached. The stages
+before the program are repeated if needed, as by linearization and animation.
 """
 
 from __future__ import annotations

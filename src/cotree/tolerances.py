@@ -1,7 +1,6 @@
 """Tolerances shared by several packages, and checks of a user's tolerances.
 
-Checks take a number and return the reason why it is rejected, as a sentence without a capital and a
-full stop. They are the same for runs, scenes, benches and C.
+Checks return the reason why a number is rejected, without a capital and a full stop.
 """
 
 from __future__ import annotations
@@ -75,10 +74,7 @@ LIMITS = Limits()
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
-    """Return the reason why a relative tolerance is rejected, or an empty string.
-
-    ``least`` is the smallest accepted one, by default the smallest positive number.
-    """
+    """Return the reason why a relative tolerance, at least ``least``, is rejected, or ""."""
     if not (math.isfinite(rtol) and rtol >= least):
         return f"rtol is {rtol}; give a positive finite number"
     if rtol >= LARGEST_RTOL:

@@ -1,8 +1,8 @@
 """Units: texts such as ``N m s/rad`` or ``mm``, their dimensions, and factors to SI.
 
-Products, quotients and powers of symbols are parsed here, and symbols of SI are known; other
-symbols are looked up in the library pint. Pint only receives names: its parser evaluates
-arithmetic, so that a text such as ``10**10**10`` from a file would never return.
+Products, quotients and powers of symbols are parsed here; symbols other than SI are looked up in
+pint. Pint only receives names: its parser evaluates arithmetic, so that a text such as
+``10**10**10`` from a file would never return.
 """
 
 from __future__ import annotations
@@ -69,16 +69,8 @@ _SPELT = {"^": "**", "·": "*", ".": "*", "×": "*"}
 class Unit:
     """A unit: a value in it times ``factor`` plus ``offset`` is the value in ``si``.
 
-    Attributes
-    ----------
-    text : str
-        The original text.
-    si : str
-        The equivalent SI unit.
-    factor, offset : Fraction
-        One and zero for SI units. As fractions, they convert 35 mm to the same double as 0.035 m.
-    dimension : tuple of float
-        Exponents of the base units, and of angle and cycles.
+    As fractions, factors convert 35 mm to the same double as 0.035 m. ``dimension`` has the
+    exponents of the base units, and of angle and cycles.
     """
 
     text: str
@@ -97,10 +89,7 @@ class Unit:
         return float(Fraction(repr(value)) * self.factor + self.offset)
 
     def fits(self, other: Unit) -> bool:
-        """Return whether both units measure the same quantity.
-
-        Radians may be omitted, but cycles are not radians.
-        """
+        """Return whether both measure the same quantity; radians may be omitted, cycles not."""
         return same_dimension(self.dimension, other.dimension)
 
 

@@ -1,7 +1,6 @@
 """Results of a simulation by name, and the trajectory that every solver returns.
 
-In: trajectories of states, sensitivities, outputs and inputs with their names. Out: arrays by
-name, tables, a report. Figures are made in :mod:`cotree.results`.
+Figures are made in :mod:`cotree.results`.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Return an item for a record's values, with which fields are computed on first use.
 
     ``makes`` has, for each such field, a function that returns this field and all that are computed
-    with it. Threads may call it concurrently, so it must return the same values each time.
+    with it. Threads may call it concurrently.
     """
     return {_PENDING: makes}
 
