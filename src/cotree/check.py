@@ -313,8 +313,6 @@ def _no_report(text: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """The runs with unchanged parameters and initial values."""
-
     experiment: Experiment  # the experiment whose runs form the differences
     #: Runs with sensitivities, at the given tolerances and at larger ones.
     with_s: Result
@@ -429,7 +427,6 @@ def _differences(
 
 
 def _largest(values: Array) -> Array:
-    """Return the largest magnitude over time, shape (n_quantities,)."""
     largest: Array = np.max(np.abs(values), axis=-1)
     return largest
 

@@ -514,7 +514,6 @@ class Model(Reported):
         return check_sensitivities(model, names, t_end, plain, **own, **settings)
 
     def _with(self, sensitivities: tuple[str, ...]) -> Model:
-        """Compile the same scene with the given sensitivities."""
         spec = replace(self.spec, sensitivities=sensitivities)
         return self._variants.of(sensitivities, lambda: compile_spec(spec))
 

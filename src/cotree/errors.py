@@ -126,7 +126,6 @@ def nearest(name: object, known: Iterable[str]) -> str:
 
 
 def _closest(name: str, choices: Sequence[str]) -> str:
-    """Return the most similar choice; choices that differ in case only come first."""
     folded: dict[str, str] = {}
     for choice in choices:
         folded.setdefault(choice.lower(), choice)

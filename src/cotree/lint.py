@@ -194,7 +194,6 @@ def _kind(scene: SceneDescription, name: str) -> str:
 
 
 def _domains(scene: SceneDescription) -> dict[str, set[str]]:
-    """Return the domains of the edges at each node."""
     found: dict[str, set[str]] = {}
     for edge in scene.edges.values():
         if edge.component.role is not Role.NETWORK:
@@ -341,7 +340,6 @@ class _Known:
         return any(self.states(name) for inner in derived for name in inner.names)
 
     def states(self, name: str) -> bool:
-        """Return whether the scene states the unit of a name."""
         return bool(self._units.get(name))
 
     def __call__(self, name: str) -> Dimension | None:
@@ -576,7 +574,6 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
 
 
 def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
-    """Return kind and name of the element that a message mentions first."""
     kinds: dict[str, Mapping[str, object]] = {
         "edge": scene.edges,
         "parameter": scene.parameters,
@@ -591,7 +588,6 @@ def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
 
 
 def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Add line numbers in the scene file to findings."""
     lines: dict[tuple[str, str], int] = {}
     if scene.file.endswith(".toml") and os.path.isfile(scene.file):
         lines = statement_lines(read_text(scene.file, LARGEST_FILE))

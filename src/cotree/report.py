@@ -204,7 +204,6 @@ class Reported:
         return self.report().brief()
 
     def _repr_html_(self) -> str:
-        """Return the report as HTML for notebooks."""
         return self.report().html()
 
 

@@ -186,12 +186,10 @@ def read_unit(text: str) -> Unit:
 
 
 def _exact(value: float) -> Fraction:
-    """Convert a number to the decimal fraction in its shortest text."""
     return Fraction(repr(float(value)))
 
 
 def _parts(text: str) -> list[tuple[str, float]]:
-    """Parse a product: symbols with their exponents, from left to right."""
     words: list[str] = []
     names: list[str] = []
     at, is_operand = 0, False
@@ -240,7 +238,6 @@ def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, 
 
 
 def _written(parts: list[tuple[str, float]]) -> str:
-    """Write symbols with their exponents; those with negative exponents follow a slash."""
     total: dict[str, float] = {}
     for name, power in parts:
         total[name] = total.get(name, 0.0) + power

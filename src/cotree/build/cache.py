@@ -331,7 +331,6 @@ def _digest(path: Path) -> bytes:
 
 
 def _remove_tree(directory: Path) -> int:
-    """Remove a folder, and return the number of files that it contained."""
     n_files = sum(path.is_file() for path in directory.rglob("*"))
     # A build that ends in the meantime removes its own folder.
     with contextlib.suppress(FileNotFoundError):

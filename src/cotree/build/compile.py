@@ -298,7 +298,6 @@ def _steps(
 
 
 def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float) -> Path:
-    """Compile in a private folder, publish the library and return its path."""
     try:
         for _ in range(ATTEMPTS):
             found = _attempt(files, steps, key, time_limit)

@@ -126,7 +126,6 @@ def _with_memory_limit(command: Sequence[str]) -> list[str]:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a compiler and the processes that it has started."""
     if sys.platform == "win32":
         process.kill()
         return

@@ -60,7 +60,6 @@ def abandon_engine() -> None:
 
 
 def _scene_file(argument: str) -> Path | None:
-    """Return the scene file that an argument names, or None."""
     if argument.startswith("-"):
         return None
     places = (Path(argument), _SHIPPED / f"{argument}.toml")
@@ -70,7 +69,6 @@ def _scene_file(argument: str) -> Path | None:
 
 
 def _method_given(arguments: list[str]) -> str:
-    """Return the value of the option ``--method``, or "" if it is absent."""
     for place, argument in enumerate(arguments):
         if argument == _OPTION:
             return "".join(arguments[place + 1 : place + 2])

@@ -211,7 +211,6 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
 
 
 def _progress(text: str) -> None:
-    """Print a line on standard error if it is a terminal."""
     if sys.stderr.isatty():
         typer.echo(f"cotree: {text}", err=True)
 

@@ -170,7 +170,6 @@ def _ranges(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
-    """Parse one pair of bounds: ``low:high`` or ``low:high:scale``."""
     try:
         low, high, *scale = text.split(":")
         if len(scale) < 2:

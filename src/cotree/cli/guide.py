@@ -171,7 +171,6 @@ def _about(text: str) -> str:
 
 
 def _renamed(text: str, name: str) -> str:
-    """Return a scene file's text with another scene name."""
     from cotree.naming import check_scene_name
 
     check_scene_name(name)
@@ -182,7 +181,6 @@ def _renamed(text: str, name: str) -> str:
 
 
 def _write_new(path: Path, text: str) -> None:
-    """Write a new file; raise an error if it exists."""
     try:
         with path.open("x", encoding="utf-8", newline="\n") as file:
             file.write(text)

@@ -310,7 +310,6 @@ def sweep_report(runs: Any, seconds: float) -> Report:
 
 
 def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
-    """Return lines with the values and the message of each failed member."""
     if not len(failed):
         return []
     names = [name for name, row in runs.coords.items() if row.dims and set(row.dims) <= set(dims)]
@@ -347,7 +346,6 @@ def _short(value: Any) -> str:
 
 
 def _time(seconds: float) -> str:
-    """Return a duration as text with a suitable unit."""
     for factor, unit in ((1.0, "s"), (1e3, "ms")):
         if seconds * factor >= 1.0:
             return f"{seconds * factor:.3g} {unit}"

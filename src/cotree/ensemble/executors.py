@@ -342,7 +342,6 @@ class ExecutorRun:
         )
 
     def _count(self) -> int:
-        """Return the number of workers, which is updated at intervals."""
         now = time.monotonic()
         if now - self._counted > _COUNTED_FOR:
             self._n_workers, self._counted = max(1, count_workers(self._executor)), now

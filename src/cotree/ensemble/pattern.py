@@ -137,7 +137,6 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
-    """Return whether each member must be prepared in Python."""
     # Tolerances of storage contents depend on the initial state.
     if plan.model.begins_at_rest or plan.model.layout.followers:
         return True

@@ -65,7 +65,6 @@ def read_distribution(
 
 
 def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], float]) -> Any:
-    """Return the frozen distribution of scipy.stats for a kind."""
     from scipy import stats
 
     if kind == "relative":
@@ -271,7 +270,6 @@ def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatA
 
 
 def _finite(values: Any, name: str) -> FloatArray:
-    """Return quantiles; raise an error if they are not finite."""
     found = np.asarray(values, dtype=float)
     if not np.isfinite(found).all():
         raise ParameterError(

@@ -305,7 +305,6 @@ class Store:
         return int(there["block"])
 
     def _is_empty(self) -> bool:
-        """Return whether the folder is empty except for files of interrupted writes."""
         return not self.path.exists() or all(
             path.name.endswith((_DRAFT, _LOCK)) for path in self.path.iterdir()
         )
@@ -328,7 +327,6 @@ class Store:
             lock.release()
 
     def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
-        """Write manifest and coordinates of a new store."""
         schema = self._schema
         # An empty block defines all variables.
         rows = schema.variables((0,) * len(schema.dims), Block(schema.plan, 0))
@@ -399,7 +397,6 @@ class Store:
                 writing.result()
 
     def _lock(self, first: int) -> bool:
-        """Lock a block; return False if another process has locked it."""
         import filelock
 
         path = block_path(self.path, first).with_suffix(_LOCK)

@@ -136,7 +136,6 @@ def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
 
 
 def _extremes(members: Members) -> list[list[float]]:
-    """Return the rows of the members with the smallest and largest value of each column."""
     rows = members.rows
     # Members are sorted first, so that the choice among equal values does not depend on their
     # order.

@@ -218,7 +218,6 @@ def _seeds(program: Program) -> list[int]:
 
 
 def _stop_rows(program: Program, target: Target) -> list[str]:
-    """Return the C initialisers of time events at the program's parameter values."""
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()

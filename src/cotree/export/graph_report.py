@@ -87,7 +87,6 @@ class GraphReport:
         return Report("GraphReport", Facts(trees)).brief()
 
     def _repr_svg_(self) -> str:
-        """Return the graphs as SVG for notebooks."""
         from cotree.plot import draw_graphs, svg_text
 
         return svg_text(draw_graphs(self._pairs(), parts=self.parts))

@@ -115,7 +115,6 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Yield the motion space of each branch, and the force or torque along its coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -292,7 +291,6 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
 
 
 def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
-    """List each graph's letters, through and across, and its trees for f-cutsets and f-circuits."""
     own = first.system.trees
     # A multibody system has one tree for both topology matrices. Networks may have two normal
     # trees, one for through and one for across variables.
@@ -473,7 +471,6 @@ class _Speller:
                 self._remember(name, own, spelt)
 
     def _entries(self, values: Sequence[Any]) -> str:
-        """Write the entries of a scalar, a vector or a matrix."""
         entries = [self.spell(value) for value in values]
         if len(entries) == 1:
             return entries[0]

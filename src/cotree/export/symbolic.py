@@ -87,7 +87,6 @@ ARITHMETIC: dict[str, Callable[..., Any]] = {
 
 
 def _apply(op: str, args: list[Any]) -> Any:
-    """Apply an operation of :data:`cotree.dag.operations.OPERATIONS` to SymPy expressions."""
     import sympy
 
     if op in ARITHMETIC:

@@ -164,7 +164,6 @@ def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
 
 
 def _known(dataset: Any) -> list[str]:
-    """List the variables that have only member dimensions and time."""
     return [
         str(name)
         for name, row in dataset.data_vars.items()
@@ -411,7 +410,6 @@ def _label_time(ax: Axes, row: Variable) -> None:
 
 
 def _counted(row: Variable) -> str:
-    """Return a label with the number of drawn members."""
     curves_of_members = row.flat()
     failed = int(np.isnan(curves_of_members).all(axis=1).sum())
     n = len(curves_of_members)
@@ -419,7 +417,6 @@ def _counted(row: Variable) -> str:
 
 
 def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
-    """Return the lower bounds of the bands, the median, and the upper bounds."""
     there = values[~np.isnan(values).all(axis=1)]
     if not len(there):
         raise SceneError(_NOTHING)
@@ -446,7 +443,6 @@ class _Axis:
 
 
 def _axis(row: Variable, i: int) -> _Axis:
-    """Compute the cell boundaries along a member dimension."""
     title, values = row.coordinate(i)
     order = np.argsort(values, kind="stable")
     is_log = _is_logarithmic(values)

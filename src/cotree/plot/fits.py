@@ -244,13 +244,11 @@ def draw_overview(
 
 
 def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
-    """Return the entries of a legend, each label once."""
     found = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     return list(found.values()), list(found)
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with ``n`` panels; four panels form a square."""
     columns = 2 if n == 4 else min(n, _COLUMNS)
     rows = -(-n // columns)
     figure = figure_for_people(1.0 + 4.0 * columns, 0.4 + 3.2 * rows)
@@ -266,7 +264,6 @@ def _label(ax: Axes, x: str, y: str, title: str) -> None:
 
 
 def _legend(ax: Axes, n: int) -> None:
-    """Add a legend below the axes, for two to eight colours."""
     if 1 < n <= 8:
         ax.legend(
             fontsize=7, frameon=False, markerscale=1.3, loc="upper center",

@@ -166,7 +166,6 @@ def _draw_node(ax: Axes, name: str, position: Array, place: Array) -> None:
 
 
 def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
-    """Draw the ground symbol: a short post, a line and hatching."""
     side = np.array([-away[1], away[0]])
     ground = position + 0.14 * away
     strokes = [(position, ground), (ground - 0.24 * side, ground + 0.24 * side)]

@@ -81,7 +81,6 @@ def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
 
 
 def _positions(graph: LinearGraph) -> dict[str, Array]:
-    """Compute node positions whose distances approximate the distances in the graph."""
     if graph.n_nodes <= 2:
         others = [node for node in graph.nodes if node != graph.reference]
         return {graph.reference: np.zeros(2)} | {node: np.array([0.0, 2.2]) for node in others}
@@ -191,7 +190,6 @@ def _curve(
 
 
 def _clearance(fan: Sequence[Curve], others: Array) -> float:
-    """Return the least distance between the curves and the other nodes."""
     if not len(others):
         return float("inf")
     samples = np.array([curve.at(s) for curve in fan for s in np.linspace(0.05, 0.95, 19)])
@@ -221,5 +219,4 @@ def _labels(curves: Sequence[Curve], position_of: Mapping[str, Array]) -> tuple[
 
 
 def _count_within(offsets: Array, half: Array) -> int:
-    """Count the offsets that are inside boxes of the given half widths and heights."""
     return int(np.all(np.abs(offsets) < half, axis=1).sum())

@@ -278,7 +278,6 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
 
 
 def _finish(ax: Axes, subject: str, unit: str) -> None:
-    """Add labels, a grid and, for several curves, a legend."""
     bracketed = f"[{unit}]" if unit else ""
     # A label that is longer than its axis has two lines.
     between = "\n" if len(subject) + len(bracketed) > 26 else " "

@@ -60,7 +60,6 @@ def _is_known(value: object) -> bool:
 
 
 def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
-    """Return the times within a run at which a value may jump, unsorted."""
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
     p = model.arguments_of(record.parameter_values)

@@ -360,7 +360,6 @@ def _check_calls(program: Program) -> None:
 
 
 def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
-    """Return the places of the inputs that are set from outside."""
     layout, own = program.layout, program.kernels["inputs"].results
     known = [row.name for row in layout.inputs]
     if wanted is None:

@@ -377,7 +377,6 @@ class _Listing:
         return found
 
     def _reference(self, column: int) -> int:
-        """Return the value reference of a column of the partial derivatives."""
         n_outside, n_p = len(self.outside), len(self.layout.parameters)
         if column < self.n:
             return self.firsts[1] + column
@@ -512,7 +511,6 @@ class _Listing:
         )  # fmt: skip
 
     def _slopes(self) -> tuple[tuple[FmuVariable, ...], tuple[FmuVariable, ...]]:
-        """Return the sensitivities of outputs, then those of states."""
         layout, found = self.layout, []
         for first, last, rows, names, causality in (
             (self.firsts[8], self.firsts[9], layout.outputs, self.own[2], "output"),
