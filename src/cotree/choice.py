@@ -215,12 +215,7 @@ def _estimates(
         # Constraint gradients border the mass matrix; multipliers follow the accelerations.
         dag = first.system.dag
         factors = factorise_bordered(
-            dag,
-            first.matrix,
-            first.is_safe,
-            first.constraints.sizes,
-            first.links,
-            first.holdings,
+            dag, first.matrix, first.is_safe, first.constraints.sizes, first.links, first.holdings
         )
         unknowns = factors.solve(first.forcing)
         alone = reachable(unknowns)

@@ -53,10 +53,7 @@ class Result(RunRecord):
         return at_more_times(self, kernels, self.settings)
 
     def plot(
-        self,
-        names: str | Sequence[str | tuple[str, str]] | None = None,
-        *,
-        ax: Axes | None = None,
+        self, names: str | Sequence[str | tuple[str, str]] | None = None, *, ax: Axes | None = None
     ) -> Figure:
         """Draw curves over time; names are the titles of ``columns()``.
 
@@ -135,10 +132,5 @@ class Result(RunRecord):
         from cotree.watch import animate
 
         return animate(
-            self,
-            model or self.model,
-            fps=fps,
-            speed=speed,
-            view=view,
-            trust_paths=trust_paths,
+            self, model or self.model, fps=fps, speed=speed, view=view, trust_paths=trust_paths
         )

@@ -94,8 +94,7 @@ def fit_scene(
         typer.Option(metavar="NAME", help="It has an estimate for each file; may be repeated."),
     ] = [],  # noqa: B006
     loss: Annotated[
-        str,
-        typer.Option(help="linear, or soft_l1, huber, cauchy, arctan: outliers count less."),
+        str, typer.Option(help="linear, or soft_l1, huber, cauchy, arctan: outliers count less.")
     ] = "linear",
     starts: Annotated[int, typer.Option(min=1, help="Number of starts of the optimiser.")] = 20,
     seed: Annotated[int, typer.Option(metavar="N", help="Of the starts but the first.")] = 0,
@@ -215,8 +214,7 @@ def optimise_scene(
         ),
     ],
     subject_to: Annotated[
-        list[str],
-        typer.Option(metavar="CONDITION", help="With <=, >= or ==; may be repeated."),
+        list[str], typer.Option(metavar="CONDITION", help="With <=, >= or ==; may be repeated.")
     ] = [],  # noqa: B006 - typer copies it
     guess: Annotated[
         list[str],

@@ -28,11 +28,7 @@ _STEP, _RTOL, _ATOL = 1e-4, 1e-10, 1e-12
 
 
 def draw_run(
-    model: Model,
-    result: Result,
-    path: Path,
-    settings: Mapping[str, Any],
-    names: Sequence[str] = (),
+    model: Model, result: Result, path: Path, settings: Mapping[str, Any], names: Sequence[str] = ()
 ) -> None:
     """Draw curves of a result, with finite differences, and save the figure."""
     chosen = check_names(model, names)
@@ -68,10 +64,7 @@ def check_names(model: Model, names: Sequence[str]) -> Curves:
 
 
 def _finite_differences(
-    model: Model,
-    result: Result,
-    pairs: Sequence[tuple[str, str]],
-    settings: Mapping[str, Any],
+    model: Model, result: Result, pairs: Sequence[tuple[str, str]], settings: Mapping[str, Any]
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Compute finite differences for pairs of quantity and parameter, without those that fail."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)

@@ -181,8 +181,7 @@ def sweep_scene(
     ] = None,
     sensitivity: Sensitivity = [],  # noqa: B006
     output: Annotated[
-        list[str],
-        typer.Option(metavar="NAME", help="An output; may be repeated. All if absent."),
+        list[str], typer.Option(metavar="NAME", help="An output; may be repeated. All if absent.")
     ] = [],  # noqa: B006
     t_end: EndTime = None,
     points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
@@ -192,8 +191,7 @@ def sweep_scene(
         int | None, typer.Option(min=1, help="Threads; as many as processors if absent.")
     ] = None,
     lanes: Annotated[
-        int | None,
-        typer.Option(min=1, help="Members side by side in vectors; 1 for none."),
+        int | None, typer.Option(min=1, help="Members side by side in vectors; 1 for none.")
     ] = None,
     store: Annotated[
         Path | None,

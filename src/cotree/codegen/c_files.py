@@ -78,7 +78,7 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
     "SUNDIALSGetVersionNumber": (
         "int",
         "int *major, int *minor, int *patch, char *label, int length",
-    ),
+    )
 }
 
 _HEADER = "cotree_sundials.h"
@@ -214,10 +214,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),
-    "start": (
-        ("start", "assembly", "run", "iteration", "least", "lu"),
-        (*_JOB_MODULES, "start"),
-    ),
+    "start": (("start", "assembly", "run", "iteration", "least", "lu"), (*_JOB_MODULES, "start")),
     "sweep": (("sweep",), ("abi", "sweep")),
 }
 

@@ -65,9 +65,7 @@ class _Segment:
 
 
 def cut_into_segments(
-    linear: LinearMap,
-    symbols: Callable[[str, int], CExpression],
-    longest: int = LONGEST_BLOCK,
+    linear: LinearMap, symbols: Callable[[str, int], CExpression], longest: int = LONGEST_BLOCK
 ) -> Segments:
     """Divide a map into segments, and these into parts of at most ``longest`` statements.
 

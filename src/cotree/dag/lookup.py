@@ -161,10 +161,7 @@ class HeldPlane(PlaneTable):
     """
 
     function = "cotree_held_plane"
-    results = (
-        *PlaneTable.results,
-        *("low_x", "high_x", "piece_x", "low_y", "high_y", "piece_y"),
-    )
+    results = (*PlaneTable.results, *("low_x", "high_x", "piece_x", "low_y", "high_y", "piece_y"))
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
@@ -199,12 +196,7 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
     by_x = (z[i + 1, j] - z[i, j]) / width
     by_y = (z[i, j + 1] - z[i, j]) / height
     twist = ((z[i + 1, j + 1] - z[i, j + 1]) / width - by_x) / height
-    return [
-        z[i, j] + s * by_x + u * (by_y + s * twist),
-        by_x + u * twist,
-        by_y + s * twist,
-        twist,
-    ]
+    return [z[i, j] + s * by_x + u * (by_y + s * twist), by_x + u * twist, by_y + s * twist, twist]
 
 
 def _held(number: Any, own: Any) -> Any:

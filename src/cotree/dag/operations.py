@@ -190,14 +190,7 @@ _ROWS = (
     Operation("floor", 1, floor, _complex_floor, np.floor, "floor({0})"),
     Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
     Operation("pow", 2, power, operator.pow, np.power, "pow({0}, {1})"),
-    Operation(
-        "select",
-        3,
-        _select,
-        _complex_select,
-        _array_select,
-        "({0} >= 0.0 ? {1} : {2})",
-    ),
+    Operation("select", 3, _select, _complex_select, _array_select, "({0} >= 0.0 ? {1} : {2})"),
 )
 
 OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}

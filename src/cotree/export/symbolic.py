@@ -217,12 +217,7 @@ def symbolic_events(
         new = {states[target]: values[place] for target, place in kept}
         restitution = None if row.restitution is None else values[row.restitution]
         found[row.name] = SymbolicEvent(
-            values[row.watched],
-            row.direction,
-            new,
-            restitution,
-            row.is_terminal,
-            row.part > 0,
+            values[row.watched], row.direction, new, restitution, row.is_terminal, row.part > 0
         )
     return found
 

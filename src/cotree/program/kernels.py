@@ -100,17 +100,9 @@ _ROWS = (
         "c",
         "residuals: constraints, their rates, norms of quaternions minus one",
     ),
+    KernelSpec("constraint_sensitivity", _SENSITIVITY, "dc", "sensitivities of the constraints"),
     KernelSpec(
-        "constraint_sensitivity",
-        _SENSITIVITY,
-        "dc",
-        "sensitivities of the constraints",
-    ),
-    KernelSpec(
-        "gradient",
-        _STATE,
-        "g",
-        "derivatives of the constraints' rates by the speeds, row by row",
+        "gradient", _STATE, "g", "derivatives of the constraints' rates by the speeds, row by row"
     ),
     KernelSpec(
         "start",
@@ -118,19 +110,9 @@ _ROWS = (
         "c",
         "initial conditions: residuals; redundant values as they follow, then as given",
     ),
-    KernelSpec(
-        "start_gradient",
-        _STATE,
-        "g",
-        "derivatives of these by the speeds, row by row",
-    ),
+    KernelSpec("start_gradient", _STATE, "g", "derivatives of these by the speeds, row by row"),
     KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of these"),
-    KernelSpec(
-        "projection",
-        _STATE,
-        "dx",
-        "a Newton step from the states towards the constraints",
-    ),
+    KernelSpec("projection", _STATE, "dx", "a Newton step from the states towards the constraints"),
     KernelSpec(
         "sensitivity_projection",
         _SENSITIVITY,

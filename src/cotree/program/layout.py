@@ -12,13 +12,7 @@ from cotree.report import Facts, Report, Table, names
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from cotree.equations import (
-        DerivedParameter,
-        EventRow,
-        PositionRow,
-        Quantity,
-        RedundantRow,
-    )
+    from cotree.equations import DerivedParameter, EventRow, PositionRow, Quantity, RedundantRow
 
 
 @dataclass(frozen=True)

@@ -338,10 +338,7 @@ def _moved(
 
 
 def _unknown_rates(
-    equations: Equations,
-    factors: SparseFactors,
-    rates: Sequence[Node],
-    motion: Along,
+    equations: Equations, factors: SparseFactors, rates: Sequence[Node], motion: Along
 ) -> list[Node]:
     """Form z' such that the residuals remain zero along the motion."""
     dag, n = equations.dag, len(rates)
@@ -402,10 +399,7 @@ def lower(equations: Equations) -> Program:
     zero, n, m = equations.dag.zero, len(equations.states), len(equations.outputs)
     mapped = map_rates(equations, solved, rates, reached)
     along, written_out, motion = _differentiate(
-        equations,
-        solved,
-        is_mapped=bool(mapped.sensitivities),
-        with_columns=not mapped.columns,
+        equations, solved, is_mapped=bool(mapped.sensitivities), with_columns=not mapped.columns
     )
     # Derivatives that maps do not compute are written out for each direction.
     columns = mapped.columns or [row.rates for row in written_out]

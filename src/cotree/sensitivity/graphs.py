@@ -204,12 +204,7 @@ def derived_parameters(
     nodes, names = first.system.parameters, tuple(first.system.tunable)
     return tuple(
         DerivedParameter(
-            row.name,
-            units.get(row.name, row.unit),
-            row.doc,
-            row.value.text,
-            nodes[row.name],
-            names,
+            row.name, units.get(row.name, row.unit), row.doc, row.value.text, nodes[row.name], names
         )
         for row in first.scene.parameters.values()
         if isinstance(row.value, Expression)
@@ -346,11 +341,7 @@ def _along(
         dict(symbols),
         # A w_p = b_p - A_p w. The residual of the balances is A w - b, while the rows below contain
         # -G, so that the two parts have opposite signs.
-        (
-            *(-row for row in residual),
-            *(acceleration for _, _, acceleration in held),
-            *sticking,
-        ),
+        (*(-row for row in residual), *(acceleration for _, _, acceleration in held), *sticking),
         rates,
         outputs,
         initial,

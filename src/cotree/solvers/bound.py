@@ -35,10 +35,7 @@ class BoundModel:
     """
 
     def __init__(
-        self,
-        model: CompiledModel,
-        p: FloatArray,
-        u: Callable[[float], FloatArray | None],
+        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
     ) -> None:
         self.event_rows = model.layout.events
         self._model, self._p, self._u, self._n = model, p, u, len(model.states)

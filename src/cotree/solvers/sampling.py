@@ -86,10 +86,7 @@ class Samples:
 
 
 def reaching(
-    model: CompiledModel,
-    p: FloatArray,
-    samples: Sequence[Samples],
-    u: Inputs,
+    model: CompiledModel, p: FloatArray, samples: Sequence[Samples], u: Inputs
 ) -> Callable[[float, FloatArray], None]:
     """Return a function of time and states that takes the samples due at this time."""
     n = len(model.states)

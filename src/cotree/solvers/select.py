@@ -14,13 +14,7 @@ from cotree.methods import METHODS, method_row
 from cotree.records import changed
 from cotree.solvers.engine import has_sundials
 from cotree.solvers.native import begin_in_c, check_available, engine_of, with_compile_time
-from cotree.solvers.problem import (
-    RTOL_FLOOR,
-    beyond_scipy,
-    check_problem,
-    refusal,
-    restart_times,
-)
+from cotree.solvers.problem import RTOL_FLOOR, beyond_scipy, check_problem, refusal, restart_times
 from cotree.solvers.result import FAILED
 
 if TYPE_CHECKING:

@@ -211,9 +211,7 @@ def reference_times(t_end: float, interval: float) -> npt.NDArray[np.float64]:
 
 
 def reference_files(
-    identifier: str,
-    times: Iterable[float],
-    columns: Mapping[str, Iterable[float]],
+    identifier: str, times: Iterable[float], columns: Mapping[str, Iterable[float]]
 ) -> dict[str, bytes]:
     """Return files with expected results, in the format of the layered standard LS-REF."""
     text = io.StringIO()

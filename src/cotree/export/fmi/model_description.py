@@ -198,11 +198,7 @@ class Description:
                 self._add_unknown(listed, "Unknown", reference, depends)
 
     def _add_unknown(
-        self,
-        parent: ElementTree.Element,
-        tag: str,
-        reference: int,
-        depends: tuple[int, ...] | None,
+        self, parent: ElementTree.Element, tag: str, reference: int, depends: tuple[int, ...] | None
     ) -> None:
         shift, name = (1, "index") if self.version == 2 else (0, "valueReference")
         given = {name: str(reference + shift)}
@@ -316,11 +312,7 @@ class _Listing:
     """Builds the blocks; the first reference of each follows from those before it."""
 
     def __init__(
-        self,
-        layout: Layout,
-        kernels: FmuKernels,
-        outside: Sequence[int],
-        has_sensitivities: bool,
+        self, layout: Layout, kernels: FmuKernels, outside: Sequence[int], has_sensitivities: bool
     ) -> None:
         self.layout, self.kernels, self.outside = layout, kernels, outside
         self.signals = [i for i in range(len(layout.inputs)) if i not in outside]

@@ -80,11 +80,7 @@ class SceneWriter(Generic[_Scene]):
     """Builds the scene of an SBML model; ``values`` replace values that the file lacks."""
 
     def __init__(
-        self,
-        scene_type: type[_Scene],
-        content: SbmlContent,
-        file: str,
-        values: Mapping[str, float],
+        self, scene_type: type[_Scene], content: SbmlContent, file: str, values: Mapping[str, float]
     ) -> None:
         self.content, self.file, self.values = content, file, values
         self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
@@ -204,10 +200,7 @@ class SceneWriter(Generic[_Scene]):
         value = f"{own}.c"
         if not own_value:
             place = self.content.quantities[id].compartment
-            begin, value = (
-                f"{begin}*{self._initial_name(place)}",
-                f"{value}/{self.names[place]}",
-            )
+            begin, value = (f"{begin}*{self._initial_name(place)}", f"{value}/{self.names[place]}")
         self.scene.edge(own, "species", own, "ground", volume=volume, initial={"c": begin})
         self.scene.output(own, value)
 
@@ -413,10 +406,7 @@ def read_sbml_model(
 
 
 def read_sbml_text(
-    text: str,
-    where: str,
-    scene_type: type[_Scene],
-    values: Mapping[str, float] | None = None,
+    text: str, where: str, scene_type: type[_Scene], values: Mapping[str, float] | None = None
 ) -> SbmlModel[_Scene]:
     """Read a scene from the text of an SBML file; see :func:`read_sbml_model`."""
     content = read_document(text, where)
