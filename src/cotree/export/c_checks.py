@@ -85,10 +85,6 @@ class Evaluated:
         start = self.start
         return start if is_sought else None
 
-    def is_found_in_c(self, start: Start) -> bool:
-        """Return whether ``cotree_start.c`` finds the start, too, with its sensitivities."""
-        return not (start.is_mended or start.note)
-
     def sizes(self, start: Start) -> list[float]:
         """List the factor of each state's absolute tolerance; empty if all are one."""
         # Only states that are the sum of several storages' contents have factors other than one.

@@ -148,8 +148,13 @@ def main_context(
     dependent, and rates are evaluated at projected points.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
-    target = model.target
+    target, layout = model.target, program.layout
     has_explicit = len(implicit) < len(methods)
+    sought, known = (start, None) if is_found else (None, start)
+    has_guess = layout.n_algebraic or any(row.part for row in layout.events)
+    longest = program.longest_step(layout.parameter_values)
+    held = held_parameters(program, has_start=known is not None)
+    places = {row.name: i for i, row in enumerate(layout.parameters)}
     return MainContext(
         model=model,
         integrator=methods[0],
@@ -161,18 +166,18 @@ def main_context(
         has_rtol=numbers.step is None or not implicit,
         # Fixed-step methods do not locate time events.
         stops=[] if numbers.step is not None else _stop_rows(program, target),
-        max_step=_max_step(program, target),
-        seeds=_seeds(program),
-        start=[] if start is None or is_found else _lines(start.z, target),
-        start_tables=start_tables(program.layout) if start is not None and is_found else None,
-        guess=_guess(program, start, target) if start is not None and is_found else [],
+        max_step=target.literal(longest) if math.isfinite(longest) else "",
+        # Initial values, too, may have sensitivities, but they are not parameters.
+        seeds=[places.get(name, -1) for name in layout.sensitivities],
+        start=[] if known is None else _lines(known.z, target),
+        start_tables=None if sought is None else start_tables(layout),
+        # Algebraic unknowns, and the modes of friction and stops, need guesses.
+        guess=_lines(sought.y, target) if sought is not None and has_guess else [],
         is_strict=is_strict,
         step="" if numbers.step is None else target.literal(numbers.step),
-        is_extended=has_explicit
-        and program.traits.can_extend(program.layout)
-        and not program.layout.events,
+        is_extended=has_explicit and program.traits.can_extend(layout) and not layout.events,
         sizes=_lines(sizes, target),
-        held=_held(program, has_start=start is not None and not is_found),
+        held=wrapped(str(int(i in held)) for i in range(len(places))) if held else [],
         most_steps=MOST_STEPS,
     )
 
@@ -197,26 +202,6 @@ def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
     return frozenset(s.data[1] for s in symbols_in(roots) if s.data[0] == "p")
 
 
-def _held(program: Program, *, has_start: bool) -> list[str]:
-    held = held_parameters(program, has_start=has_start)
-    n = len(program.layout.parameters)
-    return wrapped(str(int(i in held)) for i in range(n)) if held else []
-
-
-def _guess(program: Program, start: Start, target: Target) -> list[str]:
-    """Return C literals of the guesses for algebraic unknowns and for friction and stop modes."""
-    layout = program.layout
-    if not layout.n_algebraic and not any(row.part for row in layout.events):
-        return []
-    return _lines(start.y, target)
-
-
-def _seeds(program: Program) -> list[int]:
-    places = {row.name: i for i, row in enumerate(program.layout.parameters)}
-    # Initial values, too, may have sensitivities, but they are not parameters.
-    return [places.get(name, -1) for name in program.layout.sensitivities]
-
-
 def _stop_rows(program: Program, target: Target) -> list[str]:
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
@@ -236,12 +221,6 @@ def _stop_rows(program: Program, target: Target) -> list[str]:
         slopes[1::2] = [sign * d for d in slopes[1::2]]
         rows.add((first, abs(period), sign * stop.starts, *slopes))
     return [f"{{{', '.join(map(target.literal, row))}}}" for row in sorted(rows)]
-
-
-def _max_step(program: Program, target: Target) -> str:
-    """Return the maximum step size at the program's parameter values, or "" if there is none."""
-    longest = program.longest_step(program.layout.parameter_values)
-    return target.literal(longest) if math.isfinite(longest) else ""
 
 
 def _lines(values: Iterable[float], target: Target) -> list[str]:
@@ -365,7 +344,9 @@ def write_c_project(
     found = evaluated.found_start() if start is None else start
     if found is not None and found.on_jump:
         raise SolveError(found.on_jump)
-    numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
+    if target is not DOUBLE and rtol < _LEAST_RTOL:  # both are loosened by the same factor
+        rtol, atol = _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
+    numbers = Numbers(t_end, rtol, atol, step)
     sizes = [] if found is None else evaluated.sizes(found)
     main = main_context(
         program,
@@ -375,7 +356,8 @@ def write_c_project(
         found,
         sizes,
         is_strict=is_dependent,
-        is_found=found is not None and start is None and evaluated.is_found_in_c(found),
+        # ``cotree_start.c`` finds the start, too, unless it was mended or has a note.
+        is_found=found is not None and start is None and not (found.is_mended or found.note),
     )
     features = replace(
         model.features(),
@@ -410,13 +392,6 @@ def write_c_project(
     command = f"cc {flags} -o {prefix} {compiled} -lm"
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
-
-
-def _fitting(rtol: float, atol: float, target: Target) -> tuple[float, float]:
-    """Loosen both tolerances by the same factor if the number type cannot meet them."""
-    if target is DOUBLE or rtol >= _LEAST_RTOL:
-        return rtol, atol
-    return _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:

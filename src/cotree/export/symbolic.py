@@ -98,31 +98,17 @@ def _apply(op: str, args: list[Any]) -> Any:
     return getattr(sympy, _SYMPY_NAMES.get(op, op))(*args)
 
 
-def _solve_name(node: Node, position: int) -> str:
-    size = node.data.size
-    if position < size:
-        return f"x_{position + 1}"
-    return "rank" if position == size else "is_determined"
-
-
-def _table_name(_: Node, position: int) -> str:
-    return "slope" if position else ""
-
-
-def _lookup_name(node: Node, position: int) -> str:
-    return str(node.data.results[position])
-
-
-def _call_name(_: Node, position: int) -> str:
-    return str(position + 1)
+def _solve_name(node: Node, i: int) -> str:
+    last = "rank" if i == node.data.size else "is_determined"
+    return f"x_{i + 1}" if i < node.data.size else last
 
 
 #: Function names for the results of nodes with several results.
 _SEVERAL: dict[str, Callable[[Node, int], str]] = {
     "solve": _solve_name,
-    "table": _table_name,
-    "lookup": _lookup_name,
-    "call": _call_name,
+    "table": lambda node, i: "slope" if i else "",
+    "lookup": lambda node, i: str(node.data.results[i]),
+    "call": lambda node, i: str(i + 1),
 }
 
 
@@ -282,18 +268,7 @@ class SymbolicEquations:
     events: Mapping[str, SymbolicEvent]
 
     def lines(self, name: str | None = None) -> list[str]:
-        """Return the governing equations, or those of one sensitivity, as plain text.
-
-        Parameters
-        ----------
-        name : str, optional
-            A key of :attr:`sensitivity`.
-
-        Returns
-        -------
-        list of str
-            One line for each speed, then one for each constraint.
-        """
+        """Return the governing equations, or those of one sensitivity, as plain text."""
         spell = printer("text", {})
         return [self._line(equation, spell, name) for equation in self._equations(name)]
 
@@ -434,19 +409,15 @@ def _balances(
 
     totals = []
     for i, (row, b) in enumerate(zip(matrix, forcing, strict=True)):
+        pairs = list(zip(row, unknowns, strict=True))
         # Balances are A w - b. Rows of constraints have changed sign, so they are G a + b.
         if i < n_speeds:
-            terms = [a * w for a, w in zip(row, unknowns, strict=True)]
-            totals.append(sympy.Add(*terms, -b))
+            totals.append(sympy.Add(*(a * w for a, w in pairs), -b))
         else:
-            terms = [_minus_first(a, w) for a, w in zip(row, unknowns, strict=True)]
+            # A common minus sign of a sum is moved to the front.
+            terms = (-(-a * w) if a.could_extract_minus_sign() else a * w for a, w in pairs)
             totals.append(sympy.Add(*terms, b))
     return tuple(sympy.Eq(total, 0, evaluate=False) for total in totals)
-
-
-def _minus_first(a: Any, w: Any) -> Any:
-    """Multiply factors and move a common minus sign of a sum to the front."""
-    return -(-a * w) if a.could_extract_minus_sign() else a * w
 
 
 def _tidied(entry: Any) -> Any:

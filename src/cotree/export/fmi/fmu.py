@@ -26,7 +26,7 @@ from cotree.build.toolchain import Toolchain, run_limited
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.errors import BuildError, CodegenError, SolveError, check_known
 from cotree.export.c_checks import Evaluated, check_loops, check_numbers
-from cotree.export.fmi.model_description import Description, list_variables, xml_text
+from cotree.export.fmi.model_description import Description, Listing, xml_text
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import atomic_write, write_rows
 from cotree.naming import c_identifier
@@ -37,7 +37,6 @@ from cotree.report import names
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    import numpy.typing as npt
     from matplotlib.figure import Figure
 
     from cotree.model.start import Start
@@ -204,12 +203,6 @@ _REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
 _ICON = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
 
 
-def reference_times(t_end: float, interval: float) -> npt.NDArray[np.float64]:
-    """List the communication points of the default experiment."""
-    n = max(1, round(t_end / interval))
-    return np.linspace(0.0, t_end, n + 1)
-
-
 def reference_files(
     identifier: str, times: Iterable[float], columns: Mapping[str, Iterable[float]]
 ) -> dict[str, bytes]:
@@ -304,15 +297,8 @@ def write_fmu(
     # The token depends on all common data of description and library.
     token = _token(files, choice)
     files = source_files(program, kernels, replace(facts, token=token), choice.version)
-    variables = list_variables(
-        program.layout,
-        kernels,
-        outside,
-        facts.input_values,
-        facts.start,
-        has_sensitivities=facts.has_sensitivities,
-        is_found=facts.is_found,
-    )
+    listing = Listing(program.layout, kernels, outside, facts.has_sensitivities)
+    variables = listing.listed(facts.input_values, facts.start, is_found=facts.is_found)
     description = Description(
         choice.version,
         choice.kinds,
@@ -435,10 +421,9 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
     begin = model.kernels.input_values(0.0)
     wanted = choice.inputs or ()
     held = {name: u for name, u in zip(model.inputs, begin, strict=True) if name in wanted}
+    times = np.linspace(0.0, t_end, 1 + max(1, round(t_end / interval_of(t_end))))
     try:
-        result = model.simulate(
-            (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held, throw=True
-        )
+        result = model.simulate((0.0, t_end), times, inputs=held, throw=True)
     except SolveError as error:
         warnings.warn(
             f"the FMU holds no expected results, since the scene's default run fails: {error}",
@@ -467,11 +452,7 @@ def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
     ):
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
             # Without dates, the same model has the same bytes.
-            archive.writestr(_entry(name), files[name])
-
-
-def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    entry.external_attr = 0o644 << 16
-    return entry
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, files[name])

@@ -72,6 +72,7 @@ class Description:
     def model_description(self) -> str:
         """Write ``modelDescription.xml``."""
         is_new = self.version == 3
+        is_structured = all(_STRUCTURED.match(variable.name) for variable in self.variables.all)
         root = ElementTree.Element(
             "fmiModelDescription",
             {
@@ -80,7 +81,7 @@ class Description:
                 ("instantiationToken" if is_new else "guid"): self.token,
                 "generationTool": f"cotree {VERSION}",
                 # Importers show the parts as a tree.
-                "variableNamingConvention": "structured" if self._is_structured() else "flat",
+                "variableNamingConvention": "structured" if is_structured else "flat",
             },
         )
         if not is_new:
@@ -108,9 +109,6 @@ class Description:
             self._add_variable(listed, variable)
         self._add_structure(root)
         return xml_text(root)
-
-    def _is_structured(self) -> bool:
-        return all(_STRUCTURED.match(variable.name) for variable in self.variables.all)
 
     def build_description(self) -> str:
         """Write ``buildDescription.xml`` of FMI 3."""
@@ -287,29 +285,12 @@ class FmuVariables:
 _PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
 
 
-def list_variables(
-    layout: Layout,
-    kernels: FmuKernels,
-    outside: Sequence[int],
-    input_values: Sequence[float],
-    start: Sequence[float],
-    *,
-    has_sensitivities: bool,
-    is_found: bool,
-) -> FmuVariables:
-    """List the variables of a model.
+class Listing:
+    """Builds the blocks; the first reference of each follows from those before it.
 
-    ``outside`` are the places of the inputs that are set from outside, ``input_values`` their start
-    values, ``start`` the states at the start. ``is_found``: the start follows from conditions.
-    Raises CodegenError if the scene is too large for value references.
+    ``outside`` are the places of the inputs that are set from outside. Raises CodegenError if the
+    scene is too large for value references.
     """
-    return _Listing(layout, kernels, outside, has_sensitivities).listed(
-        input_values, start, is_found=is_found
-    )
-
-
-class _Listing:
-    """Builds the blocks; the first reference of each follows from those before it."""
 
     def __init__(
         self, layout: Layout, kernels: FmuKernels, outside: Sequence[int], has_sensitivities: bool
@@ -384,6 +365,10 @@ class _Listing:
     def listed(
         self, input_values: Sequence[float], start: Sequence[float], *, is_found: bool
     ) -> FmuVariables:
+        """List the variables; ``input_values`` and ``start`` are start values.
+
+        ``is_found``: the start follows from conditions.
+        """
         layout, firsts = self.layout, self.firsts
         self._find_start(is_found)
         states = [self._state(i, start[i]) for i in range(self.n)]

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.program.layout import Layout
     from cotree.program.program import Program
 
 _STATE = ("t", "x", "u", "p", "k")
@@ -103,23 +102,13 @@ def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
         *(node for name in ("rhs", "outputs", "events") for node in kernels[name].results),
         *signals.values(),
     ]
+    held = [*kernels["constraints"].results]
+    held += kernels["start"].results[: len(layout.start_rows)]
     starts, stops, n_limits = _stops(program, outside)
     return FmuKernels(
         _partials(program, "partials", _STATE, substitute(rows, signals), columns),
         _partials(program, "initial_partials", _PARAMETER, kernels["initial"].results, parameters),
-        _partials(
-            program,
-            "constraint_partials",
-            _STATE,
-            substitute(
-                [
-                    *kernels["constraints"].results,
-                    *kernels["start"].results[: len(layout.start_rows)],
-                ],
-                signals,
-            ),
-            columns,
-        ),
+        _partials(program, "constraint_partials", _STATE, substitute(held, signals), columns),
         stops,
         starts,
         n_limits,
@@ -222,12 +211,15 @@ def source_files(
         program = replace(program, kernels={**program.kernels, "jacobian": unused})
     model = model_context(program)
     tables = _tables_context(program, kernels, facts)
+    layout = program.layout
+    has_modes = any(row.is_jump or layout.n_algebraic for row in layout.events)
     features = replace(
         model.features(),
         sensitivities=facts.has_sensitivities,
         moving_breakpoints=facts.has_sensitivities and bool(kernels.starts),
         implicit=is_implicit,
-        start=_has_start(program.layout, tables.start_tables),
+        # Whether the start has conditions other than those of algebraic unknowns.
+        start=tables.start_tables.has_assembly or has_modes,
         breakpoints=kernels.stops is not None,
         exchange=facts.is_exchangeable,
         steps=bool(integrator),
@@ -244,12 +236,6 @@ def source_files(
 
 def _is_implicit(facts: Facts) -> bool:
     return bool(facts.integrator) and INTEGRATORS[facts.integrator].is_implicit
-
-
-def _has_start(layout: Layout, tables: StartTables) -> bool:
-    """Return whether the start has conditions other than those of algebraic unknowns."""
-    has_modes = any(row.is_jump or layout.n_algebraic for row in layout.events)
-    return tables.has_assembly or has_modes
 
 
 def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> TablesContext:
