@@ -173,8 +173,8 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
             if is_log:
                 x = curve.estimate * np.exp(reach * error / curve.estimate)
             inside = (x >= curve.values.min()) & (x <= curve.values.max())
-            style: dict[str, Any] = {"color": "0.6", "lw": 1.2, "ls": "--"}
-            ax.plot(x[inside], reach[inside] ** 2, label="quadratic", **style)
+            line: dict[str, Any] = {"color": "0.6", "lw": 1.2, "ls": "--"}
+            ax.plot(x[inside], reach[inside] ** 2, label="quadratic", **line)
         ax.axhline(curve.limit, color=_LIMIT, lw=1.0, ls="--", label="limit")
         low, high = float(curve.values.min()), float(curve.values.max())
         for end in curve.interval:
@@ -188,7 +188,9 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         _label(ax, label, "increase of 2 × objective", "")
         if k == 0:
             # Both ends of the interval share one legend entry.
-            ax.legend(*_distinct(ax), fontsize=8, frameon=False, loc="upper center", ncols=2)
+            found = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+            style = {"fontsize": 8, "frameon": False, "loc": "upper center", "ncols": 2}
+            ax.legend(list(found.values()), list(found), **style)
     return figure
 
 
@@ -241,11 +243,6 @@ def draw_overview(
     else:
         draw_correlation(names, correlation, last[2])
     return figure
-
-
-def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
-    found = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    return list(found.values()), list(found)
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:

@@ -141,28 +141,20 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
     ax.add_patch(
         Polygon([tip, back + half, back - half], closed=True, fc=color, ec="none", zorder=2)
     )
-    ax.text(
-        label[0],
-        label[1],
-        curve.edge.name,
-        ha="center",
-        va="center",
-        fontsize=10,
-        fontstyle="italic",
-        fontweight="bold" if bold else "normal",
-        parse_math=False,
-        zorder=3,
-        bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none"},
-    )
+    box = {"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none"}
+    style = {"fontstyle": "italic", "fontweight": "bold" if bold else "normal"}
+    _write(ax, label, curve.edge.name, fontsize=10, zorder=3, bbox=box, **style)
+
+
+def _write(ax: Axes, place: Array, text: str, **style: Any) -> None:
+    ax.text(place[0], place[1], text, ha="center", va="center", parse_math=False, **style)
 
 
 def _draw_node(ax: Axes, name: str, position: Array, place: Array) -> None:
     from matplotlib.patches import Circle
 
     ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
-    ax.text(
-        place[0], place[1], name, ha="center", va="center", fontsize=11, parse_math=False, zorder=5
-    )
+    _write(ax, place, name, fontsize=11, zorder=5)
 
 
 def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
@@ -179,14 +171,7 @@ def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
 def _draw_key(ax: Axes) -> None:
     from matplotlib.lines import Line2D
 
-    ax.legend(
-        handles=[
-            Line2D([], [], color="black", lw=3.0, label="branch"),
-            Line2D([], [], color="0.25", lw=1.1, label="chord"),
-        ],
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.02),
-        ncols=2,
-        frameon=False,
-        fontsize=9,
-    )
+    branch = Line2D([], [], color="black", lw=3.0, label="branch")
+    chord = Line2D([], [], color="0.25", lw=1.1, label="chord")
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.02), "ncols": 2}
+    ax.legend(handles=[branch, chord], frameon=False, fontsize=9, **below)

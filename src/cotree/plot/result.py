@@ -12,7 +12,7 @@ from cotree.errors import SceneError, check_known
 from cotree.units import quotient
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -64,12 +64,14 @@ def choose_curves(
     for name in [names] if isinstance(names, str) else names:
         pair = sensitivity_pair(name)
         if pair is not None:
-            _check_pair(pair, known, parameters)
+            after = ", which is not a state or output"
+            check_known(pair[:1], known, "cannot plot a sensitivity of", after)
+            after = ", which were not computed"
+            check_known(pair[1:], parameters, "cannot plot sensitivities to", after)
             pairs[pair] = None
         else:
-            check_known(
-                [name], (*known, *inputs), "cannot plot", ", which is not a state, output or input"
-            )
+            after = ", which is not a state, output or input"
+            check_known([name], (*known, *inputs), "cannot plot", after)
             values[str(name)] = None
     if not values and not pairs:
         raise SceneError("there are no names of variables to plot")
@@ -87,12 +89,6 @@ def sensitivity_pair(name: object) -> tuple[str, str] | None:
     if isinstance(name, (tuple, list)) and len(name) == 2:
         return str(name[0]), str(name[1])
     return None
-
-
-def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequence[str]) -> None:
-    check_known(pair[:1], known, "cannot plot a sensitivity of", ", which is not a state or output")
-    after = ", which were not computed"
-    check_known(pair[1:], parameters, "cannot plot sensitivities to", after)
 
 
 Color = tuple[float, ...]
@@ -145,7 +141,12 @@ def plot_result(
     parameters = result.parameters_of_sensitivity
     curves = choose_curves(names, result.states, _followers(result), result.inputs, parameters)
     overlay = overlay or {}
-    _check_overlay(overlay, curves.sensitivities)
+    for name, parameter in overlay:
+        if (name, parameter) not in curves.sensitivities:
+            raise SceneError(
+                f"the overlay of '{name}' by '{parameter}' belongs to no curve of the plot; "
+                "plot this name, and compile with its sensitivity"
+            )
     rows: dict[str, _Row] = {}
     for name in curves.values:
         rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
@@ -165,7 +166,7 @@ def plot_result(
         if row.values:
             ax = figure.add_subplot(grid[top, 0])
             for name in row.values:
-                _draw_curve(ax, result.t, result[name], name, colors[name])
+                ax.plot(result.t, result[name], color=colors[name], lw=1.6, label=name)
             _finish(ax, row.values[0] if len(row.values) == 1 else "", row.unit)
         for j, (parameter, group) in enumerate(row.by_parameter.items()):
             down, right = divmod(j, _COLUMNS)
@@ -176,7 +177,7 @@ def plot_result(
             for name in group:
                 label = f"{'_' if is_explained else ''}∂ {name} / ∂ {parameter}"
                 values = result.sensitivity(name, parameter)
-                _draw_curve(ax, result.t, values, label, colors[name])
+                ax.plot(result.t, values, color=colors[name], lw=1.6, label=label)
             _draw_circles(ax, {colors[name]: overlay.get((name, parameter)) for name in group})
             subject = f"∂ {group[0]} / ∂ {parameter}" if len(group) == 1 else f"∂ / ∂ {parameter}"
             _finish(ax, subject, quotient(row.unit, result.unit(parameter)))
@@ -218,17 +219,6 @@ def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes)
     return cast("Figure", ax.figure)
 
 
-def _check_overlay(
-    overlay: Iterable[tuple[str, str]], sensitivities: Sequence[tuple[str, str]]
-) -> None:
-    for name, parameter in overlay:
-        if (name, parameter) not in sensitivities:
-            raise SceneError(
-                f"the overlay of '{name}' by '{parameter}' belongs to no curve of the plot; "
-                "plot this name, and compile with its sensitivity"
-            )
-
-
 def new_figure(width: float, height: float, make: Callable[..., Figure] | None = None) -> Figure:
     """Make a figure of the given size, [in], by ``make``; by default pyplot does not manage it."""
     from matplotlib.figure import Figure
@@ -260,10 +250,6 @@ def curve_colors(n: int) -> list[Color]:
     return [matplotlib.colormaps["viridis"](x) for x in np.linspace(0, 0.92, n)]
 
 
-def _draw_curve(ax: Axes, t: Array, values: Array, label: str, color: Color) -> None:
-    ax.plot(t, values, color=color, lw=1.6, label=label)
-
-
 def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]) -> None:
     """Draw overlays as a limited number of open circles."""
     style: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 5.5, "mfc": "none"}
@@ -290,19 +276,10 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
         return
     # The legend is outside the axes, so that it hides no curve: above few curves, otherwise on the
     # right.
-    columns = _legend_columns(labels)
-    if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
-        columns = 1 + len(labels) // 15
-        ax.legend(
-            loc="center left", bbox_to_anchor=(1, 0.5), ncols=columns, frameon=False, fontsize=8
-        )
-    else:
-        ax.legend(
-            loc="lower right", bbox_to_anchor=(1, 1), ncols=columns, frameon=False, fontsize=9
-        )
-
-
-def _legend_columns(labels: Sequence[str]) -> int:
-    """Return the number of labels with line samples that fit side by side above a panel."""
+    # Number of labels with line samples that fit side by side above a panel.
     widths = [len(label) + _LINE for label in labels]
-    return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
+    columns = len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
+    place, anchor, size = "lower right", (1.0, 1.0), 9
+    if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
+        place, anchor, size, columns = "center left", (1.0, 0.5), 8, 1 + len(labels) // 15
+    ax.legend(loc=place, bbox_to_anchor=anchor, ncols=columns, frameon=False, fontsize=size)
