@@ -296,7 +296,7 @@ def check_sensitivities(
     span = None if t_end is None else (0.0, t_end)
     probe = model.simulate(span, method=method, throw=True, **common)
     found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)
-    tell = report or _no_report
+    tell = report or (lambda text: None)
     tell(found.heading)
     runs = _reference_runs(model, plain, found, common)
     for name in names:
@@ -305,10 +305,6 @@ def check_sensitivities(
         tell(f"\n{row.summary()}")
     tell(f"\n{found.verdict}")
     return found
-
-
-def _no_report(text: str) -> None:
-    pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,13 +329,12 @@ def _reference_runs(
 ) -> _Runs:
     """Simulate with unchanged values, at the given tolerances and at larger ones."""
     times = np.linspace(0.0, report.t_end, _N_TIMES)
-    # Each model has two experiments: one at the given tolerances, one at larger ones.
+    settings = [
+        {"method": report.method, "rtol": rtol, "atol": rtol * _ATOL_SHARE, **common}
+        for rtol in (report.rtol, _LOOSER * report.rtol)
+    ]
     own, differenced = (
-        tuple(
-            _experiment(each, times, report.method, common, factor * report.rtol)
-            for factor in (1.0, _LOOSER)
-        )
-        for each in (model, plain or model)
+        [Experiment(each, times, given) for given in settings] for each in (model, plain or model)
     )
     tight, loose = (run.run() for run in own)
     runs = _Runs(differenced[0], tight, loose, tight, loose)
@@ -347,13 +342,6 @@ def _reference_runs(
     if plain is None:
         return runs
     return replace(runs, tight=differenced[0].run(), loose=differenced[1].run())
-
-
-def _experiment(
-    model: Model, times: Array, method: str, common: Mapping[str, Any], rtol: float
-) -> Experiment:
-    settings = {"method": method, "rtol": rtol, "atol": rtol * _ATOL_SHARE, **common}
-    return Experiment(model, times, settings)
 
 
 def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...]:

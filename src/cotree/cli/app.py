@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
     from cotree.api import Model, Scene
     from cotree.lint import Finding
-    from cotree.scene.graphs import TreeChoice
 
 
 # Largest number of findings that a run prints.
@@ -126,7 +125,9 @@ def check_scene(
     values = settings.pop("parameters")
     # Parameters that are constants in the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
-    _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
+    if sys.stderr.isatty():
+        what = f"{described.name} with {len(names)} sensitivities, then without"
+        typer.echo(f"cotree: compiling {what}", err=True)
     model = described.compile(names, tree)
     for line in finding_lines(lint(described, is_formed=False)):
         typer.echo(line)
@@ -208,11 +209,6 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("compiling", total=1.0)
         yield lambda text, share: bar.update(task, description=text, completed=share)
-
-
-def _progress(text: str) -> None:
-    if sys.stderr.isatty():
-        typer.echo(f"cotree: {text}", err=True)
 
 
 def _at_once(text: str) -> None:
@@ -504,19 +500,14 @@ def show_equations(
     if steps and latex:
         raise typer.BadParameter("give --latex or --steps, not both")
     if steps:
-        typer.echo(_steps(described, sensitivity, tree), nl=False)
+        from cotree.export.steps import formulation_steps
+        from cotree.pipeline import formulate
+
+        first, formed, _ = formulate(described, sensitivity, tree)
+        typer.echo(formulation_steps(first, formed), nl=False)
         return
     equations = described.equations(sensitivity, tree)
     typer.echo(equations.latex() if latex else str(equations))
-
-
-def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> str:
-    """Return the formulation steps as text, with a sensitivity graph for each sensitivity."""
-    from cotree.export.steps import formulation_steps
-    from cotree.pipeline import formulate
-
-    first, equations, _ = formulate(scene, sensitivities, choice)
-    return formulation_steps(first, equations)
 
 
 @app.command("graph")
