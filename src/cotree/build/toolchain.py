@@ -229,19 +229,15 @@ def _find_program(name: str) -> str | None:
 
 
 def _toolchain(command: tuple[str, ...]) -> Toolchain:
-    # Zig may be a program, or a module that Python runs.
-    is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
-    return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
-
-
-def _version_text(command: tuple[str, ...]) -> str:
     version = _answer(command)
     if version is None:
         raise BuildError(
             f"'{command[0]}' does not answer --version within {_ANSWER_TIME:g} s; it is not asked "
             "again in this process"
         )
-    return version
+    # Zig may be a program, or a module that Python runs.
+    is_zig = Path(command[0]).stem == "zig" or "ziglang" in command
+    return Toolchain(command, version, "zig" if is_zig else "cc")
 
 
 # Other failures raise an error and are not cached, so a compiler that is installed later is found.
@@ -265,12 +261,8 @@ def _answer(command: tuple[str, ...]) -> str | None:
 def _check_command_line_tools(program: str) -> None:
     """Raise BuildError for a placeholder of Apple in /usr/bin, which would open a dialog."""
     if sys.platform == "darwin" and os.path.dirname(program) == "/usr/bin":
-        answer = subprocess.run(
-            ["/usr/bin/xcode-select", "-p"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            check=False,
-        )
+        command = ["/usr/bin/xcode-select", "-p"]
+        answer = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
         if answer.returncode != 0:
             raise BuildError(
                 "Apple's command line tools are not installed (xcode-select --install adds them)"
