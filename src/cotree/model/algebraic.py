@@ -22,11 +22,11 @@ Jacobian = Callable[[float, Array], Matrix]
 
 
 class Algebraic:
-    """Newton's method for algebraic unknowns, which reuses its last matrix.
+    """Newton solver for the algebraic unknowns, which reuses its last factorised Jacobian.
 
-    ``rates(t, y)`` returns x', then g; ``jacobian(t, y)``, full or compressed by rows, their
-    derivatives by y. The last ``n_algebraic`` entries of y are the unknowns. If the method fails
-    from y, ``improve(t, y)`` returns a better guess of them, or None.
+    ``rates(t, y)`` returns x', then g. ``jacobian(t, y)`` returns their derivatives with respect to
+    y as a full or CSR matrix. The last ``n_algebraic`` entries of y are the unknowns. If the
+    iteration fails from y, ``improve(t, y)`` returns a better initial guess, or None.
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class Algebraic:
 
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns in place from a close guess, and return the rates."""
-        # Exponentials may overflow during the iteration, whose tests reject such points. As a
-        # decorator, errstate would affect all threads before NumPy 2.
+        # Exponentials may overflow in the iteration, which rejects such points. Before NumPy 2,
+        # errstate as a decorator affects all threads.
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._accept(t, y, root)
@@ -65,17 +65,18 @@ class Algebraic:
             return self._accept(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
-                # One point may be singular by chance; undetermined equations always are.
+                # A Jacobian may be singular at one point by chance; with undetermined unknowns it
+                # is singular everywhere.
                 points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
-                if not np.any(root.g):  # at a double root the derivatives are singular
+                if not np.any(root.g):  # the Jacobian is singular at a double root
                     self._check_index([equation.by_unknowns(root.z)])
             raise SolveError(str(error)) from None
 
     def _accept(self, t: float, y: Array, root: Root) -> Array:
-        """Store the unknowns of a root in y, keep its matrix, and return its rates."""
+        """Store the unknowns of a root in y, keep its Jacobian, and return its rates."""
         y[self.cut :] = root.z
-        # The matrix at a root is reused at the next point; that of a failed search is not.
+        # The Jacobian at a root is reused at the next point; after a failed search it is discarded.
         self._linear = root.linear if root.is_found else None
         if not root.is_found:
             raise UnsolvedError(self._failure_message(t, root.g))
@@ -84,8 +85,8 @@ class Algebraic:
     def check_index(self, t: float, y: Array) -> None:
         """Raise SingularSystemError if the equations leave unknowns undetermined near a solution.
 
-        One regular point suffices: the matrix may be singular to rounding of larger entries, as
-        with junctions that hardly conduct.
+        One regular point suffices: if entries differ by many orders of magnitude, as with junctions
+        that hardly conduct, the Jacobian may be numerically singular at the solution itself.
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
@@ -93,7 +94,7 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_nearby_points(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        # All evaluations use one buffer, of which only the last entries, the unknowns, change.
+        # All evaluations share one buffer; only its last entries, the unknowns, change.
         point = point.copy()
 
         def at(z: Array) -> Array:
@@ -102,7 +103,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # The rows of g contain derivatives with respect to fixed states, then to unknowns.
+            # Columns of the differential states precede those of the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,
@@ -123,7 +124,7 @@ class Algebraic:
         return matrix, linear
 
     def reduced(self, t: float, y: Array) -> Array:
-        """Return the derivatives of x' with respect to x along the solutions, shape (n_x, n_x)."""
+        """Return dx'/dx with the algebraic unknowns eliminated, shape (n_x, n_x)."""
         matrix, linear = self.linearised(t, y)
         return eliminated(matrix, linear.solve, self.cut)
 
@@ -132,7 +133,7 @@ class Algebraic:
         return np.array(self._rates(t, y)[self.cut :])
 
     def _check_index(self, slopes: Iterable[Matrix]) -> None:
-        """Raise SingularSystemError if no matrix determines all unknowns."""
+        """Raise SingularSystemError if all matrices leave the same unknowns undetermined."""
         involved = singular_direction(slopes)
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
@@ -147,7 +148,7 @@ class Algebraic:
         return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
 
     def _failure_message(self, t: float, g: Array) -> str:
-        # A residual that is not finite counts as the largest.
+        # A residual of nan counts as infinite.
         order = np.argsort(-np.nan_to_num(np.abs(g), nan=np.inf), kind="stable")
         worst = int(order[0])
         return (
@@ -158,19 +159,19 @@ class Algebraic:
 
 
 def _nearby_points(z: Array) -> tuple[Array, Array]:
-    """Return two random points around a point, the same at every call."""
+    """Return two random points near z, the same in every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away
 
 
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
-    """Eliminate the last n unknowns of a (cut + n, m + n) matrix, and return a (cut, m) matrix.
+    """Return the (cut, m) Schur complement of the last block of a (cut + n, m + n) matrix.
 
     ``solve(b)`` solves with the last diagonal block, (n, n), for right-hand sides (n, m).
     """
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut
-    # The Schur complement of the last block D: A - B D^-1 C.
+    # A - B D^-1 C with the last diagonal block D
     found: Array = full[:cut, :-n] - full[:cut, -n:] @ solve(full[cut:, :-n])
     return found

@@ -1,4 +1,4 @@
-"""Checked arrays from user input, derivative patterns, and objects that C reads."""
+"""Checked arrays from user input, sparsity patterns, and C objects owned by Python."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def as_parameters(
 ) -> Array:
     """Return the parameter array from values by name or from an array of all parameters.
 
-    Raise ParameterError if a name is unknown, a value is not finite or the shape is wrong. The
-    message on a derived parameter names those from which it follows.
+    Raise ParameterError if a name is unknown, a value is not finite or the shape is wrong. For a
+    derived parameter, the message names the parameters that determine it.
     """
     values = by_name(values)
     if not isinstance(values, Mapping):
@@ -66,11 +66,12 @@ def as_parameters(
 
 
 def in_order(values: Any, names: Sequence[str], kind: str) -> Any:
-    """Return values with names as labels as a list in the order of ``names``; others unchanged.
+    """Return labelled values as a list in the order of ``names``; return other values unchanged.
 
-    Raise ParameterError if a name is unknown or has no value; ``kind`` is the noun for names.
+    Raise ParameterError if a name is unknown or has no value. ``kind`` is the noun for the names in
+    the message.
     """
-    # A table of pandas has a row for each name, and a column for each of several points.
+    # A pandas table has one row per name and one column per point.
     if hasattr(values, "to_dict") and np.ndim(values) == 2:
         labels = list(values.index)
         if not all(isinstance(name, str) for name in labels):
@@ -90,7 +91,7 @@ def in_order(values: Any, names: Sequence[str], kind: str) -> Any:
 
 
 def one_point(values: Any, names: Sequence[str], kind: str) -> Array:
-    """Return the states or inputs of one point, given by name or in order, as an array."""
+    """Return the states or inputs of one point, passed by name or in order, as an array."""
     return as_array(in_order(values, names, kind), (len(names),), f"the {kind}s")
 
 
@@ -112,18 +113,18 @@ def is_many(y: Any) -> bool:
     """Return whether the states form a matrix with one column for each of several points."""
     try:
         return np.ndim(y) == 2
-    except ValueError:  # the rows have different lengths
+    except ValueError:  # rows of different lengths
         return False
 
 
 def pointer_to(ffi: Any, array: Array) -> Any:
     """Return a pointer that keeps the array alive, or NULL if the array is empty."""
-    # The garbage collector may clear a view made by array.data before the pointer to that view.
+    # A pointer from array.data would dangle: the garbage collector may free its memory view first.
     return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
 
 
 class CObjects:
-    """C objects that live as long as this object; ``errors`` are exceptions in calls from C."""
+    """C objects that live as long as this object; ``errors`` collects exceptions of callbacks."""
 
     def __init__(self, ffi: Any, *kept: Any) -> None:
         self._ffi, self._kept = ffi, list(kept)
@@ -135,7 +136,7 @@ class CObjects:
         return self._kept[-1]
 
     def ints(self, values: Sequence[int]) -> Any:
-        """Return a new C array of integers, of a single zero if there are none."""
+        """Return a new C array of integers; an empty sequence yields one zero."""
         return self.new("int[]", list(values) or [0])
 
     def quantities(self, rows: Sequence[Quantity]) -> Any:
@@ -148,13 +149,13 @@ class CObjects:
         return found
 
     def pointer(self, array: npt.NDArray[Any], kind: str = "double") -> Any:
-        """Return a pointer to an array; if the array is empty, C must not read through it."""
+        """Return a pointer to an array; C must not dereference it if the array is empty."""
         array = np.ascontiguousarray(array) if array.size else np.zeros(1, dtype=array.dtype)
         self._kept.append(self._ffi.from_buffer(f"{kind}[]", array))
         return self._kept[-1]
 
     def callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return a C function that calls Python, or stores the exception and returns -1."""
+        """Return a C callback of a Python function, which stores exceptions and returns -1."""
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:
             self.errors.append(error)
@@ -164,7 +165,7 @@ class CObjects:
 
 
 class Structure:
-    """Sparsity of a model's derivatives, known before they are evaluated.
+    """Sparsity patterns of a model's derivatives.
 
     Parameters
     ----------
@@ -186,20 +187,20 @@ class Structure:
         return self.sparse(np.ones(len(self._rows), dtype=np.bool_))
 
     def sparse(self, values: npt.NDArray[Any]) -> csc_matrix:
-        """Return the Jacobian with the given entries as a CSC matrix."""
+        """Return the Jacobian as a CSC matrix from its nonzero values."""
         from scipy.sparse import csc_matrix
 
         n = len(self.layout.states)
         return csc_matrix((values, self._rows, self.layout.column_starts), shape=(n, n))
 
     def by_rows(self, values: npt.NDArray[np.float64]) -> csr_matrix:
-        """Return the Jacobian with the given entries as a CSR matrix."""
+        """Return the Jacobian as a CSR matrix from its nonzero values."""
         return self.sparse(values).tocsr()
 
     def full(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the Jacobian with the given entries as a full array.
+        """Return the Jacobian as a full array from its nonzero values.
 
-        Further axes of the values are further axes of the result.
+        Further axes of ``values`` become further axes of the result.
         """
         n = len(self.layout.states)
         dense = np.zeros((n, n, *values.shape[1:]))
@@ -208,11 +209,11 @@ class Structure:
 
     @cached_property
     def jacobian_colouring(self) -> npt.NDArray[np.intp]:
-        """Colours of the Jacobian's columns, from 0, shape (n_states,).
+        """Colours of the Jacobian's columns, numbered from 0, shape (n_states,).
 
-        Columns of one colour have no entry in the same row. Hence one product of the Jacobian with
-        the sum of their unit vectors, or one difference of right-hand sides, yields all their
-        entries. The colouring is greedy in smallest-last order and need not be minimal.
+        Columns of one colour have no nonzero in a common row. The product of the Jacobian with the
+        sum of their unit vectors, or one finite difference, therefore yields all their entries. The
+        colouring is greedy in smallest-last order and may use more colours than necessary.
 
         References
         ----------
@@ -232,7 +233,7 @@ class Structure:
         by_row: list[list[int]] = [[] for _ in range(n)]
         for row, column in zip(self._rows.tolist(), self._columns.tolist(), strict=True):
             by_row[row].append(column)
-        # A full row connects all pairs of columns, which the graph would have to store.
+        # A full row makes all columns adjacent; the conflict graph would then be complete.
         if n in map(len, by_row):
             return np.arange(n)
         graph = networkx.Graph()
@@ -246,8 +247,8 @@ class Structure:
     def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
         """Mask of the sensitivities that may be nonzero, shape (n_states, n_sensitivities).
 
-        A sensitivity marked False is zero at all times: no path leads from the parameter to the
-        state. It is neither computed nor integrated. The columns are in the order of
+        A sensitivity marked False is identically zero, since the state does not depend on the
+        parameter. It is neither computed nor integrated. The columns are in the order of
         ``sensitivities``.
 
         Examples
@@ -262,7 +263,7 @@ class Structure:
         n, m = len(self.layout.states), len(self.layout.sensitivities)
         pattern = np.zeros(m * n, dtype=np.bool_)
         pattern[list(self.layout.sensitivity_places)] = True
-        # In z, the sensitivities to one parameter are consecutive.
+        # In z, all sensitivities to one parameter are consecutive.
         return pattern.reshape(m, n).T.copy()
 
     @cached_property

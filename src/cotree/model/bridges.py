@@ -1,4 +1,4 @@
-"""Model rates with exact Jacobians as NumPy, CasADi and JAX functions."""
+"""Right-hand side with exact Jacobians as NumPy, CasADi and JAX functions."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ class Rates:
 
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
-    t: float  # time of the event, [s]
-    #: Names of the parameters p, to which the model has sensitivities; others are the scene's.
+    t: float  # time, [s]
+    #: Names of the parameters p, a subset of the model's sensitivities; others keep the scene's
+    #: values.
     names: tuple[str, ...]
 
     @property
@@ -69,7 +70,7 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Return the rates of a model as a function; messages name the calling method ``bridge``.
+    """Return the right-hand side as a function; messages name the calling method ``bridge``.
 
     Raise ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
     on time and t, [s], is None.
@@ -103,7 +104,7 @@ def casadi_function(rates: Rates) -> Any:
     n = sizes[0]
 
     class Jacobian(casadi.Callback):  # type: ignore[misc]
-        """CasADi function that returns the rate derivatives with respect to each argument."""
+        """CasADi function that returns the Jacobian of the rates for each argument."""
 
         def __init__(self, name: str, given: list[str], results: list[str], options: Any) -> None:
             super().__init__()
@@ -123,7 +124,7 @@ def casadi_function(rates: Rates) -> Any:
             return self._names[1][i]
 
         def get_sparsity_in(self, i: int) -> Any:
-            # The fourth argument is the value of the function; only its shape is used.
+            # The fourth argument is the function's value; only its shape is used.
             return casadi.Sparsity.dense(sizes[i], 1) if i < 3 else casadi.Sparsity(n, 1)
 
         def get_sparsity_out(self, i: int) -> Any:
@@ -165,7 +166,7 @@ def casadi_function(rates: Rates) -> Any:
             return True
 
         def get_jacobian(self, name: str, given: Any, results: Any, options: Any) -> Any:
-            # CasADi does not hold references to its callbacks.
+            # CasADi keeps no reference to its callbacks, so Python must.
             self._jacobian = Jacobian(name, list(given), list(results), options)
             return self._jacobian
 
@@ -179,8 +180,8 @@ def _flat(value: Any) -> Any:
 def jax_function(rates: Rates) -> Any:
     """Return a JAX function with arguments x, u and p.
 
-    It may be compiled, mapped over points and differentiated once, since its derivatives are
-    computed in C. Raise ParameterError if the package is missing or computes in single precision.
+    It supports ``jit``, ``vmap`` and first derivatives, which C computes. Raise ParameterError if
+    JAX is not installed or uses single precision.
     """
     try:
         jax: Any = import_module("jax")

@@ -1,4 +1,4 @@
-"""Evaluation of a kernel at many points in one C call; each point is a column, as in results."""
+"""Evaluation of a kernel at many points in one C call; each point is a column."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def in_columns(
     """Evaluate a kernel at m points; the result has shape (n_results, m).
 
     Shapes: t () or (m,), y (n_states, m), s (n_states, n_sensitivities, m); p and u may have m
-    columns. Raise ParameterError for wrong shapes or rejected parameters; other errors name the
-    column.
+    columns. Raise ParameterError if a shape is wrong or a parameter is rejected; other errors name
+    the column.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
@@ -41,7 +41,8 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # Without a compiler or after a failure in C, Python evaluates the rest and names the cause.
+    # Without a compiler, or after a failure in C, Python evaluates the other points and raises the
+    # error.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()
@@ -68,7 +69,7 @@ class _Points:
         if self.has_own:
             self.p = _rows(p, (len(model.parameters),), self.n, "the parameters")
             for j in np.flatnonzero(~np.isfinite(self.p).all(axis=1))[:1].tolist():
-                _at(model, "rhs", self, j)  # where C returns nan, Python raises an error
+                _at(model, "rhs", self, j)  # C returns nan here; Python raises the error
         else:
             self.p = model.parameter_array(p)[None, :]
             model.set_parameters(self.p[0])
@@ -83,7 +84,7 @@ class _Points:
 
 
 def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
-    """Transpose a checked array with a column for each point to one with a row for each point."""
+    """Return a checked array transposed: one row per point instead of one column."""
     return np.ascontiguousarray(as_array(values, (*shape, n), what).T)
 
 

@@ -1,17 +1,17 @@
 """Linear systems in independent deviations that satisfy the constraints; tests for steady motion.
 
-Along a motion x(t), small deviations follow dx' = A dx. Those that satisfy the constraints to first
-order are dx = N z, with one z for each degree of freedom. They continue to satisfy them:
-C A N + C' N = 0 with the Jacobian C of the constraints along the motion. Hence
+Small deviations from a motion x(t) follow dx' = A dx. Deviations that satisfy the constraints to
+first order are dx = N z, with one entry of z per degree of freedom. Since
+C A N + C' N = 0 with the constraint Jacobian C along the motion, they continue to satisfy them, and
 
-    z' = N^+ (A N - N') z + N^+ B u,
+    z' = N^+ (A N - N') z + N^+ B u.
 
-where N' does not vanish, since the constraints of a moving mechanism change direction. Here
-N = T S. T expresses deviations of quaternions as rotation vectors, and those of angular velocities
-accordingly, in the frame relative to which the quaternion rotates. In this frame a wheel that spins
-about a fixed axle is a steady motion, and T' is known. S expresses dependent deviations in terms of
-independent ones. The rows of S that belong to independent deviations are constant. Their rows in S'
-therefore vanish, and S' is not needed.
+N' is nonzero in general, because the constraint directions of a moving mechanism change.
+Here N = T S. T expresses deviations of quaternions as rotation vectors, and deviations of angular
+velocities likewise, in the frame relative to which the quaternion rotates. In this frame a wheel
+that spins about a fixed axle is a steady motion, and T' is known. S expresses dependent deviations
+in terms of independent ones. Its rows for independent deviations are constant, so that S' is zero
+there and is not needed.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Matrix entries below this fraction of the largest one in their row are cancellation errors.
+#: Matrix entries below this fraction of the largest entry in their row are rounding errors.
 _ROUNDING = 1e-10
-#: Rates below this fraction of the largest rate, or of one if that is larger, count as zero.
+#: Rates below this fraction of max(largest rate, 1) count as zero.
 _STILL = 1e-6
-#: Relative tolerance for the consistency of derivatives of redundant constraints.
+#: Relative tolerance for the consistency of differentiated redundant constraints.
 _AGREE = 1e-7
-#: Relative changes of the linear system along the motion count as zero below this.
+#: Relative changes of the linear system along the motion below this count as zero.
 _SAME = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A model linearised about a state, with all differential states."""
+    """A model linearised about a state, with all differential states except modes."""
 
     #: Values and rates of the differential states.
     y: Array
     rates: Array
-    #: Jacobians of the rates by states (A) and inputs (B), and of the outputs (C, D).
+    #: Derivatives of the rates with respect to states (A) and inputs (B); of the outputs (C, D).
     A: Array
     B: Array
     C: Array
     D: Array
-    #: Jacobians of the constraints without quaternion norms, and of the constraint rates.
+    #: Jacobians of the constraints, without quaternion norms, and of their rates.
     held: Array
     held_rates: Array
-    #: Numbers of coordinates, which are the first states, and of speeds, which follow them.
+    #: Number of coordinates, which are the first states, and of speeds, which are next.
     n_coordinates: int
     n_speeds: int
-    #: Index of the first angular velocity by the index of the first entry of its quaternion.
+    #: Index of an edge's first angular velocity by the index of its first quaternion entry.
     turns: Mapping[int, int]
 
 
@@ -73,7 +73,7 @@ class Reduced:
     B: Array
     C: Array
     D: Array
-    basis: Array  # deviations of all states for a unit value of each z
+    basis: Array  # deviations of all states per unit of each z
     rates: Array  # rates of the motion in terms of z
     #: Names of z: states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
@@ -91,7 +91,7 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     if chosen is not None:
         free = np.array([own_names.index(name) for name in chosen], dtype=int)
     else:
-        # Positions are chosen first: their relations to speeds are ill-conditioned at low speeds.
+        # Positions are chosen first: their relation to speeds is ill-conditioned at low speeds.
         cut = point.n_coordinates - len(point.turns)
         end = cut + point.n_speeds
         free = np.array(
@@ -125,10 +125,10 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
 def reduce_along(
     point: Slopes, change: Slopes, found: Reduced, names: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the reduced A, B and C along a ``change`` of the full system.
+    """Return the derivatives of the reduced A, B and C along a change of the full system.
 
-    Raise SingularSystemError if rotations are quaternions, or the change makes redundant
-    constraints contradictory.
+    Raise SingularSystemError if rotations are quaternions, or if the change makes redundant
+    constraints inconsistent.
     """
     if not point.turns and not len(point.held_rates):
         return change.A, change.B, change.C
@@ -162,7 +162,7 @@ def reduce_along(
 
 
 def _sized(rows: Array) -> Array:
-    """Scale rows to unit length, and remove rows that contain only rounding errors."""
+    """Scale rows to unit length, and drop rows that contain only rounding errors."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > RANK * np.max(lengths, initial=0.0)
     found: Array = rows[kept] / lengths[kept, None]
@@ -193,7 +193,7 @@ def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Arra
 
 
 def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
-    """Return the quaternion deviations due to small rotations about the axes of its base frame."""
+    """Return the quaternion deviations due to small rotations about the axes of the base frame."""
     entries = slice(at, at + 4)
     q, rate = point.y[entries], point.rates[entries]
     found = []
@@ -211,7 +211,7 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
 def _rotation_rate(
     point: Slopes, at: int, speed: int, edge: str
 ) -> list[tuple[Array, Array, Array, str]]:
-    """Return the angular velocity deviations, body-fixed, along the axes of the base frame."""
+    """Return the deviations of the body-fixed angular velocity along the axes of the base frame."""
     entries = slice(speed, speed + 3)
     rotation = _matrix(point.y[at : at + 4])
     w = point.y[entries]
@@ -225,7 +225,7 @@ def _rotation_rate(
 
 
 def _premultiplied(axis: int, q: Array) -> Array:
-    """Multiply the unit vector of an axis, as a pure quaternion, by a quaternion."""
+    """Return the quaternion product of a unit axis vector and q."""
     unit, zero = np.eye(3)[axis], float(q[0])
     return np.array([-unit @ q[1:], *(zero * unit + np.cross(unit, q[1:]))])
 
@@ -233,7 +233,7 @@ def _premultiplied(axis: int, q: Array) -> Array:
 def _matrix(q: Array) -> Array:
     """Return the rotation matrix, whose columns are the axes of the rotated frame."""
     q = q / np.linalg.norm(q)
-    # The Euler-Rodrigues formula.
+    # Euler-Rodrigues formula
     a, v = q[0], q[1:]
     across = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     found: Array = (a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across
@@ -241,9 +241,9 @@ def _matrix(q: Array) -> Array:
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:
-    """Find the deviations that remain once those that do not affect any others are eliminated.
+    """Return the deviations that remain after repeated elimination of those that affect no other.
 
-    For a vehicle on a plane, these are the positions, then the heading and the wheel angles. Each
+    For a vehicle on a plane, positions are eliminated first, then heading and wheel angles. Each
     eliminated deviation adds a zero eigenvalue.
     """
     scale = np.maximum(
@@ -261,7 +261,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Return whether all deviations found by :func:`core` are constant, as in an equilibrium."""
+    """Return whether all deviations in :func:`core` are constant, as in an equilibrium."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -269,7 +269,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Return whether two systems agree in the deviations that :func:`core` finds for the first."""
+    """Return whether two systems agree in the deviations that :func:`core` keeps in the first."""
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)
     change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)

@@ -1,4 +1,4 @@
-"""Messages on failed kernels: C returns only a status, and Python finds the cause."""
+"""Messages on failed kernels: C returns a status, and Python finds the cause."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
     """Describe the operation that makes kernel results nan or infinite, or return an empty string.
 
-    ``known`` contains the kernel arguments by kind, including ``p``; ``t`` is a sequence.
+    ``known`` maps kinds of symbols, including ``p``, to values; ``t`` is a sequence.
     """
     order = reachable(program.kernels[kernel].results)
     given = {
@@ -39,14 +39,14 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # An infinite intermediate value may be harmless, but nan propagates. Nodes are in evaluation
-    # order, so the arguments of the first node with nan are not nan.
+    # Infinite intermediate values may be harmless, but nan propagates. Nodes are in evaluation
+    # order, so the first node with nan has arguments without nan.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
     if wrong is None:
         return ""
-    # The cause is an operation whose arguments are all finite.
+    # Trace back to an operation whose arguments are all finite.
     while any(arg in lost for arg in wrong.args):
         wrong = next(arg for arg in wrong.args if arg in lost)
     return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
@@ -55,12 +55,12 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 def _place(program: Program, wrong: Node) -> str:
     """Return the name of the innermost element field that contains an operation or an argument.
 
-    The last argument is searched first, so that a quotient is attributed to its divisor.
+    The last argument is searched first, so that a division by zero is attributed to the divisor.
     """
     found: list[tuple[int, str]] = []
     for node, name in list(
         program.dag.origins.items()
-    ):  # a copy, since other threads may add nodes
+    ):  # copied, since other threads may add nodes
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
@@ -138,7 +138,7 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
 
 
 def _position(program: Program, x: Any) -> str:
-    """Return the coordinate values as a phrase, empty if they are unknown or too many."""
+    """Return the coordinate values as a phrase; empty if they are unknown or too many."""
     layout = program.layout
     n = layout.n_coordinates
     if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
@@ -148,7 +148,7 @@ def _position(program: Program, x: Any) -> str:
 
 
 def check_guards(guards: Sequence[Guard], p: Array) -> None:
-    """Evaluate the guards in Python, and raise an error that names the rejected value."""
+    """Evaluate the guards in Python and raise an error that names the rejected value."""
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
     for guard in guards:
         guard.check(evaluate([guard.value], values)[0])

@@ -1,4 +1,4 @@
-"""Linear systems of Newton steps: small inverses, sparse factorisations, least squares."""
+"""Linear systems of Newton steps: dense inverses, sparse factorisations and least squares."""
 
 from __future__ import annotations
 
@@ -16,51 +16,53 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: A dense matrix, or a compressed matrix of SciPy.
+#: A dense matrix or a compressed SciPy matrix.
 Matrix = Any
 
 #: Relative change of an unknown that counts as a rounding error.
 ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
-#: Steps that no longer halve are rounding errors if they are below the first fraction of their
-#: unknowns, since Newton's method converges quadratically. For unknowns that are zero up to
-#: rounding, the second fraction, of :attr:`Linear.scale`, applies.
+#: A step that no longer halves is a rounding error if it is below the first fraction of its
+#: unknown, because Newton's method converges quadratically. For an unknown that is zero up to
+#: rounding, the limit is the second fraction times :attr:`Linear.scale`.
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
 #: Residuals below this fraction of the summed magnitudes of their terms are cancellation errors.
 _MET = 1e-3
 
-#: Full factorisation is faster up to this number of rows, or above this fraction of nonzeros.
+#: Dense factorisation is faster up to this number of rows, or above this fraction of nonzeros.
 _FEW, _SHARE = 60, 0.1
 
-#: Number of random sign vectors to estimate rounding errors of the unknowns of a large system.
+#: Number of random sign vectors that estimate the rounding errors of large systems.
 _PROBES = 16
 
-#: Number of inverse iterations; multiple of its rounding error that a nonzero value exceeds.
+#: Number of inverse iterations; factor by which a nonzero singular value exceeds its rounding
+#: error.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Minimum rounding error of singular values, in machine precisions of the largest one.
+#: Minimum rounding error of singular values, in units of machine precision times the largest one.
 _WEAK = 10
 
-#: Unknowns with components below this are not involved in a singular direction of length one.
+#: In a unit null vector, unknowns with smaller components count as not involved.
 _INVOLVED = 0.1
 
 
 def is_sparse(n: int, n_nonzeros: int) -> bool:
-    """Return whether a matrix with n rows is factorised faster in sparse form than in full form."""
+    """Return whether sparse factorisation is faster than dense, for an n-by-n matrix."""
     return n > _FEW and n_nonzeros < _SHARE * n * n
 
 
 class Linear(NamedTuple):
-    """Linear equations of one Newton step; a tuple, since one is created at each step."""
+    """Linear equations of one Newton step; a tuple for speed."""
 
-    #: ``solve(b)`` solves with the derivatives with respect to the unknowns; b may be a matrix.
+    #: ``solve(b)`` solves with the Jacobian of the unknowns; b may be a matrix.
     solve: Callable[[Array], Array]
     #: Scale of each unknown: its magnitude plus its change if each term of the equations changes by
-    #: its own magnitude. Rounding errors are about this scale times the machine precision.
+    #: 100 %. Its rounding error is about this scale times the machine precision.
     scale: Array
-    #: Magnitude of the terms of each equation; infinite if convergence is judged by steps only.
+    #: Summed magnitudes of the terms of each equation; infinite if only steps decide on
+    #: convergence.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:
@@ -80,33 +82,34 @@ class Linear(NamedTuple):
     def is_met(self, g: Array) -> bool:
         """Return whether residuals are cancellation errors of larger terms.
 
-        Short steps do not suffice: a nearly singular matrix has large scales.
+        Short steps alone do not prove convergence: if the matrix is nearly singular, the scales are
+        large.
         """
         return bool((np.abs(g) <= _MET * self.sizes + TINY).all())
 
 
 def longest(step: Array) -> float:
-    """Return the largest magnitude of the entries, nan if one is nan; faster than ``numpy.max``."""
+    """Return the largest magnitude in a step, or nan; faster than ``numpy.max``."""
     return float(np.maximum.reduce(np.abs(step), initial=0.0))
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Factorise the last columns of a Jacobian at y; the last entries of y are the unknowns.
+    """Factorise the Jacobian's last columns at y, which belong to the unknowns at the end of y.
 
     Raise LinAlgError if the matrix is singular or not finite.
     """
     n = slope.shape[0]
-    # Rounding errors of an equation are proportional to the summed magnitudes of its terms.
+    # The rounding error of an equation is proportional to the summed magnitudes of its terms.
     sizes: Array = abs(slope).dot(np.abs(y))
-    # A product with nan or infinity is never finite, not even that with zero.
+    # Products with nan or infinity are never finite, even with zero.
     if not math.isfinite(np.add.reduce(sizes)):
         raise np.linalg.LinAlgError("not finite")
     if isinstance(slope, np.ndarray):
-        # Full systems are small; their inverse also bounds the effect of rounding errors.
+        # Dense systems are small, and the inverse also bounds the effect of rounding errors.
         inverse = _inverse(slope[:, -n:])
         return Linear(inverse.dot, np.abs(y[-n:]) + np.abs(inverse).dot(sizes), sizes)
     solve = _factorised(slope[:, -n:])
-    # The inverse would be full; solutions for random signs estimate the sums in its rows.
+    # The inverse would be dense; solutions for random signs estimate its absolute row sums.
     found = np.abs(solve(_signs(n) * sizes[:, None])).max(axis=1)
     if not math.isfinite(np.add.reduce(found)):
         raise np.linalg.LinAlgError("singular")
@@ -114,7 +117,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
-    """Solve a square system whose matrix is the sum of ``values`` at ``rows`` and ``columns``.
+    """Solve a square system whose matrix sums ``values`` at the indices ``rows`` and ``columns``.
 
     Raise LinAlgError if the matrix is singular or not finite.
     """
@@ -129,7 +132,7 @@ def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
 
 
 def solve_with(matrix: Matrix, b: Array) -> Array:
-    """Solve with a square matrix, full or sparse."""
+    """Solve a linear system with a full or sparse square matrix."""
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.solve(matrix, b), dtype=np.float64)
     return _factorised(matrix)(b)
@@ -147,7 +150,7 @@ def _inverse(matrix: Array) -> Array:
 
 @functools.cache
 def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Array]:
-    """Return LAPACK's solver, four times faster than NumPy's, and a unit matrix of size n."""
+    """Return LAPACK's solver, four times faster than NumPy's, and an n-by-n unit matrix."""
     from scipy.linalg.lapack import dgesv
 
     return dgesv, np.eye(n, order="F")
@@ -155,16 +158,16 @@ def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Arr
 
 @functools.lru_cache(maxsize=8)
 def _signs(n: int) -> Array:
-    """Return random signs, the same at every call, shape (n, number of probes)."""
+    """Return random signs, the same in every call, shape (n, number of probes)."""
     return np.random.default_rng(0).choice([-1.0, 1.0], (n, _PROBES))
 
 
 def _factorised(matrix: Matrix) -> Callable[..., Array]:
-    """Factorise a sparse matrix and return the solver; with ``"T"`` it solves the transpose."""
+    """Factorise a sparse matrix and return its solver; ``"T"`` selects the transpose."""
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
-    # Pivots are chosen within columns, so rows in different units would lead to poor pivots.
+    # Rows are scaled, since pivots are chosen within columns and rows may have different units.
     size = abs(matrix.tocsr()).max(axis=1).toarray().ravel()
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     try:
@@ -173,7 +176,7 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
         raise np.linalg.LinAlgError("singular") from None
 
     def solve(b: Array, way: str = "N") -> Array:
-        # D A is factorised, with row scales D: A^-1 = (D A)^-1 D and A^-T = D (D A)^-T.
+        # The factors are those of D A with row scales D: A^-1 = (D A)^-1 D, A^-T = D (D A)^-T.
         if way == "T":
             return np.asarray((factors.solve(b, way).T * scale).T)
         return np.asarray(factors.solve((b.T * scale).T))
@@ -182,15 +185,15 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 
 
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
-    """Solve rows @ step = target for the minimum-norm step, by least squares.
+    """Return the minimum-norm least-squares solution of rows @ step = target.
 
     ``rows`` are columns of the gradient ``whole``, which may have redundant rows. Singular values
-    that are rounding errors of those of ``whole`` count as zero.
+    below the rounding error of ``whole`` count as zero.
     """
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)
-    # If ``rows`` has all columns, its largest singular value is that of ``whole``.
+    # If ``rows`` has all columns, ``whole`` has the same largest singular value.
     largest = sizes[0] if rows.shape == whole.shape else np.linalg.norm(whole, 2)
     kept = sizes > RANK * max(largest, sizes[0])
     along = (left[:, kept].T @ target).T / sizes[kept]
@@ -198,12 +201,12 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """Return the columns of a gradient that are free if all others are solved for accurately."""
+    """Return the independent columns that leave the other columns well conditioned."""
     if not rows.size:
         return list(range(rows.shape[1]))
     from scipy.linalg import qr
 
-    # Pivoting selects the best-conditioned columns to solve for; the other columns are free.
+    # Pivoting selects the best-conditioned columns as dependent; the others are independent.
     triangle, order = qr(rows, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
     rank = int(np.count_nonzero(diagonal > RANK * diagonal[0]))
@@ -211,9 +214,9 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that all matrices leave undetermined; none if one matrix is regular.
+    """Return the unknowns that all matrices leave undetermined; empty if one matrix is regular.
 
-    The result does not depend on units, since rows and columns are scaled.
+    Rows and columns are scaled, so that the result does not depend on units.
     """
     involved: tuple[int, ...] = ()
     for slope in slopes:
@@ -228,7 +231,7 @@ def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
 
 
 def _is_clearly_regular(slope: Matrix) -> bool:
-    """Return whether all singular values of a matrix, after scaling, far exceed rounding errors."""
+    """Return whether all singular values of the scaled matrix far exceed rounding errors."""
     matrix = slope.tocoo(copy=True)
     if not np.all(np.isfinite(matrix.data)):
         return False
@@ -242,12 +245,12 @@ def _is_clearly_regular(slope: Matrix) -> bool:
         solve = _factorised(matrix)
     except np.linalg.LinAlgError:
         return False
-    # The root of the product of the largest row and column sums bounds the largest singular value.
+    # sqrt(largest row sum times largest column sum) bounds the largest singular value.
     largest = math.sqrt(abs(matrix).sum(axis=0).max() * abs(matrix).sum(axis=1).max())
     x = np.random.default_rng(0).standard_normal(matrix.shape[0])
     growth = math.inf
     for _ in range(_ROUNDS):
-        # Inverse iteration with A A^T: x grows by the inverse square of the least singular value.
+        # Inverse iteration with A A^T: the growth of x is 1 / (least singular value)^2.
         x = solve(solve(x / np.linalg.norm(x)), "T")
         growth = float(np.linalg.norm(x))
         if not math.isfinite(growth):

@@ -1,6 +1,6 @@
-"""Linear systems for users: named matrices, eigenvalues, their derivatives, exports.
+"""Linear systems for users: named matrices, eigenvalues, their derivatives, and export.
 
-The derivative of an eigenvalue is w A' v / (w v), with its left eigenvector w and its right
+The derivative of an eigenvalue is w A' v / (w v) with its left eigenvector w and its right
 eigenvector v; see J. R. Magnus, On differentiating eigenvalues and eigenvectors, Econometric Theory
 1 (1985). It does not exist for multiple eigenvalues.
 """
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Relative distance below which eigenvalues count as equal, since rounding splits a defective
-#: double eigenvalue by the square root of the machine precision. Also the cosine of the angle
-#: between its left and right eigenvectors below which an eigenvalue counts as multiple.
+#: Relative distance below which eigenvalues count as equal: rounding splits a defective double
+#: eigenvalue by the square root of the machine precision. An eigenvalue also counts as multiple if
+#: the cosine between its left and right eigenvectors is smaller.
 _SPLIT = float(np.finfo(np.float64).eps) ** 0.5
 
 
@@ -34,13 +34,13 @@ def order_of(values: npt.NDArray[np.complex128]) -> npt.NDArray[np.intp]:
 
 
 def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]:
-    """Differentiate the eigenvalues of a matrix, in the order of :func:`order_of`."""
+    """Return the derivatives of a matrix's eigenvalues, in the order of :func:`order_of`."""
     from scipy.linalg import eig
 
     if not matrix.size:
         return np.zeros(0, dtype=complex)
     values, left, right = eig(matrix, left=True, right=True)
-    # Cosines of the angles between left and right eigenvectors, which have unit length.
+    # cosines between left and right eigenvectors of unit length
     cosines = np.einsum("ij,ij->j", left.conj(), right)
     weak = np.abs(cosines) <= _SPLIT
     far = np.abs(values[:, None] - values)
@@ -60,12 +60,12 @@ def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class LinearSlopes:
-    """Derivatives of the matrices of a linear system by one parameter.
+    """Derivatives of a linear system's matrices with respect to one parameter.
 
     Attributes
     ----------
     A, B, C, D : ndarray
-        Derivatives of the matrices, of the same shapes.
+        Derivatives of the matrices, in the shapes of the matrices.
     """
 
     A: Array
@@ -81,25 +81,25 @@ class Linearization(Reported):
     Attributes
     ----------
     A, B, C, D : ndarray
-        Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations;
-        units follow from those of states, inputs and outputs.
+        Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations.
+        Their units follow from the units of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes. In the full form the states are the differential states without the
-        modes; in the reduced form, the independent ones. Quaternions are then replaced by small
-        rotations ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the
-        rates ``turn_x_dot``.
+        Names along the axes. In the full form, ``states`` are the differential states except
+        modes; in the reduced form, the independent ones. The reduced form replaces quaternions by
+        small rotations ``EDGE.turn_x`` to ``EDGE.turn_z`` about the axes of the edge's first node,
+        with the rates ``EDGE.turn_x_dot``.
     basis : ndarray, shape (n_states, n)
-        Deviations of all differential states for a unit value of each z; in the full form, columns
-        of the identity matrix. Rows of modes are zero, since small deviations do not change modes.
+        Deviations of all differential states per unit of each z. In the full form, the columns are
+        unit vectors. Rows of modes are zero, since small deviations do not change modes.
     is_steady : bool
-        Whether the motion through the point is steady, so that the linear system is constant and
-        the eigenvalues of the reduced A determine stability. About any other motion the linear
-        system is valid only at this instant, and its eigenvalues do not determine stability.
+        Whether the motion is steady, so that the linear system is constant and the eigenvalues of
+        the reduced A determine stability. About any other motion, the linear system is valid only
+        at this instant, and its eigenvalues do not determine stability.
     slopes : mapping of str to LinearSlopes
-        Derivatives of the matrices by each requested name.
+        Derivatives of the matrices with respect to each requested name.
     modes : mapping of str to float
-        The modes at the point, which the linear system assumes to be constant: where dry friction
-        sticks, the relative acceleration is zero for all deviations.
+        Modes at the point, which are constant in the linear system. If dry friction sticks, the
+        relative acceleration is zero for all deviations.
     """
 
     A: Array
@@ -115,7 +115,7 @@ class Linearization(Reported):
     modes: Mapping[str, float] = field(default_factory=dict)
 
     def report(self) -> Report:
-        """Build the report: names, eigenvalues and, in notebooks, the matrices."""
+        """Return a report with names, eigenvalues and, in notebooks, the matrices."""
         z, u, y = self.states, self.inputs, self.outputs
         rates = [f"{name}′" for name in z]
         return Report(
@@ -151,7 +151,7 @@ class Linearization(Reported):
         Raises
         ------
         ParameterError
-            If it was not requested by ``sensitivities`` of :meth:`cotree.Model.linearize`.
+            If the parameter is not in ``sensitivities`` of :meth:`cotree.Model.linearize`.
         """
         if name not in self.slopes:
             raise ParameterError(
@@ -163,7 +163,7 @@ class Linearization(Reported):
     def eigenvalue_sensitivity(self, name: str) -> npt.NDArray[np.complex128]:
         """Return the derivatives of :attr:`eigenvalues` with respect to a parameter, in order.
 
-        Each is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
+        Each derivative is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
 
         Returns
         -------
@@ -172,9 +172,9 @@ class Linearization(Reported):
         Raises
         ------
         ParameterError
-            If the derivatives with respect to this parameter were not requested.
+            If the parameter is not in ``sensitivities`` of :meth:`cotree.Model.linearize`.
         SingularSystemError
-            If eigenvalues coincide, since these are not differentiable.
+            If eigenvalues coincide, since multiple eigenvalues are not differentiable.
         """
         return eigenvalue_slopes(self.A, self.sensitivity(name).A)
 
@@ -187,7 +187,7 @@ class Linearization(Reported):
     def to_control(self) -> Any:
         """Return a ``control.StateSpace`` with the names of states, inputs and outputs.
 
-        That library does not allow dots in names, so ``j.s`` becomes ``j_s``.
+        The package ``control`` does not allow dots in names, so ``j.s`` becomes ``j_s``.
 
         Raises
         ------
@@ -208,7 +208,7 @@ class Linearization(Reported):
 
     @property
     def in_modes(self) -> str:
-        """The modes at the point as text."""
+        """Return the modes at the point as text."""
         return ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
 
     def summary(self) -> str:
@@ -228,7 +228,7 @@ class Linearization(Reported):
 
 
 def _listed(values: npt.NDArray[np.complex128], most: int = 12) -> str:
-    """Return eigenvalues as text, with each conjugate pair as one entry."""
+    """Return eigenvalues as text, with one entry per conjugate pair."""
     parts = [
         f"{x.real:.4g}" if x.imag == 0.0 else f"{x.real:.4g} ± {x.imag:.4g}i"
         for x in values
@@ -239,7 +239,7 @@ def _listed(values: npt.NDArray[np.complex128], most: int = 12) -> str:
 
 
 def _without_dots(names: Sequence[str]) -> list[str]:
-    """Replace dots in names by underscores such that the names remain unique."""
+    """Replace dots in names by underscores, and keep the names unique."""
     found: list[str] = []
     for name in names:
         plain = name.replace(".", "_")

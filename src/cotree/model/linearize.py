@@ -1,7 +1,7 @@
-"""Linearisation of a model about a state, in deviations of all states or of independent ones.
+"""Linearisation of a model about a state, in deviations of all states or of independent states.
 
-Algebraic unknowns are eliminated. A ``Linearizer`` is differentiated once along a symbolic
-direction; this derivative is evaluated for each parameter.
+Algebraic unknowns are eliminated. Derivatives of the linear system are formed once, along a
+symbolic direction, and evaluated for each parameter.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 class Direction:
     """A direction in the space of states, inputs and parameters."""
 
-    #: Components; those of algebraic unknowns in ``y`` are ignored, since they follow.
+    #: Components; entries of algebraic unknowns in ``y`` are ignored, since the equations determine
+    #: them.
     y: Array
     u: Array
     p: Array
@@ -72,7 +73,7 @@ class Variation:
         found = symbols_in(self._nodes)
         changes = [symbol for symbol in found if symbol.data[0] in _CHANGES.values()]
         self._changes = {symbol: symbol.data for symbol in changes}
-        #: Symbols, except those of the direction, whose values the evaluation needs.
+        #: Symbols whose values the evaluation needs, apart from the direction.
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
@@ -91,7 +92,7 @@ class Variation:
 
 
 def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
-    """Differentiate :func:`cotree.model.algebraic.eliminated` along a change of its matrix."""
+    """Differentiate the Schur complement of :func:`cotree.model.algebraic.eliminated`."""
     n = len(moved) - cut
     # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
     x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
@@ -100,12 +101,12 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     return found
 
 
-#: Change of the fastest state after which a motion is compared with its start.
+#: Relative change of the fastest state before a motion is linearised again for comparison.
 _ASIDE = 0.1
 
 
 class Linearizer:
-    """Derivatives of the equations by states and inputs, formed once for all linearisations."""
+    """Symbolic derivatives of the equations with respect to states and inputs."""
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
@@ -115,21 +116,21 @@ class Linearizer:
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
         with_value = list(valued)
-        # For each column: the entries of the constraints, then those of the constraint rates.
+        # Each column has the constraint entries, then those of the constraint rates.
         held = [
             node
             for column in equations.columns
             for node in (*(column.held[i] for i in with_value), *column.held_rates)
         ]
-        #: Constraints and their rates, differentiated only by parameters.
+        #: Constraints and their rates, differentiated only with respect to parameters.
         self._values_held = [*valued.values(), *rows.rates]
-        # ``output_values`` ends with the values of events.
+        # ``output_values`` ends with the event functions.
         self._outputs = solved.substitute(equations.output_values[: len(equations.outputs)])
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])
         solves = [node for node in found if node.op == "solve"]
-        # The last result of a `solve` node is true if its matrix was regular.
+        # The last result of a `solve` node is true if its matrix is regular.
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
         self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
         #: Whether the equations, or the scene's inputs, depend explicitly on time.
@@ -173,7 +174,7 @@ class Linearizer:
         return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
-        """Evaluate the linearisation at a point that satisfies the algebraic equations."""
+        """Linearise at a point that satisfies the algebraic equations."""
         rates, whole, held = self.whole(t, y, p, u)
         return self._slopes(y, rates, self._without_algebraic(whole), held)
 
@@ -182,8 +183,8 @@ class Linearizer:
     ) -> tuple[Array, Array, Array]:
         """Evaluate the rates and the full Jacobian, in which algebraic unknowns count as states.
 
-        Return rates and algebraic residuals, (n_states,); the Jacobian of these and of the outputs
-        by states and inputs; and that of constraints, then of their rates, by states.
+        Return the rates and algebraic residuals, (n_states,); their Jacobian and the outputs' with
+        respect to states and inputs; and the Jacobian of the constraints and their rates.
         """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
@@ -195,11 +196,11 @@ class Linearizer:
         return self._arranged(numbers)
 
     def _arranged(self, numbers: Array) -> tuple[Array, Array, Array]:
-        """Split the values of all nodes into rates, Jacobian, and constraint Jacobian."""
+        """Split the values of all nodes into rates, Jacobian and constraint Jacobian."""
         equations = self._equations
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
-        # Columns of states precede those of inputs; in a column, rates precede outputs.
+        # Columns of states precede columns of inputs; rows of rates precede rows of outputs.
         whole = whole.reshape(n + m, n + k).T
         rates, held = np.split(others, [n])
         return rates, whole, held.reshape(n, -1).T if n else held.reshape(0, 0)
@@ -226,14 +227,14 @@ class Linearizer:
     def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
         """Differentiate the equations along a direction of states, inputs and parameters.
 
-        Return the derivatives of rates and algebraic residuals, of outputs, of constraints, and of
-        constraint rates, in one array.
+        The array contains the derivatives of rates and algebraic residuals, outputs, constraints,
+        and constraint rates, in this order.
         """
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
 
     def inputs_by_parameters(self, at: EvaluationPoint, dp: Array) -> Array:
-        """Differentiate the scene's inputs along a change of parameters, shape (n_inputs,)."""
+        """Differentiate the scene's inputs along a change of the parameters, shape (n_inputs,)."""
         none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
         values = self._values(at.t, y, at.p, none, self._inputs.symbols)
         return self._inputs.along(values, Direction(y, none, dp))
@@ -245,7 +246,7 @@ class Linearizer:
             moved, dy = self._moved_behind(whole), direction.y.copy()
             dy[n:] = 0.0
             held = replace(direction, y=dy)
-            # The algebraic equations g(y, u, p) = 0 determine how the unknowns change.
+            # The unknowns follow from g(y, u, p) = 0.
             left = self.by_parameters(at, y, held)[n : len(dy)]
             dy[n:] = -np.linalg.solve(moved[-len(left) :, -len(left) :], left)
             direction = replace(direction, y=dy)
@@ -283,7 +284,7 @@ class Linearizer:
 
     @cached_property
     def _turns(self) -> dict[int, int]:
-        """Index of the first angular velocity by the index of the first entry of its quaternion."""
+        """Index of the first angular velocity by the index of the first quaternion entry."""
         equations, names = self._equations, list(self.states)
         symbols = [state.symbol for state in equations.states]
         return {
@@ -300,7 +301,7 @@ class Linearizer:
         reduced: bool,
         directions: Mapping[str, Direction] | None = None,
     ) -> Linearization:
-        """Linearise about a motion; ``directions`` are the derivatives of the point by name."""
+        """Linearise about a motion; ``directions`` maps names to derivatives of the point."""
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
         equations, n = self._equations, self._n_differential
@@ -331,7 +332,7 @@ class Linearizer:
         point: Slopes,
         found: Reduced | None,
     ) -> LinearSlopes:
-        """Differentiate the matrices, with ``found`` the reduced ones, along a direction."""
+        """Differentiate the full or reduced matrices along a direction."""
         change = self._changed(at, y, direction)
         if found is None:
             return LinearSlopes(change.A, change.B, change.C, change.D)
@@ -340,17 +341,17 @@ class Linearizer:
     def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        # An equilibrium of an autonomous system.
+        # equilibrium of an autonomous system
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
-        # The fastest state changes by a tenth in this time, but it is at most a tenth of a second.
+        # In this time, at most 0.1 s, the fastest state changes by a tenth.
         step = _ASIDE / max(fastest, 1.0)
         later = replace(at, t=at.t + step)
         y, y[self._kept] = y.copy(), self._moved(point, at, y, step)
         try:
             y = solve_states(later, y)
             there = self.at(later.t, y, at.p, later.inputs)
-        # A motion that cannot be continued is not known to be steady.
+        # A motion that cannot be continued does not count as steady.
         except (Error, ArithmeticError, ValueError):
             return False
         moved = reduce(there, self.states, here.names)
@@ -364,7 +365,7 @@ class Linearizer:
             aside = y.copy()
             aside[kept] += share * step * slopes[-1]
             values = self._values(at.t + share * step, aside, at.p, u)
-            # Inputs and algebraic unknowns are constant; the caller then solves for the latter.
+            # Inputs and algebraic unknowns are constant here; the caller updates the unknowns.
             rates = evaluate(self._others[: len(self._equations.states)], values)
             slopes.append(np.array([float(np.real(rates[i])) for i in kept]))
         a, b, c, d = slopes
@@ -397,7 +398,7 @@ class Linearizer:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        # Only existing symbols are used, since a new one would alter the shared graph.
+        # Symbols are looked up, not created, since a new one would alter the shared graph.
         for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:
@@ -426,7 +427,7 @@ def linearize(
     total: bool = False,
 ) -> Linearization:
     """Linearise about the motion through a state; see :meth:`cotree.Model.linearize`."""
-    # Expression graphs are evaluated without the parameter checks of the compiled kernels.
+    # Expression graphs bypass the parameter checks of the compiled kernels.
     model = at.model
     model.check_parameters(at.p)
     names = check_names(sensitivities, "sensitivities")
@@ -440,7 +441,7 @@ def linearize(
     directions = {name: unit_direction(linearizer, at, name) for name in names}
     for name, dy in moves.items():
         directions[name] = replace(directions[name], y=dy)
-    # The implicit function theorem requires that the algebraic equations are satisfied.
+    # The implicit function theorem is valid only if the algebraic equations are satisfied.
     y = solve_states(at, y)
     check_friction(at, y)
     return linearizer.about(at, y, reduced=reduced, directions=directions)
@@ -460,9 +461,9 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
 
 
 def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
-    """Return the unit direction of a parameter, an input or a state, else raise ParameterError.
+    """Return the unit direction of a parameter, input or state, or else raise ParameterError.
 
-    The scene's inputs change with the parameters on which they depend.
+    Inputs of the scene change with the parameters on which they depend.
     """
     model = at.model
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))

@@ -1,7 +1,7 @@
 """Loading of models from C text: libraries, operating points, and pickles for other processes.
 
-A pickle contains program, text and options: the receiver compiles the text or finds the library in
-its cache, but does not formulate the equations again.
+A pickle contains program, C text and options. The receiver compiles the text, or finds the library
+in its cache, without formulating the equations again.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def load_model(
 ) -> CompiledModel:
     """Compile and load the C text of a model; warn if there is no compiler.
 
-    ``at_rest`` returns the C text of the network at rest, if the model starts at its operating
-    point.
+    If the model starts at its operating point, ``at_rest`` returns the C text of the network at
+    rest.
     """
     toolchain = find_toolchain()
     if toolchain is None:
@@ -75,10 +75,9 @@ def load_model(
 class OperatingPoint:
     """Computation of the operating point of a network, at which a model starts.
 
-    The operating point is the steady state of another scene, whose storages are at rest
-    (:mod:`cotree.scene.variants`). That scene has no states, only algebraic unknowns, which are
-    found with limited junctions, parallel conductances and source stepping. Its sensitivity graphs
-    yield the sensitivities of the start. ``text`` returns the C text of the network at rest.
+    The operating point is the steady state of a second scene, in which storages are at rest
+    (:mod:`cotree.scene.variants`). This scene has only algebraic unknowns, which are found with
+    limited junctions, parallel conductances and source stepping. ``text`` returns its C text.
     """
 
     def __init__(self, model: CompiledModel, text: Callable[[], ModelText]) -> None:
@@ -97,8 +96,8 @@ class OperatingPoint:
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
         """Return the states at rest and their sensitivities.
 
-        ``s``, (n_states, n_sensitivities), contains the sensitivities of the scene's initial
-        values; it is overwritten except for columns of initial values.
+        On entry, ``s``, (n_states, n_sensitivities), contains the sensitivities of the scene's
+        initial values; all columns except those of initial values are overwritten.
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))
@@ -112,7 +111,7 @@ class OperatingPoint:
             start = find_start(EvaluationPoint(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
-        # The outputs of the network at rest are the states of the model, in the same order.
+        # The outputs of the network at rest are the model's states, in the same order.
         y = rest.output_values(t, start.y, own, inputs)
         if rest.sensitivities:
             found = rest.output_sensitivity(t, start.y, start.s, own, inputs)
@@ -124,14 +123,14 @@ def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if not model.text.files:
         raise TypeError("a model without C text cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
-    # Programs and texts are repetitive: a few milliseconds compress them to a quarter.
+    # Programs and texts are repetitive: compression to a quarter takes a few milliseconds.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
     return _arrived, (_versions(), data)
 
 
 def _arrived(versions: dict[str, str], data: bytes) -> CompiledModel:
-    """Load a model from another process; raise BuildError if this version cannot read it."""
-    # Another version could read the program and compute different results.
+    """Load a pickled model; raise BuildError if another version wrote it."""
+    # Another version may compute different results from the same program.
     if any(versions.get(name) != _versions()[name] for name in ("cotree", "ABI")):
         raise BuildError(
             f"this model was pickled by cotree {_named(versions)}, and here is cotree "
@@ -162,5 +161,5 @@ def _named(versions: dict[str, str]) -> str:
     return f"{versions.get('cotree')} ({others})"
 
 
-# A loaded library is valid only in its process, so a pickle contains the text instead.
+# A loaded library is valid only in its process, so pickles contain the C text.
 copyreg.pickle(CompiledModel, _reduced)

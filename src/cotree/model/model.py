@@ -1,7 +1,7 @@
 """The compiled model: right-hand side, Jacobian, sensitivities and outputs as NumPy arrays.
 
-Solvers call kernels without checks and copies; users call methods with checked arrays and full
-sensitivities.
+Solvers call kernels without checks or copies; the methods for users check their arguments and take
+full sensitivity arrays.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ Call = Callable[[float, Array, Array, Array], Array]
 def whole_kernel(kernels: Kernels, layout: Layout, name: str) -> Call:
     """Return a kernel as a function of full sensitivity arrays; its result may be a buffer."""
     n_all = len(layout.states) * len(layout.sensitivities)
-    # Kernels without packed arguments are called directly.
+    # Kernels without packed sensitivities are called directly.
     if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
         return lambda t, x, s, u: kernels(name, t, x, s, u)
     places = np.array(layout.sensitivity_places, dtype=np.intp)
 
     def call(t: float, x: Array, s: Array, u: Array) -> Array:
         packed = kernels(name, t, x, s[places], u)
-        # Augmented kernels return the rates of the states, then those of the sensitivities.
+        # Augmented kernels return the state rates, then the sensitivity rates.
         n_lead = len(packed) - len(places)
         whole = np.zeros(n_lead + n_all)
         whole[:n_lead] = packed[:n_lead]
@@ -92,7 +92,7 @@ class Rest(Protocol):
         ...
 
 
-# Maximum number of different settings for which a model keeps prepared runs.
+# Maximum number of run settings for which a model caches prepared runs.
 _MOST_KEPT = 8
 
 
@@ -100,9 +100,9 @@ class CompiledModel:
     """The kernels of a scene, called with NumPy arrays.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None selects the scene's values. Parameters may also be a
-    mapping of names to values that replaces only these. Results are new arrays. Several threads may
-    call the same model at the same time, each with its own parameters.
+    :attr:`parameters` and :attr:`inputs`; None selects the scene's values. ``p`` may also be a
+    mapping that replaces the values of some parameters by name. Results are new arrays. Several
+    threads may call the same model at the same time, each with its own parameters.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class CompiledModel:
     states, parameters, inputs, outputs : tuple of str
         Names of the states, the tunable parameters, the inputs and the outputs.
     sensitivities : tuple of str
-        Parameters and initial states with respect to which the model has sensitivities.
+        Parameters and initial states with respect to which the model computes sensitivities.
     structure : Structure
         Sparsity patterns of the derivatives.
     kept : RecentCache
@@ -156,7 +156,7 @@ class CompiledModel:
 
     @property
     def program(self) -> Program:
-        """The program after its passes; its nodes are not needed for kernel calls and runs."""
+        """The program after its passes; kernel calls and runs do not need its nodes."""
         return self.text.program
 
     @property
@@ -172,7 +172,7 @@ class CompiledModel:
         values : mapping of str to float, or array_like of shape (n_parameters,), optional
             Values by name, or an array of all values.
         others : array_like, shape (n_parameters,), optional
-            Values of the parameters that ``values`` does not name; by default the scene's.
+            Values of the parameters that are not in ``values``; by default the scene's.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class CompiledModel:
         Raises
         ------
         ParameterError
-            If a value is not accepted.
+            If a name is unknown, or a value or the shape is invalid.
         """
         return derived_values(self.layout.derived, self.parameter_array(p))
 
@@ -209,16 +209,16 @@ class CompiledModel:
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Return a kernel as a function of time, states, flat sensitivities and inputs.
 
-        The function is for solvers and does not check or copy. Its result is a buffer of the
-        calling thread, valid until this thread calls the kernel again. The function prepares the
-        kernels for p whenever another call has changed the parameters.
+        The function is for solvers and neither checks nor copies. Its result is a buffer, valid
+        until the calling thread calls the kernel again. The kernels are prepared for p again if
+        another call has changed the parameters.
         """
         kernels, own, has_inputs = self._kernels, self._own, bool(self.inputs)
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            # Arrays are compared by identity: solvers pass the same array at every call, and
-            # comparing values would take as long as a small kernel.
+            # Arrays are compared by identity: solvers pass the same array in every call, and a
+            # comparison of values would take as long as a small kernel.
             if own.prepared is not p:
                 self.set_parameters(p)
             if u is None:
@@ -228,7 +228,7 @@ class CompiledModel:
         return call
 
     def native(self, p: Array) -> NativeModel | None:
-        """Return the C model with the given parameters, or None without a compiler."""
+        """Return the C model with parameters p, or None without a compiler."""
         self._prepare(p)
         return self._kernels.native()
 
@@ -245,7 +245,7 @@ class CompiledModel:
         try:
             found = find_toolchain()
         except BuildError:
-            found = None  # the environment now names another compiler
+            found = None  # the environment now selects another compiler
         return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
@@ -278,7 +278,7 @@ class CompiledModel:
         return found
 
     def _prepare(self, p: Any) -> None:
-        """Prepare the kernels for parameters given in any form, unless they are unchanged."""
+        """Prepare the kernels for parameters in any form, unless they are unchanged."""
         # Prepared arrays belong to cotree and are never changed in place.
         if p is None or self._own.prepared is not p:
             self.set_parameters(self.parameter_array(p))
@@ -287,25 +287,25 @@ class CompiledModel:
         """Prepare the kernels for a parameter array, which must never be changed in place.
 
         Later calls recognise the array by its identity. Raise ParameterError if a value is not
-        finite, or a guard of the model rejects it.
+        finite or a guard of the model rejects it.
         """
         own = self._own
-        # Bits are compared, since 0.0 equals -0.0 but 1 / p differs.
+        # Bits are compared: 0.0 equals -0.0, but 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            # A dot product detects nan and infinity in one pass, but squares may also overflow.
+            # A dot product detects nan and infinity in one pass, but may itself overflow.
             with np.errstate(over="ignore"):
                 square = p.dot(p)
             if not (math.isfinite(square) or np.isfinite(p).all()):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
-            # If a guard rejects the values, the kernels are not prepared for any.
+            # If a guard rejects the values, the kernels remain unprepared.
             own.prepared = None
             self._kernels.prepare(p)
         own.prepared = p
 
     @property
     def digest(self) -> str:
-        """Hash of C text, names and default values, equal for models that compute the same."""
+        """Hash of C text, names and default values; equal hashes imply equal results."""
         parts = [VERSION, repr(self.layout), *_listed(self.text.files)]
         if self.rest is not None:
             text = self.rest.text
@@ -319,23 +319,23 @@ class CompiledModel:
 
     @property
     def slow_causes(self) -> str:
-        """Sentences on scene values that require short steps; empty if none is known."""
+        """Sentences on values in the scene that require short steps; empty if none is known."""
         return self.text.slow_causes
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Parameters in :attr:`sensitivities` on which no state and no output depends."""
+        """Entries of :attr:`sensitivities` on which no state and no output depends."""
         return self.traits.unreached
 
     @property
     def has_constant_start(self) -> bool:
-        """Whether initial states depend neither on time nor on parameters."""
+        """Whether the initial states depend neither on time nor on parameters."""
         is_found = self.begins_at_rest or self.layout.has_start_equations
         return self.traits.has_constant_start and not is_found
 
     @property
     def begins_at_rest(self) -> bool:
-        """Whether runs begin at the operating point."""
+        """Whether runs start at the operating point."""
         return self.rest is not None
 
     def restart_times(
@@ -348,14 +348,14 @@ class CompiledModel:
     ) -> RestartTimes:
         """Return the times of jumps and kinks; see :meth:`Program.restart_times`.
 
-        ``span`` are the start and end of a run in either order, [s]; ``given`` are the inputs that
-        the run replaces, ``others`` further times, such as those of tables, [s].
+        ``span`` is the start and end of a run in either order, [s]; ``given`` contains the inputs
+        that the run replaces, and ``others`` further times, such as breakpoints of tables, [s].
         """
         ends = (min(span), max(span))
         return self.program.restart_times(p.tolist(), ends, given, others, time_limit)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
-        """Return the longest step with which no variation of an input is missed, [s]."""
+        """Return the longest step that cannot miss a change of an input, [s]."""
         return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
@@ -367,7 +367,7 @@ class CompiledModel:
 
     @locked_cached_property
     def slopes(self) -> dict[str, tuple[int, int]]:
-        """Row and column of each state sensitivity by its name, ``d(STATE)/d(PARAMETER)``."""
+        """Row and column of each state sensitivity by its name ``d(STATE)/d(PARAMETER)``."""
         rows, columns = list(enumerate(self.states)), list(enumerate(self.sensitivities))
         return {f"d({own})/d({by})": (i, j) for i, own in rows for j, by in columns}
 
@@ -377,7 +377,7 @@ class CompiledModel:
         return tuple(row.name for row in self.layout.constraints)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
-        """Return initial states and sensitivities at the operating point, or those of the scene.
+        """Return initial states and sensitivities, from the operating point or the scene.
 
         Shapes are (n_states,) and (n_states, n_sensitivities). ``t`` is the start time, [s]; if u
         is None, the scene's inputs are used.
@@ -394,7 +394,7 @@ class CompiledModel:
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # there is no such kernel
+        if not self.constraints:  # the model then has no such kernel
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
@@ -411,7 +411,7 @@ class CompiledModel:
         )
 
     def input_values(self, t: float, p: Any = None) -> Array:
-        """Return the scene's inputs at the given time, shape (n_inputs,)."""
+        """Return the scene's inputs at time t, shape (n_inputs,)."""
         self._prepare(p)
         return self._call("inputs", float(t), _NONE, _NONE, _NONE)
 
@@ -442,7 +442,7 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Return the reason why rates are not finite at a point, or an empty string."""
+        """Return the reason why the rates are not finite at a point, or an empty string."""
         try:
             rates = self.bound("rhs", p)(t, y, _NONE, u)
         except SingularSystemError as error:
@@ -455,12 +455,12 @@ class CompiledModel:
         return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
     def _by_parameter(self, flat: Array, n_rows: int) -> Array:
-        # Kernels return a block for each parameter; results have a column for each.
+        # Kernels return one block per parameter; results have one column per parameter.
         blocks = flat.reshape(len(self.sensitivities), n_rows, *flat.shape[1:])
         return blocks.swapaxes(0, 1).copy()
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
-        # Values with labels are identified by them, as in ``parameters``.
+        # Labelled values are ordered by their labels, as in ``parameters``.
         if type(y) is not np.ndarray:
             y = in_order(y, self.states, "state")
         if u is not None and type(u) is not np.ndarray:
@@ -506,7 +506,7 @@ class StatesOnly(CompiledModel):
             input_sensitivities=((),) * len(text.layout.inputs),
         )
         super().__init__(replace(text, layout=layout), model._kernels)
-        # Both models share the kernels and hence the prepared parameters of each thread.
+        # Both models share kernels, and hence each thread's prepared parameters.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
 
     @locked_cached_property
@@ -527,7 +527,7 @@ class StatesOnly(CompiledModel):
     def native(self, p: Array) -> NativeModel | None:
         """Return the C model; see :meth:`CompiledModel.native`."""
         native = super().native(p)
-        # The kernel for states alone may exist even if that with sensitivities was too long.
+        # This kernel may exist even if the kernel with sensitivities was too long.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 
@@ -546,10 +546,10 @@ class EvaluationPoint:
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
     def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
-        """Evaluate a kernel; its new result has consecutive sensitivities to each parameter."""
+        """Evaluate a kernel; sensitivities to each parameter are consecutive in the new array."""
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
 
     def event_values(self, y: Array, s: Array | None = None) -> Array:
-        """Evaluate the event functions, without the switching functions, shape (n_events,)."""
+        """Evaluate the event functions without the switching functions, shape (n_events,)."""
         return self.call("events", y, s)[: len(self.model.layout.events)]

@@ -3,10 +3,10 @@
 One of these tests decides whether a step is accepted:
 
 - natural monotonicity: the next step with the same matrix must be shorter. The test does not depend
-  on the units of the residuals, and the next step is reused if the iteration converges fast enough;
-- residual: the residual, scaled row by row, must be smaller;
-- whole steps: all steps are accepted; the next step is reused as with natural monotonicity;
-- none: all steps are taken, limited only by the equations, each with the matrix of its own point.
+  on the units of the residuals. The next step is reused if the iteration converges fast enough;
+- residual: the norm of the row-scaled residual must decrease;
+- whole steps: every step is accepted; the next step is reused as with natural monotonicity;
+- none: every step is accepted and uses the matrix of its own point; only the equations limit steps.
 
 An iteration has converged if a step is a rounding error, or is small and no longer shrinks. See P.
 Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
@@ -14,20 +14,22 @@ Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 
 Searches from a poor guess use the same iteration, in this order:
 
 1. With whole steps, then slightly damped by natural monotonicity.
-2. By natural monotonicity with more damping, from a better guess of :class:`Junctions`, if there is
-   one, and then from the given guess.
+2. With stronger damping by natural monotonicity, from a better guess by :class:`Junctions`, if
+   there is one, then from the caller's guess.
 3. Damped by the residual test.
-4. By continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all laws
-   vanish at zero, g(0) consists of sources and states: from zero this is source stepping.
+4. By continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all
+   terminal equations vanish at zero, g(0) consists of sources and states: from zero this is source
+   stepping.
 
-Steps 2 to 4 are repeated from zero and from random points nearby. See chapters 3 and 5 of the book.
+Methods 2 to 4 are repeated from zero and from random points nearby. See chapters 3 and 5 of the
+book.
 
-The guess of :class:`Junctions` is a root of equations in which exponents are also unknowns:
+The guess by :class:`Junctions` is a root of equations in which exponents are also unknowns:
 
 1. A step that raises an exponent by more than a few units is limited such that the exponential
    grows by the amount that its tangent predicts, as in SPICE (pnjlim).
-2. If the iteration does not converge, exp(w) is replaced by exp(w) + c w, with a conductance in
-   parallel with each junction, and c is lowered step by step.
+2. If the iteration does not converge, exp(w) is replaced by exp(w) + c w, a conductance in parallel
+   with each junction, and c is reduced step by step.
 
 See J. Albersmeyer and M. Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010), and L. W.
 Nagel, SPICE2, Berkeley 1975.
@@ -54,11 +56,11 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 
-#: A matrix is reused only if it is expected to converge within this number of further steps; with
-#: the matrix of the current point, each step squares the error.
+#: A matrix is reused only if convergence is expected within this number of further steps. With the
+#: matrix of the current point, each step squares the error.
 _FEW = 3
 
-#: Minimum decrease of the residual as a fraction of that of the linear model (Armijo's rule).
+#: Minimum decrease of the residual, as a fraction of the linear prediction (Armijo's rule).
 _ARMIJO = 1e-4
 
 #: Numbers of neighbouring points and of distances in the test for rounding errors of residuals.
@@ -66,7 +68,7 @@ _NEIGHBOURS, _DISTANCES = 8, 5
 
 
 class Residuals(Protocol):
-    """Equations that :func:`iterate` solves."""
+    """Equations solved by :func:`iterate`."""
 
     n_carried: int  # number of leading values that are not residuals
 
@@ -87,9 +89,8 @@ class Equation:
     """Equations in n unknowns with their derivatives.
 
     ``value(z)`` returns a new array, shape (n_carried + n,). ``slope(z)`` returns the derivatives
-    with respect to the constant arguments ``held``, (m,), then to the unknowns: a full or CSR
-    matrix, (n, m + n). The constant arguments contribute to the magnitude of the terms in each
-    equation.
+    with respect to the constants ``held``, (m,), then to the unknowns, as a full or CSR matrix,
+    (n, m + n). The constants contribute to the summed magnitudes of terms.
     """
 
     def __init__(
@@ -124,13 +125,13 @@ class Equation:
 
 
 class Root(NamedTuple):
-    """The result of an iteration: a root, or else the last or best point."""
+    """Result of an iteration: a root, or the last or best point if there is none."""
 
-    z: Array  # point of the search
+    z: Array  # unknowns at the point
     values: Array  # values of the equations at the point
-    is_found: bool  # whether the point is a root, up to rounding
-    linear: Linear | None = None  # last linear equations solved, at this point or at one nearby
-    n_carried: int = 0  # number of values that are not residuals but are returned with them
+    is_found: bool  # whether the point is a root up to rounding
+    linear: Linear | None = None  # last linear equations solved, at this point or nearby
+    n_carried: int = 0  # number of leading values that are not residuals
 
     @property
     def g(self) -> Array:
@@ -145,7 +146,7 @@ class Root(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """Matrix and step that the next iteration reuses; None if it computes its own."""
+    """Matrix and step for the next iteration to reuse; None if it must compute its own."""
 
     linear: Linear | None = None
     step: Array | None = None
@@ -155,7 +156,7 @@ _REFACTOR = _Following()
 
 
 class NaturalTest:
-    """Test that accepts a step if the next one is shorter by ``share`` times the damping factor."""
+    """Test that accepts a step if the next one is shorter by ``share`` times the damping."""
 
     share = 0.25  # as recommended by Deuflhard
 
@@ -172,8 +173,8 @@ class NaturalTest:
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
             return None
-        ratio = after / self._before  # expected contraction of the following steps
-        # The matrix is reused if a few further steps with it would reach rounding level.
+        ratio = after / self._before  # expected contraction of the next steps
+        # Reuse the matrix if a few more steps with it would reach rounding level.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
         return _Following(self._linear, step) if is_fast else _REFACTOR
 
@@ -185,12 +186,12 @@ class WholeSteps(NaturalTest):
 
 
 class ResidualTest:
-    """Test that accepts a step if the residual decreases, each row in units of its largest term."""
+    """Test that accepts a step if the row-scaled residual decreases."""
 
     def __init__(
         self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
     ) -> None:
-        # Divide each row by the largest change that a unit of any unknown causes in it.
+        # Divide each row by its largest change per unit of any unknown.
         largest = np.max(np.abs(equation.square(point.z) * units), axis=1)
         self._weights = 1.0 / np.maximum(largest, TINY)
         self._before = float(np.linalg.norm(self._weights * point.g))
@@ -206,10 +207,10 @@ class NewtonLimits:
     """Settings of an iteration: number of steps, test, damping and convergence."""
 
     most_steps: int  # maximum number of steps
-    #: Test that decides whether a step is accepted; None accepts all full steps.
+    #: Test for accepting a step; None accepts all full steps.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # smallest damping factor
-    #: Fraction of the scales below which a step, or with a test the next one, ends the iteration.
+    #: Relative size below which a step, or with a test the next step, ends the iteration.
     settled: float = ROUNDING
 
 
@@ -218,9 +219,10 @@ def iterate(
 ) -> Root:
     """Take Newton steps until a step is a rounding error.
 
-    ``linear`` contains equations of a point nearby, reused as long as they converge fast. Return
-    the root; or the point with the least residual if no step is accepted, a matrix is singular or
-    the maximum number of steps is reached. Limits with a test require an :class:`Equation`.
+    ``linear`` contains the equations of a nearby point, reused as long as convergence is fast.
+    Return the root; if no step is accepted, a matrix is singular or the maximum number of steps is
+    reached, return the point with the least residual. Limits with a test require an
+    :class:`Equation`.
     """
     point = best = _at(equations, z)
     least = best.size
@@ -233,21 +235,21 @@ def iterate(
         try:
             linear = kept.linear or equations.linearised(point.z)
             step = -linear.solve(point.g) if kept.step is None else kept.step
-        # With a singular matrix there is no step; the caller may start at another point.
+        # A singular matrix defines no step; the caller may start elsewhere.
         except np.linalg.LinAlgError:
             break
         units, length = linear.measured(step)
         size = length
         ratio = math.inf
         if before is not None:
-            # Both steps are measured in the scales of the newer one.
+            # Both steps are measured in the scales of the newer step.
             ratio = size / max(longest(before / units), TINY)
         if limits.test is not None:  # assume the same contraction for the next step
             size *= min(ratio, 1.0)
-        # With a reused matrix the limit is stricter, since errors accumulate along chains of steps.
+        # With a reused matrix the limit is stricter, since errors accumulate over steps.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if size <= allowed and linear.is_met(point.g):
-            # The last step is still taken, and its residuals must also be rounding errors.
+            # Take the last step, whose residuals must also be rounding errors.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
@@ -261,12 +263,13 @@ def iterate(
         found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
         if found is not None:
             point, kept = found
-            best = point  # tests accept only points that are better than the previous one
+            best = point  # tests accept only points better than the previous one
         elif is_old:
-            # The matrix is that of an earlier point; repeat the step with that of this point.
+            # The matrix belongs to an earlier point: repeat the step with a new one.
             kept = _REFACTOR
         else:
-            # Without damping, a rejected step has infinite residuals: no sign of convergence.
+            # Without damping, a step is rejected only if its residuals are infinite, which proves
+            # nothing.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -295,7 +298,7 @@ def _damped(
             return trial, following
         if is_old or _is_stalled(point, linear, step):
             break
-        # Exponentials may need damping factors of 1e-20, for which halving alone takes many steps.
+        # Exponentials may need damping factors of 1e-20, which repeated halving would reach slowly.
         damping *= 0.5 if damping > 1e-3 else 0.1
     return None
 
@@ -315,12 +318,12 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 
 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
-    """Return whether a residual consists of rounding errors inside the laws.
+    """Return whether a residual consists of rounding errors inside the terminal equations.
 
-    Cancellation inside a law, as in a difference of squares, affects neither the slopes nor the
-    magnitudes of terms. If it dominates, the deviations of neighbouring values from the tangent are
-    similar at one distance and at four times that distance. The deviation of a curve would grow by
-    a factor of 16, that of a kink by 4.
+    Cancellation inside an equation, such as a difference of squares, shows neither in the slopes
+    nor in the magnitudes of terms. If it dominates, values near z deviate from the tangent by
+    similar amounts at one distance and at four times that distance. The deviation of a curve would
+    grow by a factor of 16, and at a kink by 4.
     """
     z, g, cut = point.z, point.g, equation.n_carried
     slope, reach = equation.square(z).copy(), np.maximum(np.abs(step), ROUNDING * np.abs(z))
@@ -335,12 +338,12 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
         ]
     )
     is_flat = (away[1:] <= 2.0 * away[:-1]) & (np.abs(g) <= 2.0 * away[:-1])
-    # The comparison is not conclusive if neighbouring values overflow.
+    # The comparison is inconclusive if neighbouring values overflow.
     is_flat &= np.isfinite(away[:-1])
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
-# Limits of searches from a poor guess. Far from the root of an exponential, each step changes the
+# Limits of searches from a poor guess. Far from the root of an exponential, a step changes the
 # exponent by one, and the initial exponent may be too large by a hundred.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
@@ -352,12 +355,12 @@ NEXT = NewtonLimits(20, WholeSteps)
 #: Limits of a search near the guess: little damping and few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Limits of the correction in a continuation, which halves its advance if no root is found in a few
-#: steps; and the smallest advance and maximum number of advances.
+#: Limits of the corrector in the continuation, which halves its advance if the corrector fails;
+#: smallest advance and maximum number of advances.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
-#: Distance of random initial points, as a fraction of the guess or of one, and their number.
+#: Distance of random initial points, relative to max(guess, 1), and their number.
 _ASIDE, _TRIES = 0.5, 3
 
 
@@ -367,22 +370,22 @@ def find_root(
     improve: Callable[[], Array | None] = lambda: None,
     linear: Linear | None = None,
 ) -> Root:
-    """Return the first root found, or the point with the least residual in the units of g.
+    """Return the first root found, or else the point with the least residual in the units of g.
 
-    Values of the equations may be infinite or nan outside their domain. If Newton's method fails
-    from ``guess``, ``improve`` returns a better one, or None; ``linear`` belongs to a point nearby.
+    Outside their domain, equations may return infinity or nan. If Newton's method fails from
+    ``guess``, ``improve`` returns a better guess, or None; ``linear`` belongs to a nearby point.
     """
     return _best(_searches(equation, guess, improve, linear))
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
-    """Search from a guess, zero and points nearby, in few steps; the system may be rectangular."""
+    """Search briefly from a guess, zero and points nearby; the system may be rectangular."""
     starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
     return _best(iterate(equation, start, limits) for start, limits in starts)
 
 
 def _best(searches: Iterator[Root]) -> Root:
-    """Return the first root found, else the point with the least residual."""
+    """Return the first root found, or else the point with the least residual."""
     with np.errstate(all="ignore"):
         best = next(searches)
         while not best.is_found and (root := next(searches, None)):
@@ -411,7 +414,7 @@ def _searches(
 
 def _starts(guess: Array) -> Iterator[Array]:
     yield guess
-    # Network laws usually vanish at zero and do not overflow there.
+    # Network equations usually vanish at zero and do not overflow there.
     if np.any(guess):
         yield np.zeros_like(guess)
     rng = np.random.default_rng(0)
@@ -428,7 +431,7 @@ def _falling(equation: Equation, z: Array) -> Root:
 def _continued(equation: Equation, z: Array) -> Root:
     """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
     first, cut = equation.value(z), equation.n_carried
-    # The continuation does not change values that are not residuals.
+    # Leading values that are not residuals are not shifted.
     first[:cut] = 0.0
     reached, advance = 0.0, 0.1
     for _ in range(_MOST_ADVANCES):
@@ -448,36 +451,36 @@ def _continued(equation: Equation, z: Array) -> Root:
     return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
 
 
-#: Largest unlimited increase of an exponent in one step, and largest exponent taken from a guess.
+#: Exponents may rise freely by the first value per step; the second bounds those of a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
-#: Maximum number of limited steps; number of junctions for which one more is allowed, since changes
-#: propagate along chains of junctions; and the relative step size at which the search ends.
+#: Maximum number of limited steps; number of junctions per additional step, since changes propagate
+#: along chains of junctions; relative step size that ends the search.
 _MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
 
 #: Largest and smallest conductance in parallel with a junction, in units of saturation current over
-#: thermal voltage. At 1e-15 A the largest is that of a wire; the smallest is negligible.
+#: thermal voltage. At 1e-15 A the largest equals a wire; the smallest is negligible.
 _LARGEST, _LEAST = 1e15, 1e-3
-#: Least, initial and largest factor by which one step lowers the conductance.
+#: Smallest, initial and largest factor of one reduction of the conductance.
 _FACTORS = (1.05, 10.0, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
 class Junctions:
-    """The algebraic equations of a program as functions of unknowns and exponentials."""
+    """Algebraic equations of a program as functions of unknowns and exponentials."""
 
-    equations: tuple[Node, ...]  # residuals g, which must be zero
+    equations: tuple[Node, ...]  # residuals g
     unknowns: tuple[Node, ...]  # symbols of the unknowns z
     exponentials: tuple[Node, ...]  # exponentials that depend on z
-    #: Derivatives of equations, then exponents, by z and the exponentials, by index of these.
+    #: Derivatives of equations and exponents with respect to z, then to each exponential.
     slopes: tuple[dict[int, Node], ...]
 
     @classmethod
     def of(cls, program: Program) -> Junctions:
-        """Find the exponentials in the algebraic equations, and differentiate by them."""
+        """Differentiate the algebraic equations with respect to unknowns and exponentials."""
         dag, layout = program.dag, program.layout
         n, cut = len(layout.states), len(layout.states) - layout.n_algebraic
-        # Algebraic equations are the last rows, and their unknowns the last states.
+        # Algebraic equations are the last rows; their unknowns are the last states.
         equations = program.kernels["rhs"].results[cut:]
         unknowns = tuple(dag.symbol("x", i) for i in range(cut, n))
         order = reachable(equations)
@@ -486,7 +489,7 @@ class Junctions:
         if not exponentials:
             return cls(equations, unknowns, (), ())
         roots = [*equations, *(node.args[0] for node in exponentials)]
-        # Exponentials are variables: derivatives by z do not include those through them.
+        # Exponentials count as variables, so derivatives with respect to z omit paths through them.
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
@@ -538,13 +541,13 @@ class FrozenSystem:
         return self._lower(z, np.zeros(m)) if found is None else found[0]
 
     def _lower(self, z: Array, w: Array) -> Array | None:
-        """Lower the conductance in parallel with all junctions to zero, step by step."""
+        """Reduce the conductance in parallel with all junctions to zero, step by step."""
         conductance, (least, factor, most) = _LARGEST, _FACTORS
         while conductance > 0.0:
             lower = conductance / factor if conductance > _LEAST else 0.0
             found = self._iterate(z, w, lower)
             if found is not None:
-                # After a success the factor is squared; after a failure its square root is taken.
+                # A success squares the factor; a failure takes its square root.
                 (z, w), conductance, factor = found, lower, min(factor**2, most)
             elif factor < least:
                 return None
@@ -553,20 +556,17 @@ class FrozenSystem:
         return z
 
     def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
-        """Take Newton steps in unknowns and exponents, with limited steps of exponents.
-
-        Return None if the iteration does not converge.
-        """
+        """Take Newton steps in unknowns and limited exponents; return None if they diverge."""
         self._conductance = conductance
         limits = NewtonLimits(_MOST_LIMITED_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
         root = iterate(self, np.concatenate([z, w]), limits)
         return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
 
     def value(self, z: Array) -> Array:
-        """Return the residuals: g of the equations, then a - w of the exponents."""
+        """Return the residuals g of the equations, then a - w of the exponents."""
         unknowns, w = np.split(z, [self._n])
-        # Residuals are g(z, e) and a(z, e) - w with e = exp(w) + c w. Derivatives by e are
-        # multiplied by de/dw = exp(w) + c to obtain those by w.
+        # Residuals are g(z, e) and a(z, e) - w with e = exp(w) + c w. Hence d/dw = (exp(w) + c)
+        # d/de.
         slope = np.exp(w) + self._conductance
         values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
         values[self._n :] -= w
@@ -575,7 +575,7 @@ class FrozenSystem:
         return values
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear equations at the point that was evaluated last."""
+        """Return the linear equations at the last evaluated point."""
         own, entries = np.arange(self._n, len(z)), self._entries
         rows, columns = np.append(self._rows, own), np.append(self._columns, own)
         scale = np.maximum(1.0, np.abs(z))

@@ -1,4 +1,4 @@
-"""Inputs of a run, which replace the scene's: numbers, expressions, tables or functions."""
+"""Inputs of a run that replace the scene's: numbers, expressions, tables or functions."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ class Sampled:
         return self.function(*args)
 
     def at(self, t: float, measured: Mapping[str, float]) -> float:
-        """Return the value of the function at a time from states and outputs by name."""
+        """Return the value at time t; ``measured`` contains states and outputs by name."""
         return self.function(t, measured) if self.reads_states else self.function(t)
 
 
 def sampled(function: Callable[..., float], period: float) -> Sampled:
-    """Make an input whose function is called at fixed intervals, and constant in between.
+    """Return an input that calls a function at fixed intervals and is constant in between.
 
     Parameters
     ----------
     function : callable
-        ``function(t)``, or ``function(t, x)``, in which ``x`` has the states and outputs by name
-        just before the input changes: ``x["hinge.theta"]``.
+        ``function(t)``, or ``function(t, x)`` if it needs states or outputs. ``x`` contains their
+        values by name just before the input changes: ``x["hinge.theta"]``.
     period : float
-        Time between two calls, [s]; the first is at the start of the run.
+        Time between two calls, [s]; the first call is at the start of the run.
 
     Raises
     ------
     ParameterError
-        If the function cannot be called, or the period is not a positive number.
+        If the function is not callable, or the period is not a positive number.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
         raise ParameterError(f"the period of a sampled input is {period}: it must be positive")
     try:
         kinds = [row.kind for row in inspect.signature(function).parameters.values()]
-    except (TypeError, ValueError):  # C functions may have no signature
+    except (TypeError, ValueError):  # functions written in C may have no signature
         kinds = []
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return Sampled(function, float(period), sum(kind in positional for kind in kinds) > 1)
@@ -88,7 +88,7 @@ class ReplacedInputs:
     sampled: Mapping[int, Sampled] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:
-        """Replace entries of u in place by their values at a time."""
+        """Replace entries of u in place by their values at time t."""
         for position, signal in self.by_position.items():
             u[position] = signal(t)
         return u
@@ -114,7 +114,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             constant = parsed.number
             # Other expressions are compiled into a separate model; see cotree.scene.variants.
             assert constant is not None
-            # A table with one point is a constant, which C evaluates without calling Python.
+            # A number becomes a table with one point, which C evaluates without a call to Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])
             signal = _constant(constant)
         else:
@@ -126,7 +126,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
 
 
 def _checked(function: Callable[[float], Any], name: str) -> Signal:
-    """Wrap a function of time such that values that are not numbers raise an error."""
+    """Wrap a function of time such that results that are not numbers raise an error."""
 
     def signal(t: float) -> float:
         value = function(t)

@@ -1,14 +1,13 @@
 """The start of a run: initial states and sensitivities that satisfy all equations.
 
-Each of these steps, which C takes (:mod:`cotree.model.start_in_c`), keeps the results of earlier
-ones:
+C takes these steps (:mod:`cotree.model.start_in_c`); each preserves the results of earlier ones:
 
 1. Take the initial values of the scene or its operating point, replaced by those of the run.
 2. Satisfy the constraints of mechanisms (``templates/runtime/start``).
-3. Find algebraic unknowns, and storage contents from the variables that determine them; then the
-   modes of jumps inside expressions, and the unknowns again.
+3. Find the algebraic unknowns, and storage contents from the variables that determine them; then
+   the modes of jumps inside expressions, and the unknowns again.
 4. Check redundant initial values of network variables, which must agree with the values that follow
-   from the states; otherwise an error lists all that do not.
+   from the states. If not, the error lists all contradictions.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Relative tolerance for the agreement of two given values, one of which determines the other.
+#: Relative tolerance for the agreement of two initial values, one of which determines the other.
 _AGREE = 1e-6
 
 
@@ -44,12 +43,12 @@ class Start:
     y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
         Initial states and their sensitivities.
     is_chosen : bool
-        Whether states changed that neither constraints nor given values determine. The change is
-        the smallest possible one, and ``s`` contains its derivatives.
+        Whether neither constraints nor initial values determine some of the states. Their change
+        has minimum norm, and ``s`` contains its derivatives.
     note : str
-        A sentence on the given values that change with a parameter; empty if none does.
+        A sentence on the initial values that change with a parameter; empty if there are none.
     is_mended : bool
-        Whether given values had to be changed.
+        Whether prescribed initial values had to be changed.
     on_jump : str
         If an expression jumps exactly at the start, the reason why there are no sensitivities;
         otherwise empty.
@@ -64,19 +63,19 @@ class Start:
 
     @cached_property
     def z(self) -> Array:
-        """States, then the sensitivities to each parameter, as in the vector of solvers."""
+        """States, then the sensitivities to each parameter, as in the solver's state vector."""
         found = np.concatenate([self.y, self.s.T.ravel()])
         found.flags.writeable = False  # shared by all runs with this start
         return found
 
 
 def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
-    """Raise ParameterError if a run gives a storage content and a variable that contradicts it."""
+    """Raise ParameterError if a run sets a storage content and contradicts it by a variable."""
     names = model.states
     for total, follower in model.layout.followers:
         if names[total] in initial and names[follower] in initial:
             given, found = initial[names[follower]], float(y[follower])
-            # The negation also raises for nan.
+            # negated, so that nan also raises
             if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
                 raise ParameterError(
                     f"initial values contradict each other: '{names[follower]}' is given as "
@@ -85,7 +84,7 @@ def _check_followers(model: CompiledModel, initial: Mapping[str, float], y: Arra
 
 
 def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
-    """Find initial states and sensitivities, of which ``initial`` replaces the scene's."""
+    """Find initial states and sensitivities; ``initial`` replaces initial values of the scene."""
     model = at.model
     initial, slopes = _apart(initial)
     if not model.layout.has_start_equations:
@@ -114,9 +113,9 @@ def scene_start(model: CompiledModel) -> Start:
 
 
 def check_start(model: CompiledModel) -> None:
-    """Check that a model can be evaluated at its initial state.
+    """Raise an error if the model cannot be evaluated at its initial state.
 
-    Raise ParameterError if the scene's parameters are rejected, SingularSystemError if the mass
+    Raise ParameterError if a guard rejects the scene's parameters, SingularSystemError if the mass
     matrix is singular or a rate is not finite.
     """
     try:
@@ -177,7 +176,7 @@ def _given_values(
 ) -> tuple[Array, Array]:
     """Return the initial states and sensitivities before equations are solved.
 
-    Without a value in ``slopes``, an initial value of the run depends on no parameter.
+    An initial value of the run depends on no parameter, unless ``slopes`` contains its derivative.
     """
     model = at.model
     names, wanted = model.states, model.sensitivities
@@ -186,7 +185,8 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # A value of the run depends on no parameter; its derivative by itself is one.
+        # An initial value of the run depends on itself with derivative one, on other parameters
+        # with zero.
         s[i] = [float(other == name) for other in wanted]
     # A run without sensitivities ignores initial sensitivities.
     if slopes and wanted:

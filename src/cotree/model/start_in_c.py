@@ -1,13 +1,11 @@
 """Search for consistent initial states by ``templates/runtime/start/cotree_start.c``.
 
-Python searches for algebraic unknowns if the iteration in C fails, and factorises large systems of
-algebraic unknowns. If a kernel fails, Python evaluates it again and raises an exception that names
-the cause.
+If the iteration in C fails, Python searches for the algebraic unknowns; it also factorises large
+systems. If a kernel fails, Python evaluates it again and raises an exception that names the cause.
 
-Given values are kept, and the others follow from the constraints. If the given values are nearly
-consistent, those given last are changed as little as possible, with a warning; otherwise an error
-lists the residual of each joint. Values of the run have priority over those of the scene, which are
-used in the scene's order.
+Prescribed initial values are kept, and the others follow from the constraints. If prescribed values
+are nearly consistent, the last ones are changed as little as possible, with a warning; otherwise an
+error lists the residual of each joint. Values of the run have priority over values of the scene.
 """
 
 from __future__ import annotations
@@ -54,17 +52,17 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code("start"))
 
 
-#: Statuses in C: given values, or their derivatives, contradict the constraints.
+#: C statuses: initial values, or their derivatives, contradict the constraints.
 _CONTRADICTIONS = (100, 102)
 
-#: Statuses in C: the algebraic equations have no solution nearby; or leave unknowns free.
+#: C statuses: no solution of the algebraic equations nearby; unknowns left undetermined.
 _UNSOLVED, _UNDETERMINED = 104, 108
 
-#: Status in C: the modes of jumps contradict the states that result from them.
+#: C status: the modes of jumps contradict the resulting states.
 _REVERSED = 105
 
-#: Statuses in C with which all states are found: no error; redundant values that contradict each
-#: other; a value that is not finite (106); a start at a jump whose time depends on a parameter.
+#: C statuses after which all states are known: no error; contradictory redundant values; a value
+#: that is not finite (106); a start at a jump whose time depends on a parameter.
 _REDUNDANT = 103
 _ON_JUMP = 109
 _COMPLETE = (0, _REDUNDANT, 106, _ON_JUMP)
@@ -79,8 +77,8 @@ _LINEAR = (
 class StartInC:
     """Search for consistent initial states of one model.
 
-    ``tables`` is the model's ``cotree_start_tables`` at ``address``; ``function`` is the address of
-    ``cotree_start_once``. If ``is_sparse``, Python factorises the systems of algebraic unknowns.
+    ``tables`` is the model's ``cotree_start_tables`` and ``function`` the address of
+    ``cotree_start_once``. If ``is_sparse``, Python factorises the Jacobian of algebraic unknowns.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
@@ -101,19 +99,19 @@ class StartInC:
     def find(
         self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
     ) -> Start:
-        """Find the start of a run from values of states, ``initial``, that replace the scene's.
+        """Find the start of a run; ``initial`` replaces initial values of the scene.
 
         ``given``, (n_states * (1 + n_sensitivities),), replaces all initial values and
         sensitivities of the scene. Raise ParameterError if initial values contradict the
-        constraints or each other, SolveError if algebraic equations or modes of jumps have no
-        solution, and SingularSystemError.
+        constraints or each other, SolveError if the algebraic equations or the modes of jumps have
+        no solution, and SingularSystemError if unknowns are undetermined.
         """
         return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
-        """Return the constraint gradients with respect to speeds, scaled to length one per edge.
+        """Return the constraint gradients with respect to speeds, with unit length per edge.
 
-        Also return the singular value below which the gradients are nearly dependent.
+        The second result is the singular value below which the gradients are nearly dependent.
         """
         call, layout = StartCall(self, at, {}, None), at.model.layout
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
@@ -262,7 +260,7 @@ class StartCall(CObjects):
         )
 
     def search(self) -> UnknownsOfStart:
-        """Return the Python functions for algebraic unknowns, which the first call creates."""
+        """Return the Python functions for algebraic unknowns, created at the first call."""
         if self._search is None:
             self._search = UnknownsOfStart(self._ffi, self._at)
         return self._search
@@ -309,7 +307,7 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
     return None if library is None else StartInC(model, library)
 
 
-#: Smallest relative change that messages name, and largest residual that counts as zero.
+#: Smallest relative change in messages, and largest residual that counts as zero.
 _NOTICED, _MET = 1e-4, 1e-10
 
 #: Maximum number of residuals and of changes in a message.
@@ -319,9 +317,9 @@ _LEVELS = ("positions", "velocities")
 
 
 class Report:
-    """Messages on given values that violate the constraints, based on arrays that C fills.
+    """Messages on prescribed initial values that violate the constraints.
 
-    ``places`` are the indices of the states whose values the run gives, in the run's order.
+    ``places`` contains the indices of the states that the run prescribes, in the run's order.
     """
 
     def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
@@ -338,7 +336,7 @@ class Report:
         )
         for name in ("before", "after", "changes", "left"):
             setattr(c, name, call.pointer(getattr(self, f"_{name}")))
-        # Values of the run come first, then those of the scene in its order.
+        # Values of the run come first, then values of the scene in its order.
         names = [*(at.model.states[i] for i in places), *layout.given_names, *at.model.states]
         order = {name: i for i, name in enumerate(dict.fromkeys(names))}
         c.ranks = call.new("int[]", [order.get(name, 0) for name in self._values])
@@ -347,11 +345,11 @@ class Report:
 
     @property
     def is_mended(self) -> bool:
-        """Whether given values had to be changed."""
+        """Whether prescribed initial values had to be changed."""
         return bool(np.any(self._changes))
 
     def _moved(self) -> list[str]:
-        """Return texts on the changed given values and the residuals of relaxed conditions."""
+        """Return texts on changed initial values and on the residuals of relaxed conditions."""
         n, size = len(self._before), np.abs(self._changes)
         states = self._model.states
         found = [
@@ -366,11 +364,11 @@ class Report:
 
     @property
     def _units(self) -> Array:
-        """Return the scale of each residual in its own unit."""
+        """Return the scale of each residual in its unit."""
         return np.where(self._is_length, self._c.length, 1.0)
 
     def warn(self) -> None:
-        """Warn if given values had to be changed."""
+        """Warn if prescribed initial values had to be changed."""
         moved = self._moved()
         if moved:
             warnings.warn(
@@ -380,7 +378,7 @@ class Report:
             )
 
     def note(self, *, is_warning: bool) -> str:
-        """Return a sentence on given values that change with parameters; empty if none does."""
+        """Return a sentence on initial values that change with parameters, or an empty one."""
         following: dict[str, list[str]] = {}
         for value, name in self._following():
             following.setdefault(value, []).append(name)
@@ -402,7 +400,7 @@ class Report:
             yield self._values[i], self._model.sensitivities[j]
 
     def refuse(self, y: Array, *, is_of_derivatives: bool) -> NoReturn:
-        """Raise the exception for a start near y that does not exist or has no derivative."""
+        """Raise the exception for a start near y that does not exist or is not differentiable."""
         for first in self._model.layout.quaternions:
             if not np.any(y[first : first + 4]):
                 raise ParameterError(
@@ -439,14 +437,15 @@ class Report:
 def contradiction(
     at: EvaluationPoint, y: Array, s: Array, is_apart: npt.NDArray[np.bool_]
 ) -> ParameterError:
-    """Return the exception for initial values that contradict those of states or sources.
+    """Return the exception for initial values that contradict states or sources.
 
-    ``is_apart``, (1 + n_parameters, n_redundant), marks each redundant value, then each of its
-    derivatives, that contradicts y and s.
+    ``is_apart``, (1 + n_parameters, n_redundant), marks contradictions of y and s: row 0 of the
+    values, the other rows of their derivatives.
     """
     rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
     if is_apart[0].any():
-        # The kernel's last two rows are the values that follow from the states, and the given ones.
+        # The kernel's last two rows are the values that follow from the states and the prescribed
+        # ones.
         follows, given = at.call("start", y)[-2 * n :].reshape(2, n)
         apart = {
             f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
@@ -457,7 +456,7 @@ def contradiction(
             f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
             f"leave these out{_hint(apart.values())}"
         )
-    # For each parameter, the derivatives of the same two rows are last.
+    # The derivatives with respect to each parameter end with the same two rows.
     found = at.call("start_sensitivity", y, s).reshape(m, -1)[:, -2 * n :].reshape(m, 2, n)
     apart = {
         f"d({rows[i].name})/d({at.model.sensitivities[j]}) is {found[j, 1, i]:.6g} as given but "
@@ -472,7 +471,7 @@ def contradiction(
 
 
 def _hint(rows: Iterable[RedundantRow]) -> str:
-    """Return advice on positions, which follow from node positions, for messages; else empty."""
+    """Return advice for messages on positions, which node positions determine; else empty."""
     if not any(row.is_position for row in rows):
         return ""
     return (

@@ -43,7 +43,7 @@ class Conditions(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrimPoint(Reported):
-    """An equilibrium, or a point of a steady motion; ``point["tau"]`` is the value of tau.
+    """An equilibrium or a point of a steady motion; ``point["tau"]`` returns the value of tau.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class TrimPoint(Reported):
     unknowns : tuple of str
         Names of the unknowns.
     undetermined : tuple of tuple of str
-        For each direction in which the point can move without violating the conditions, the names
-        of the unknowns involved, which stay close to the guess.
+        The unknowns involved in each direction that satisfies the conditions to first order. In
+        these directions the solution stays close to the guess.
     residual : float
         The largest residual of the conditions, in their units.
     """
@@ -95,7 +95,7 @@ class TrimPoint(Reported):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Arguments of runs that start here: ``model.simulate((0, 1), **point.settings)``."""
+        """Arguments of a run that starts here: ``model.simulate((0, 1), **point.settings)``."""
         return {
             "initial": dict(zip(self.model.states, self.y.tolist(), strict=True)),
             "parameters": dict(zip(self.model.parameters, self.p.tolist(), strict=True)),
@@ -128,15 +128,15 @@ class TrimPoint(Reported):
     ) -> Linearization:
         """Linearise about the point; see :meth:`cotree.Model.linearize`.
 
-        Derivatives by parameters are total: the unknowns change with the parameter such that the
-        conditions remain satisfied.
+        Derivatives with respect to parameters are total: the unknowns change with the parameter
+        such that the conditions remain satisfied.
 
         Parameters
         ----------
         reduced : bool
             Whether the result is in independent deviations.
         sensitivities : sequence of str
-            Parameters, inputs and states, except unknowns, by which A, B, C and D are
+            Parameters, inputs and states, except unknowns, with respect to which A, B, C and D are
             differentiated.
         """
         names = check_names(sensitivities, "sensitivities")
@@ -176,7 +176,7 @@ class TrimPoint(Reported):
         return found
 
     def summary(self) -> str:
-        """Describe whether the point is locally unique."""
+        """Return a sentence on whether the point is locally unique."""
         if self.is_unique:
             return "locally unique"
         parts = [
@@ -188,7 +188,7 @@ class TrimPoint(Reported):
         return f"not locally unique: {listed(parts)}"
 
     def report(self) -> Report:
-        """Build the report, which lists the unknowns."""
+        """Return a report that lists the unknowns."""
         values = [(name, f"{self[name]:.8g}") for name in self.unknowns]
         shown = values[:12] + ([("...", f"{len(values) - 12} more")] if len(values) > 12 else [])
         facts = [("point", self.summary()), *shown, ("residual", f"{self.residual:.2g}")]
@@ -204,10 +204,10 @@ _MET = 1e-6
 #: Residuals below this fraction of the summed magnitudes of their terms are rounding errors.
 _EXACT = 1e-11
 
-#: Maximum number of changes of the modes, after each of which the search is repeated.
+#: Maximum number of mode changes; the search is repeated after each.
 _MOST_ROUNDS = 20
 
-#: Components below this fraction of the largest one are not involved in a direction.
+#: Components below this fraction of the largest one do not belong to a null direction.
 _INVOLVED = 0.1
 
 
@@ -291,7 +291,7 @@ def all_values(at: EvaluationPoint, y: Array) -> Array:
 
 
 def all_slopes(linearizer: Linearizer, at: EvaluationPoint, y: Array) -> tuple[Array, Array]:
-    """Differentiate :func:`all_values` by states and by inputs."""
+    """Return the derivatives of :func:`all_values` with respect to states and inputs."""
     n, layout = len(y), at.model.layout
     _, whole, held = linearizer.whole(at.t, y, at.p, at.inputs)
     norms = np.zeros((len(layout.quaternions), n))
@@ -310,7 +310,7 @@ def along(linearizer: Linearizer, at: EvaluationPoint, y: Array, direction: Dire
 
 
 class _TrimEquation(Equation):
-    """The conditions as equations for the root finder, which may be over- or underdetermined."""
+    """The conditions as equations for the root finder, over- or underdetermined."""
 
     def __init__(self, search: _Search) -> None:
         super().__init__(search.value, search.slope, np.zeros(0))
@@ -325,20 +325,20 @@ class _TrimEquation(Equation):
         self._targets = np.abs(search.targets)
 
     def linearised(self, z: Array) -> Linear:
-        """Return the linear solver for the minimum-norm least-squares step."""
+        """Return the solver for the minimum-norm least-squares step."""
         slope = self.slope(z)
         if not np.all(np.isfinite(slope)):
             raise np.linalg.LinAlgError("not finite")
         inverse = pseudo_inverse(slope)[0]
         terms = np.abs(slope) @ np.abs(z) + self._targets
         # Least-squares steps also vanish if the conditions contradict each other, so residuals are
-        # compared with the magnitudes of their terms. If the solution is zero, all terms are
-        # rounding errors; unknowns therefore count as at least one.
+        # compared with the magnitudes of their terms. Unknowns count as at least one, because at a
+        # zero solution all terms are rounding errors.
         sizes = _MET * (np.abs(slope) @ np.maximum(np.abs(z), 1.0) + self._targets)
         return Linear(inverse.dot, np.abs(z) + np.abs(inverse) @ terms, sizes)
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Return the point after a step, which is shortened if an angle would change too much."""
+        """Return the point after a step, shortened if an angle would change too much."""
         turn = float(np.max(np.abs(step[self._turns]), initial=0.0))
         return z + step * min(1.0, _LONGEST_TURN / max(turn, 1e-300))
 
@@ -346,11 +346,11 @@ class _TrimEquation(Equation):
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
     """Return the pseudo-inverse of a matrix, and a basis of its null space as rows.
 
-    The matrix is scaled during the computation, so that the rank does not depend on units.
+    The matrix is equilibrated, so that the rank does not depend on units.
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
-        # Scale the largest entry of every column, then of every row, to one (equilibration).
+        # Scale the largest entry of every column, then of every row, to one.
         for axis, sizes in ((0, columns), (1, rows)):
             found = np.max(np.abs(scaled), axis=axis, initial=0.0)
             found = np.where(found > 0.0, found, 1.0)
@@ -391,7 +391,7 @@ def find_trim(
         if np.array_equal(settled, y):
             check_friction(moment, y)
             return _point(search, root.z)
-        # A jump or dry friction has changed its mode at this point: search again.
+        # The mode of a jump or of dry friction has changed: search again.
         search = _Search(
             linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )
@@ -402,12 +402,13 @@ def find_trim(
 
 
 def _is_met(search: _Search, z: Array) -> bool:
-    """Return whether all residuals are rounding errors, though the iteration converged slowly.
+    """Return whether all residuals are rounding errors although convergence was slow.
 
-    At a double root, steps only halve, and the slopes vanish; slopes at the guess are used, too.
+    At a double root, steps only halve and the slopes vanish; therefore slopes at the guess count,
+    too.
     """
     left = np.abs(search.value(z))
-    # Slopes at the guess are multiplied by the guess: unknowns that diverge would hide residuals.
+    # Guess slopes are multiplied by the guess: unknowns that diverge would hide residuals.
     terms = [np.abs(search.slope(x)) @ np.maximum(np.abs(x), 1.0) for x in (z, search.guess)]
     return bool(np.all(left <= _EXACT * (np.maximum(*terms) + np.abs(search.targets))))
 
@@ -431,12 +432,12 @@ def _posed(
     at = EvaluationPoint(model, at.t, p, u)
     try:
         y = find_start(at, {}).y.copy()
-    except Error:  # keep the given initial values
+    except Error:  # keep the initial values of the scene
         y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
     y = guess_friction(at, y, values)
-    # Modes change only at events, so they are not unknowns, and their rates are always zero.
+    # Modes change only at events: they are not unknowns, and their rates are zero.
     modes = linearizer.modes
     unknowns = [
         ("y", i) for i, name in enumerate(states) if name not in conditions.fixed and i not in modes
@@ -472,7 +473,7 @@ def _posed(
 def _known_rates(
     linearizer: Linearizer, at: EvaluationPoint, y: Array, fixed: set[int]
 ) -> set[int]:
-    """Return the coordinates whose rates depend only on the given fixed states."""
+    """Return the coordinates whose rates depend only on the fixed states."""
     layout = at.model.layout
     if not any(layout.n_coordinates <= i < layout.n_coordinates + layout.n_speeds for i in fixed):
         return set()
@@ -517,7 +518,8 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
         raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # Each residual is divided by its largest derivative: rates may differ by orders of magnitude.
+    # Residuals are divided by their largest derivative, since rates may differ by orders of
+    # magnitude.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
     violated = listed(

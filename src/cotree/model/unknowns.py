@@ -1,8 +1,8 @@
 """Algebraic unknowns, storage contents and modes at a point.
 
-A scene may give the initial value of a voltage although the state is a charge; absolute tolerances
-of charges also follow from those of voltages. Modes of dry friction are given at a point of
-linearisation or trim and checked here; during a run, C determines those of all edges together.
+A scene may prescribe an initial voltage although the state is a charge; the absolute tolerance of a
+charge also follows from the tolerance of its voltage. Modes of dry friction are guessed and checked
+here for linearisation and trim; during a run, C determines the modes of all edges together.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
         return None
     sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
     for total, follower in followers:
-        # This row has the derivatives of the storage's law. If the law does not depend on its own
-        # variable at this point, the largest derivative by another one replaces the capacitance.
+        # This row has the derivatives of the storage's terminal equation. If its own variable has
+        # no effect at this point, the largest other derivative replaces the capacitance.
         own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
         if own > 0.0 and np.isfinite(own):
             sizes[total] = own
@@ -43,17 +43,17 @@ def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
 
 
 def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
-    """Return the states with those modes of jumps changed that contradict their event function."""
+    """Return the states with contradicting modes of jumps corrected."""
     rows, settled = at.model.layout.events, y.copy()
     for row, value in zip(rows, at.event_values(y) if rows else (), strict=True):
-        # An event has occurred if its function has the sign of its direction.
+        # An event has occurred if the sign of its function equals its direction.
         if row.is_jump and row.direction * value > 0.0:
             settled[row.targets[0]] = at.call("jumps", settled)[row.results.start]
     return settled
 
 
 def contradicting_jumps(at: EvaluationPoint) -> SolveError:
-    """Return the exception for modes of jumps that contradict the states that follow from them."""
+    """Return the exception for modes of jumps that contradict the resulting states."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
@@ -84,7 +84,7 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     n_own = sum(row >= cut for row in layout.row_indices)
     jacobian = model.bound_jacobian(p, is_sparse=is_sparse(n_algebraic, n_own))
 
-    # Called only if Newton's method has failed from the guess.
+    # Called only if Newton's method fails from the guess.
     def improve(t: float, y: Array) -> Array | None:
         return model.junctions.at(t, y, p, replace(at, t=t).inputs).search(y[cut:])
 
@@ -97,16 +97,16 @@ def of_model(at: EvaluationPoint) -> Algebraic:
     )
 
 
-#: Relative tolerance in checks of speeds and forces, larger than the errors of runs and searches.
+#: Relative tolerance for speeds and forces, larger than the errors of runs and searches.
 _CLOSE = 1e-6
 
-#: Modes of a dry friction edge that sticks, and of one without a normal force.
+#: Mode of a dry friction edge that sticks, and of an edge without normal force.
 _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Return the states with the modes of friction, except ``fixed`` ones, that forces require."""
+    """Return the states with the friction modes that the forces require, except ``fixed`` ones."""
     settled = y.copy()
     speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
     states = at.model.states
@@ -123,9 +123,9 @@ def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) 
 
 
 def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
-    """Initialise the modes of dry friction in a guess, and the joint forces that they depend on.
+    """Initialise the modes of dry friction in a guess, and the joint forces on which they depend.
 
-    Without the mode for sticking, the search would move an edge that sticks, though it is in
+    Without the sticking mode, the search would move an edge that sticks, although it is in
     equilibrium at any point within its limits.
     """
     if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
@@ -159,7 +159,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             _values(at, y, part).get(place, np.inf)
             for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
-        # The sum of the distances from both limits is the width of the range between them.
+        # The distances from both limits add up to the width of the range.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
             raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")
