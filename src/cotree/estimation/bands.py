@@ -1,8 +1,8 @@
 """Confidence and prediction bands: propagation of parameter uncertainty to predictions.
 
-Estimates with their covariance C yield any state or output y over time with its standard error. The
-delta method uses exact sensitivities y', var(y) = y' C y'^T. Alternatively, sampling from the
-distribution of the estimates also accounts for the nonlinearity of the model.
+The delta method computes the variance of a state or output y over time from exact sensitivities y'
+and the covariance C of the estimates, var(y) = y' C y'^T. Alternatively, samples from the
+distribution of the estimates account for the nonlinearity of the model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.uncertainty import Uncertainty
 
-# Number of points in time of a band if none are given.
+# Default number of points in time.
 _POINTS = 201
 
 
@@ -48,9 +48,9 @@ class Band:
     lower, upper : ndarray, shape (n,)
         Limits of the interval at each time.
     level : float
-        Pointwise confidence level, valid at each time on its own.
+        Pointwise confidence level: it holds for each time separately, not for the whole curve.
     with_noise : bool
-        Whether the band is for a further measurement instead of the true value.
+        Whether the band is for a new measurement (True) or for the true value.
     """
 
     name: str
@@ -79,12 +79,12 @@ class Band:
 
 
 def title_of(name: str) -> str:
-    """Return the title of an experiment for plots, also if its name is a number."""
+    """Return the plot title of an experiment, which may only have a number."""
     return f"experiment {name}" if name.isdigit() else name
 
 
 def find_condition(problem: Problem, given: int | str) -> int:
-    """Return the index of a condition that is given by its index or its name."""
+    """Return the index of a condition from its index or name."""
     names = [condition.name for condition in problem.conditions]
     if isinstance(given, str):
         check_known([given], names, "there is no experiment", error=ParameterError)
@@ -116,7 +116,7 @@ def predicted_at(
     noise: str | float,
     transformation: str,
 ) -> tuple[Problem, Predictions]:
-    """Predict a quantity at given times; return the problem that contains them and predictions."""
+    """Predict a quantity at times t; return a problem with these times, and the predictions."""
     problem, n = found.problem, len(t)
     quantities = [condition.quantity(output)] * n
     rows = Measured(
@@ -134,8 +134,8 @@ def like_measured(
 ) -> tuple[str | float, str]:
     """Return noise and transformation for further measurements of a quantity.
 
-    If ``noise`` is None, the noise is that of previous measurements of the quantity, preferably in
-    the same condition.
+    If ``noise`` is None, the noise equals that of previous measurements of the quantity, preferably
+    in the same condition.
     """
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
     here = [i for i in rows if problem.measured.condition[i] == number] or rows
@@ -175,18 +175,17 @@ def band_of(
     deviation, kind = like_measured(problem, number, quantity, given)
     at, there = predicted_at(found, run, output, t, deviation, kind)
     middle = at.likelihood.transformed(there.values)
-    # Rows of the information are derivatives over sigma, on the scale on which noise is additive.
+    # Rows of the information are derivatives divided by sigma, on the scale on which noise is
+    # additive.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Maximum likelihood underestimates noise, which is corrected by the same factor as standard
-    # errors.
+    # Maximum likelihood underestimates the noise; the correction factor is that of standard errors.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors
     if draws:
         drawn = _draw(at, found, draws, seed, deviations if noise is not False else None)
-        # Samples do not cover undetermined directions, so that quantities that depend on these are
-        # nan.
+        # Samples do not cover undetermined directions: quantities that depend on them become nan.
         drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
         tail = 0.5 * (1.0 - level)
         low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)

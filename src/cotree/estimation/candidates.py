@@ -1,10 +1,10 @@
 """Optimal experimental design: choice of further measurements that reduce the intervals most.
 
-The choice is based on the Fisher information of the existing measurements and the contribution of
-each candidate, both from exact sensitivities at the estimates. Candidates are chosen greedily, and
-the set is then improved by exchanging one element at a time (Fedorov 1972), since the best single
-measurement need not belong to the best pair. The result lists the chosen candidates in order of
-benefit, with the standard errors after each.
+The choice is based on the Fisher information of the existing measurements and of each candidate,
+from exact sensitivities at the estimates. Candidates are first chosen greedily. Since the best
+single measurement need not belong to the best pair, the set is then improved by exchanging one
+element at a time (Fedorov 1972). The result lists the chosen candidates in order of benefit, with
+the standard errors after each.
 
 If the existing information is singular, sets are compared by the number of directions that remain
 undetermined, and only then by the criterion, evaluated in the determined subspace.
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
     from cotree.estimation.uncertainty import Uncertainty
 
-#: Criteria D, A and E: determinant of the covariance, mean relative variance, and largest variance
-#: along any direction. The name of a parameter stands for its variance as the criterion.
+#: D: determinant of the covariance; A: mean relative variance; E: largest variance along any
+#: direction. A parameter's name selects its variance as the criterion.
 CRITERIA = ("D", "A", "E")
 
 # Maximum number of exchange passes; two or three usually suffice.
@@ -54,8 +54,8 @@ class Candidates:
     t : array_like, shape (n,)
         Times, [s].
     noise : float, str or None
-        Standard deviation of the noise in SI: a number, a state or output, or None for the noise of
-        previous measurements of this quantity.
+        Standard deviation of the noise in SI units: a number, a state or output, or None for the
+        noise of previous measurements of this quantity.
     experiment : int or str
         The experiment to repeat, by its index (from zero) or name.
     parameters, initial, inputs : mapping
@@ -90,8 +90,8 @@ class NextMeasurement:
     errors : mapping of str to float
         Standard errors of the parameters, in their units, after this and all previous measurements.
     shrinks : float
-        Geometric mean of the ratios of standard errors after and before this measurement; nan if
-        some parameters were undetermined before.
+        Ratio of standard errors after this measurement to those before it, as a geometric mean;
+        nan if some parameters were undetermined before.
     determines : tuple of str
         Parameters that become determined by this measurement.
     """
@@ -109,7 +109,7 @@ class NextMeasurements(Reported, tuple[NextMeasurement, ...]):
     """Proposed measurements, in order of benefit."""
 
     def report(self) -> Report:
-        """Build the report with a table of the measurements."""
+        """Return a report with a table of the measurements."""
         names = list(self[0].errors) if self else []
         head = ("output", "experiment", "t [s]", *(f"error of {name}" for name in names), "")
         rows = [
@@ -126,7 +126,7 @@ class NextMeasurements(Reported, tuple[NextMeasurement, ...]):
         return self.summary()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each measurement."""
+        """Return a pandas DataFrame with one row per measurement."""
         return frame(
             [
                 {
@@ -192,7 +192,7 @@ def choose(
         raise ParameterError(
             f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
         )
-    # Units may be negative, but their outer product still scales the information correctly.
+    # Units may be negative; their outer product still scales the information correctly.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
     rating = _Rating(present, found.split.open.shape[1], criterion, names)
     chosen = _improved(_greedy(rows, n, rating, range(len(rows)), repeat), rows, rating, repeat)
@@ -207,7 +207,7 @@ class _Rating:
         self.present, self._criterion = present, criterion
         self.index = names.index(criterion) if criterion in names else -1
         s, v = np.linalg.eigh(present)
-        # Undetermined directions have no information; their eigenvalues are only rounding errors.
+        # Undetermined directions carry no information; their eigenvalues are rounding errors.
         s[:n_open] = 0.0
         self.present = (v * s) @ v.T
 
@@ -242,7 +242,7 @@ class _Rating:
 def _rows(
     found: Uncertainty, given: Sequence[Candidates]
 ) -> tuple[list[Array], list[tuple[str, str, float, float]]]:
-    """Return the information rows of all candidates in relative units, and their labels."""
+    """Return each candidate's information rows, in relative units, and its label."""
     problem = found.problem
     rows: list[Array] = []
     labels: list[tuple[str, str, float, float]] = []
@@ -267,7 +267,7 @@ def _rows(
         at, there = bands.predicted_at(found, run, item.output, t, noise, kind)
         information = at.likelihood.fisher_rows(there) * found.split.sizes
         for i in range(len(t)):
-            # One row is for the value, and the other for its standard deviation if that is
+            # One row belongs to the value, the other to its standard deviation if that is
             # estimated.
             rows.append(information[[i, i + len(t)]])
             labels.append((item.output, run.name, float(t[i]), float(there.sigma[i])))
@@ -318,7 +318,7 @@ def _described(
     order: Sequence[int],
     rating: _Rating,
 ) -> NextMeasurements:
-    """Return the chosen measurements with the benefit of each after the previous ones."""
+    """Return the chosen measurements, each with its benefit after the previous ones."""
     scaled = found.problem.scaled
     names = scaled.names
     # If the noise was estimated, variances include the small-sample correction.
@@ -353,7 +353,7 @@ def _described(
 
 
 def _errors(rating: _Rating, added: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return relative standard errors, and whether each parameter is still undetermined."""
+    """Return relative standard errors, and whether each parameter remains undetermined."""
     inverse, opened, _ = rating.inverse(added)
     is_open = np.any(np.abs(opened) > 1e-4 * np.max(np.abs(opened), initial=1e-300), axis=1)
     return np.sqrt(np.diag(inverse)), np.asarray(is_open)

@@ -1,8 +1,8 @@
 """Conditions of an estimation problem, and measured values.
 
-A condition is a run of a compiled model with some estimated parameters and initial values. Measured
-values are compared with states or outputs of the model. A standard deviation may also be a state or
-an output. Compiled sensitivities are the derivatives of all these.
+A condition is a run of a compiled model in which estimated parameters replace some parameters and
+initial values. Measured values are compared with states or outputs of the model. A standard
+deviation may also be a state or output. Their derivatives are the compiled sensitivities.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Condition:
     model : Model
         Model, compiled with sensitivities to all estimated parameters and initial values.
     parameters : mapping of str to str or float
-        Values of model parameters: the name of an estimated parameter, or a number. Other
-        parameters have the value of the model.
+        Values of model parameters: numbers or names of estimated parameters. Other parameters keep
+        the model's values.
     initial : mapping of str to str or float
         Initial values of states, in the same form.
     inputs : mapping of str to object
@@ -49,10 +49,11 @@ class Condition:
     t_start : float
         Start of the run, [s].
     columns : mapping of str to str
-        State or output that each data column measures.
+        State or output measured by each data column.
     before : Condition or None
-        Previous run, to the steady state at which this one begins. It has the same model, and may
-        itself begin at a steady state. Values in ``initial`` take precedence over the steady state.
+        Previous run, whose steady state is the initial state of this one. It has the same model and
+        may also start from a steady state. Values in ``initial`` take precedence over the steady
+        state.
     """
 
     name: str
@@ -65,9 +66,8 @@ class Condition:
     before: Condition | None = None
 
     def quantity(self, name: str) -> str:
-        """Return the state or output for the name of a measured column, or for its own name."""
-        # Columns are looked up first, since one with the name of a state may measure an added
-        # output.
+        """Return the state or output that a column measures, or ``name`` if it is one itself."""
+        # Columns are looked up first: a column named like a state may measure an added output.
         if name in self.columns:
             return self.columns[name]
         known = {*self.model.states, *self.model.outputs}
@@ -78,12 +78,12 @@ class Condition:
         )
 
     def column(self, quantity: str) -> str:
-        """Return the name of the column that measures a state or output, else its own name."""
+        """Return the column that measures a state or output; without one, return the argument."""
         return next((name for name, own in self.columns.items() if own == quantity), quantity)
 
     @property
     def chain(self) -> tuple[Condition, ...]:
-        """The condition itself and those before it, from the last run to the first."""
+        """The condition itself and all previous ones, from the last run to the first."""
         return (self, *(self.before.chain if self.before else ()))
 
 
@@ -103,12 +103,12 @@ class Measured:
         Measured values, finite and not transformed.
     noise : sequence of str or float, n
         Standard deviations of the transformed values (scales of Laplace distributions): a positive
-        number, a state or output of the model, or an estimated parameter, which the model need not
-        have.
+        number, a state or output of the model, or an estimated parameter, which need not be a
+        parameter of the model.
     transformation : sequence of str, n
-        One of ``SCALES`` for each value, or a single one for all.
+        One of ``SCALES`` for each value, or one for all.
     distribution : sequence of str, n
-        One of ``DISTRIBUTIONS`` for each value, or a single one for all.
+        One of ``DISTRIBUTIONS`` for each value, or one for all.
     """
 
     condition: npt.NDArray[np.intp]
@@ -153,7 +153,7 @@ def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
 def check_measured(
     measured: Measured, conditions: Sequence[Condition], estimated: Sequence[str]
 ) -> None:
-    """Raise an error if measured rows are invalid."""
+    """Raise an error if a measured value has invalid data or an unknown name."""
     n = len(measured)
     for name, values in vars(measured).items():
         if len(values) != n:
@@ -184,8 +184,8 @@ def check_measured(
 class Columns:
     """Columns of parameters and initial values that an ensemble member sets for one condition.
 
-    ``through``, shape (n_sensitivities, n_estimated), is the matrix with ones for sensitivity
-    parameters that are tied to estimated parameters, and zeros elsewhere.
+    ``through``, (n_sensitivities, n_estimated), is one if the sensitivity parameter is tied to the
+    estimated parameter, and zero otherwise.
     """
 
     def __init__(self, condition: Condition, columns: Sequence[str], names: Sequence[str]) -> None:
@@ -201,7 +201,7 @@ class Columns:
                 self.through[model.sensitivities.index(name), names.index(value)] = 1.0
 
     def row(self, values: Array) -> Array:
-        """Return the row of a member for the given values of the estimated parameters."""
+        """Return a member's row for values of the estimated parameters."""
         row = self._numbers.copy()
         for j, k in self._places:
             row[j] = values[k]

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 #: Scales of estimated parameters: linear, natural logarithm and decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
-#: Derivative of the natural logarithm of a value with respect to the scaled value, by scale.
+#: d(ln p)/d(theta) of a parameter p with the logarithm theta on each scale; 1 if linear.
 LOGARITHMS = {"lin": 1.0, "log": 1.0, "log10": math.log(10.0)}
 
 
@@ -37,7 +37,7 @@ class Estimated:
     scale : str
         One of ``SCALES``: the optimiser's variable is the value or its logarithm.
     start : float or None
-        Initial guess within the bounds; None if the estimation shall choose one.
+        Initial guess within the bounds; None selects one automatically.
     unit : str
         Unit of the value.
     """
@@ -52,7 +52,7 @@ class Estimated:
     def __post_init__(self) -> None:
         what = f"'{self.name}'"
         check_choice(self.scale, f"the scale of {what}", SCALES)
-        # This form of the condition also rejects nan.
+        # negated, so that nan is also rejected
         if not self.lower < self.upper:
             raise ParameterError(
                 f"{what} has the bounds {self.lower:g} and {self.upper:g}: the lower one must be "
@@ -71,7 +71,7 @@ class Estimated:
 
 
 class Scaled:
-    """Conversion between values of estimated parameters and variables of the optimiser.
+    """Conversion between parameter values and the optimiser's variables.
 
     Attributes
     ----------
@@ -89,15 +89,15 @@ class Scaled:
         self.upper = self.scaled(np.array([row.upper for row in estimated], dtype=float))
 
     def values(self, theta: Array) -> Array:
-        """Convert the optimiser's variables to values, shape (..., n) each."""
+        """Convert the optimiser's variables to values; both have shape (..., n)."""
         return np.where(
             self._is_log, np.exp(np.where(self._is_log, theta * self._factors, 0)), theta
         )
 
     def scaled(self, values: Array) -> Array:
-        """Convert values to the optimiser's variables, shape (..., n) each.
+        """Convert values to the optimiser's variables; both have shape (..., n).
 
-        A value of zero on a logarithmic scale becomes minus infinity.
+        On a logarithmic scale, zero becomes minus infinity.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(
@@ -105,12 +105,11 @@ class Scaled:
             )
 
     def slopes(self, theta: Array) -> Array:
-        """Return the derivatives of the values with respect to optimiser variables, (..., n)."""
+        """Return the derivatives of values with respect to the optimiser's variables, (..., n)."""
         return np.where(self._is_log, self.values(theta) * self._factors, 1.0)
 
 
-# Factor by which the initial guess of a positive parameter is divided and multiplied to obtain
-# default bounds.
+# Default bounds of a positive parameter are its initial guess divided and multiplied by this.
 _SPAN = 100.0
 
 
@@ -130,7 +129,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
         if name in found:
             raise ParameterError(f"'{name}' is given twice: name it once")
         found[name] = parameters[item] if isinstance(parameters, Mapping) else item
-        if found[name] is name:  # the name is an element of a list, without a range
+        if found[name] is name:  # an element of a list, without a range
             found[name] = None
     if not found:
         raise ParameterError("nothing is estimated: name at least one parameter")
@@ -144,11 +143,11 @@ def estimated(
     nominal: float | None,
     unit: str = "",
 ) -> Estimated:
-    """Build an estimated parameter from its range.
+    """Return an estimated parameter from its name and range.
 
-    A range is ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound. The range
-    None extends from a hundredth to a hundred times the initial guess on a logarithmic scale.
-    ``start`` is the user's guess. By default it is the model's value ``nominal`` if that is within
+    A range is ``(lower, upper)`` or ``(lower, upper, scale)``, in which None means no bound. The
+    range None extends from a hundredth to a hundred times the initial guess on a logarithmic scale.
+    ``start`` is the user's guess; by default it is the model's value ``nominal`` if that is within
     the bounds.
     """
     what = f"'{brief(name)}'"
@@ -175,7 +174,7 @@ def estimated(
     )
     scale = str(given[2]) if len(given) == 3 else "lin"
     if start is None:
-        # The scene's value is only a default, which is ignored if it violates the bounds.
+        # The scene's value is only a default and is ignored if it violates the bounds.
         inside = (
             nominal is not None and lower <= nominal <= upper and (scale == "lin" or nominal > 0.0)
         )
@@ -186,19 +185,19 @@ def estimated(
 
 
 def _bound(value: Any, what: str) -> float:
-    """Check a bound, which may be infinite."""
+    """Return a bound as a float, which may be infinite, or raise an error."""
     if isinstance(value, float) and math.isinf(value):
         return value
     return check_number(value, f"a bound of {what}")
 
 
 def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Array:
-    """Return starting points: first the initial guess, then a Latin hypercube within the bounds.
+    """Return starting points: the initial guess, then a Latin hypercube within the bounds.
 
-    Points are on the scales of the parameters, shape (n, n_estimated). A parameter without a guess
-    starts in the middle of its bounds. An infinite bound is replaced: on a logarithmic scale by one
-    decade from the guess, on a linear scale by zero or twice the guess, or by -1 or 1 if the guess
-    is zero.
+    Points are on the parameters' scales, shape (n, n_estimated). A parameter without a guess starts
+    in the middle of its bounds. An infinite bound is replaced: on a logarithmic scale by one decade
+    from the guess; on a linear scale by zero or twice the guess, or by -1 or 1 if the guess is
+    zero.
     """
     scaled = Scaled(rows)
     ends = np.array([_ends(row) for row in rows]).T
@@ -213,7 +212,7 @@ def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Ar
 
 
 def _ends(row: Estimated) -> tuple[float, float]:
-    """Return the interval around a parameter's guess, on its scale, for infinite bounds."""
+    """Return the interval, on the parameter's scale, that replaces infinite bounds."""
     if row.scale != "lin":
         decade = math.log(10.0) / LOGARITHMS[row.scale]
         middle = math.log10(row.start) * decade if row.start else 0.0

@@ -42,7 +42,7 @@ class Column:
     #: Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
     name: str
     unit: str
-    values: Array  # values in the unit of the column; missing ones are nan
+    values: Array  # values in the unit of the column; missing values are nan
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Table:
         raise ParameterError(f"{self.where} has no column '{name}'{nearest(name, self.columns)}")
 
     def unit(self, column: Column, wanted: str = "", given: str | None = None) -> Unit | None:
-        """Return a column's unit after checking it against the unit of the measured quantity."""
+        """Return a column's unit; raise an error if the measured quantity has another dimension."""
         what = f"column '{column.name}' of {self.where}"
         unit = check_unit(column.unit if given is None else given, f"the unit of {what}")
         if unit is not None and wanted:
@@ -185,13 +185,13 @@ def _columns(
         name, unit = split_unit(header)
         if name in found:
             raise ParameterError(f"{where} has two columns '{name}': rename one of them")
-        if name:  # trailing separators create a column without a name
+        if name:  # a trailing separator creates a column without a name
             found[name] = Column(name, unit, _numbers(values, rows, f"{where}, ", name))
     return found
 
 
 def _numbers(values: Any, rows: Sequence[str], where: str, name: str) -> Array:
-    """Convert values to numbers; missing ones become nan."""
+    """Convert values to numbers; missing values become nan."""
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
     array = np.asarray(values)
@@ -219,7 +219,7 @@ def _number(value: Any, where: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        # This is the missing value of pandas, which need not be installed.
+        # missing value of pandas, which need not be installed
         if type(value).__name__ == "NAType":
             return np.nan
         raise ParameterError(f"{where}: '{brief(str(value))}' is not a number") from None
@@ -267,34 +267,33 @@ class Experiment:
     data : path of a CSV file, DataFrame, or mapping of str to array_like
         A column of increasing times, [s], and any number of measured columns, all of shape
         (n_times,). Missing values are nan, or empty cells in a file. Column names may include
-        units, as in ``angle [deg]``; columns without a unit are in SI.
+        units, as in ``angle [deg]``; columns without a unit are in SI units.
     inputs : mapping of str to number, str or (times, values), optional
         Inputs of this run that replace the scene's; see :meth:`cotree.Model.simulate`. New names in
-        expressions are parameters, which are given in ``parameters`` or estimated. A column with
-        the name of an input is used as that input, with linear interpolation, unless the input is
-        given here.
+        expressions are parameters, which must be set in ``parameters`` or estimated. A column with
+        the name of an input replaces this input, with linear interpolation, unless ``inputs``
+        contains it.
     initial, parameters : mapping of str to float or str, optional
-        Initial values of states and values of parameters in this run, in SI; a string is the name
-        of an estimated parameter.
+        Initial values of states and values of parameters in this run, in SI units; a string is the
+        name of an estimated parameter.
     observables : mapping of str to str, or sequence of str, optional
-        The quantity that each column measures: an expression of states, outputs and all else that
-        outputs of a scene may contain. By default columns with names of states and outputs are
-        used.
+        The quantity measured by each column: an expression with the syntax of scene outputs. By
+        default, columns with names of states and outputs are used.
     noise : number, str, or mapping of str to number or str, optional
-        Standard deviation of the noise, or a mapping with that of each column: a number in the unit
-        of the column, the name of another column, or an expression or estimated parameter in SI. It
-        is estimated if absent.
+        Standard deviation of the noise, for all columns or for each: a number in the unit of the
+        column, the name of another column, or an expression or estimated parameter in SI units. By
+        default it is estimated.
     units : mapping of str to str, optional
         Units of columns whose names do not contain them.
     transform : str or mapping of str to str, optional
-        ``log`` or ``log10``, or a mapping with one for each column. Logarithms of measured and
-        computed values are then compared, and the noise is that of the logarithms.
+        ``log`` or ``log10``, for all columns or for each. Logarithms of measured and computed
+        values are then compared, and ``noise`` is the standard deviation of the logarithms.
     time : str, optional
-        Name of the time column; ``t`` or ``time`` if absent.
+        Name of the time column; by default ``t`` or ``time``.
     t_start : float
-        Time at which the run starts, [s]; there are no measurements before it.
+        Time at which the run starts, [s], not after the first measurement.
     name : str, optional
-        Name in tables and plots; the name of the file, or the number of the experiment, if absent.
+        Name in tables and plots; by default the name of the file or the number of the experiment.
 
     Raises
     ------
@@ -352,14 +351,14 @@ class Experiment:
         return f"<Experiment {self.name or ''}: {names} at {t.size} times to {t[-1]:g} s>"
 
     def noise_of(self, column: str) -> float | str | None:
-        """Return the noise of a column as the user gave it; None if it is to be estimated."""
+        """Return the user's noise of a column; None if it is to be estimated."""
         found = self._noise.get(column, self._noise.get(""))
         if found is None or isinstance(found, str):
             return found
         return check_number(found, f"the noise of column '{column}' of {self.where}")
 
     def unit_of(self, column: str) -> str | None:
-        """Return the unit that ``units`` states for a column, or None."""
+        """Return the unit of a column in ``units``, or None."""
         return self._units.get(column)
 
     def transform_of(self, column: str) -> str:
@@ -375,7 +374,7 @@ class Experiment:
         }
 
     def _observed(self, given: Any) -> dict[str, str] | None:
-        """Return the quantity that each column measures, by column name without unit."""
+        """Return the quantity measured by each column; keys are column names without units."""
         if given is None:
             return None
         if isinstance(given, str):
@@ -393,7 +392,7 @@ class Experiment:
         return {self.table.column(str(name)).name: text for name, text in given.items()}
 
     def _by_column(self, what: str, given: Any) -> dict[str, Any]:
-        """Return a mapping by column; the empty key has a single value for all columns."""
+        """Return a mapping by column; the key ``""`` has a value for all columns."""
         if given is None:
             return {}
         if not isinstance(given, Mapping):

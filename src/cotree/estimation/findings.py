@@ -1,4 +1,4 @@
-"""Findings about a fit: a sentence for each limitation of its estimates."""
+"""Findings about a fit: one sentence on each limitation of its estimates."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
 
-# An estimate is at a bound if its distance is less than this fraction of the distance between both
-# bounds or of its value. Optimisers with bounds never reach them exactly.
+# An estimate is at a bound if its distance is below this fraction of its value or of the distance
+# between the bounds. Optimisers with bounds never reach them exactly.
 _AT_BOUND = 1e-6
 
-# Starts whose objectives differ by less than this have found the same optimum. A parameter change
-# by one standard error raises the objective by 0.5, a hundred times as much.
+# Starts whose objectives differ by less have found the same optimum. A parameter change by one
+# standard error raises the objective by 0.5, a hundred times this value.
 SAME_OPTIMUM = 0.005
 
-# If the probability of chi-squared in either tail is below this, the model or the noise is wrong.
+# If a tail probability of chi-squared is below this, the model or the noise is wrong.
 _IMPROBABLE = 1e-3
 
-# An interval on a logarithmic scale is uninformative if the ratio of its limits is larger than
-# this.
+# An interval on a logarithmic scale is uninformative if the ratio of its limits is larger.
 _WIDE = 1e3
 
 
@@ -46,7 +45,7 @@ def at_bounds(problem: Problem, theta: Array) -> dict[str, str]:
 
 
 def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
-    """Report a lack of convergence, failed starts, and an optimum that only one start reached."""
+    """Report lack of convergence, failed starts, and an optimum that only one start reached."""
     best, sentences = starts[0], []
     if not math.isfinite(best.objective):
         return (f"No start succeeded: {best.message}.",)
@@ -67,7 +66,7 @@ def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
 
 
 def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
-    """Report the estimates that are at a bound."""
+    """Report estimates at a bound."""
     sentences = []
     for row in problem.estimated:
         side = sides.get(row.name)
@@ -87,9 +86,9 @@ def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def of_directions(found: Uncertainty, more_rows: Array | None = None) -> tuple[str, ...]:
-    """Report the directions that the data do not determine.
+    """Report directions that the data do not determine.
 
-    ``more_rows``, the information from priors, is assumed to be the same at nearby points.
+    ``more_rows``, the information of priors, is assumed to be the same at nearby points.
     """
     if not found.split.open.shape[1]:
         return ()
@@ -133,10 +132,10 @@ def of_widths(found: Uncertainty) -> tuple[str, ...]:
 def of_agreement(
     problem: Problem, found: Predictions, freedom: int, search: Search | None = None
 ) -> tuple[str, ...]:
-    """Report residuals that are inconsistent with the given noise, by a chi-squared test.
+    """Report residuals that are inconsistent with the known noise, by a chi-squared test.
 
-    Robust losses are exempt, because they are chosen for data with outliers, whose large residuals
-    the standard errors take into account.
+    Fits with robust losses are exempt: such losses are for data with outliers, and the standard
+    errors already account for large residuals.
     """
     is_given = not any(isinstance(v, str) for v in problem.measured.noise)
     is_robust = search is not None and search.loss != "linear"

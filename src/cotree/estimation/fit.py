@@ -52,20 +52,20 @@ def estimation_problem(
     Parameters
     ----------
     model, experiments, parameters, shared, per_experiment, noise, start, method, **settings
-        As of :func:`cotree.fit`.
+        As in :func:`cotree.fit`.
 
     Returns
     -------
     Problem
-        ``objective(theta)`` returns the negative log-likelihood and its exact gradient, ``theta()``
-        the initial point. There are also ``residuals``, ``jacobian`` and ``bounds``. The array
-        ``theta``, shape (n_estimated,), contains values, or logarithms for parameters on
-        logarithmic scales. ``values(theta)`` returns values by name.
+        ``theta()`` returns the initial point. ``objective(theta)`` returns the negative
+        log-likelihood and its exact gradient. ``residuals``, ``jacobian`` and ``bounds`` are also
+        available. The array ``theta``, shape (n_estimated,), contains values, or logarithms for
+        parameters on logarithmic scales. ``values(theta)`` returns values by name.
 
     Raises
     ------
     ModelError
-        If a name is unknown, something is missing, or arguments contradict each other.
+        If a name is unknown, an argument is missing, or arguments contradict each other.
 
     Examples
     --------
@@ -102,6 +102,7 @@ class _Assembly:
         noise: str | None,
         start: Mapping[str, float] | None,
     ) -> None:
+        """Assembly of an estimation problem from models, experiments and parameters."""
         rows = _listed(experiments)
         self._ranges = read_ranges(parameters)
         self._apart = _apart(self._ranges, shared, per_experiment)
@@ -119,13 +120,13 @@ class _Assembly:
         self._check_used()
 
     def problem(self, **given: Any) -> Problem:
-        """Compile the models and build the problem; ``given`` are settings of its runs."""
+        """Compile the models and build the problem; ``given`` contains run settings."""
         scene = self._observer.scene
         settings = settings_from(scene.defaults, {"max_steps": STEPS_OF_FIT, **given})
         new = set().union(*(run.new for run in self._runs))
         wanted = [n for n in self._ranges if n in scene.parameters or n in new]
         wanted += [n for n in self._ranges if "." in n and n not in wanted]
-        # Parameters and states that experiments tie to estimated parameters.
+        # parameters and states of the model that are tied to estimated parameters
         tied = [
             name
             for run in self._runs
@@ -137,7 +138,7 @@ class _Assembly:
         self._observer.compile(self._runs, wanted, {n: self._new_value(n) for n in new})
         conditions = [self._condition(run) for run in self._runs]
         measured = measured_rows(self._runs, self._noise, self._estimate, self._found)
-        # Parameters have the order in which the user gave them, with noise parameters last.
+        # Parameters are in the user's order, with noise parameters last.
         places = {name: i for i, name in enumerate(self._ranges)}
         found = sorted(
             self._found.values(),
@@ -193,7 +194,7 @@ class _Assembly:
         return self._begin.get(name, 1.0)
 
     def _estimate(self, name: str, experiment: str, nominal: float | None, unit: str = "") -> str:
-        """Return the name of a parameter that is estimated for an experiment; create it if new."""
+        """Return the name of the estimated parameter for an experiment; create it if new."""
         full = f"{name}[{experiment}]" if name in self._apart else name
         if full not in self._found:
             begin = self._begin.get(full, self._begin.get(name))
@@ -245,7 +246,7 @@ class _Assembly:
 
 
 def _listed(experiments: Any) -> list[Experiment]:
-    """Return a list of experiments, given a single one or a sequence."""
+    """Return the experiments as a list; the argument may be a single experiment."""
     found = [experiments] if isinstance(experiments, Experiment) else experiments
     if isinstance(found, (str, bytes)) or not hasattr(found, "__iter__"):
         found = [found]
@@ -261,7 +262,7 @@ def _listed(experiments: Any) -> list[Experiment]:
 
 
 def _names(rows: Sequence[Experiment]) -> list[str]:
-    """Return a name for each experiment: its own if unique, else its number, from one."""
+    """Return a unique name for each experiment: its own, or its number, counted from one."""
     given = [row.name for row in rows]
     return [
         name if name is not None and given.count(name) == 1 else str(i + 1)
@@ -315,9 +316,9 @@ def fit(
 ) -> FitResult:
     """Estimate parameters and initial values from measurements by maximum likelihood.
 
-    ``scipy.optimize.least_squares`` receives the residuals and their exact Jacobian. It searches
-    from several starts concurrently, whose runs the ensemble engine computes together. The outcome
-    of a start does not depend on the others.
+    ``scipy.optimize.least_squares`` minimises the residuals with their exact Jacobian. It searches
+    from several starts concurrently, and the ensemble engine computes their runs together. The
+    outcome of a start does not depend on the others.
 
     Parameters
     ----------
@@ -328,24 +329,24 @@ def fit(
         The measurements.
     parameters : mapping of str to tuple, or sequence of str
         Parameters to estimate: parameters of the scene, initial values (by the names of states),
-        new parameters in expressions of experiments, and names that experiments use as values. The
-        range of each is ``(lower, upper)`` or ``(lower, upper, scale)`` in SI, with the scale
-        ``"lin"``, ``"log"`` or ``"log10"``; None means no bound. Without a range, a positive
-        parameter lies between a hundredth and a hundred times its start, on a logarithmic scale.
+        new parameters in expressions of experiments, and names that experiments use as values. Each
+        range is ``(lower, upper)`` or ``(lower, upper, scale)`` in SI units, with the scale
+        ``"lin"``, ``"log"`` or ``"log10"``; None means no bound. The default range of a positive
+        parameter extends from a hundredth to a hundred times its start, on a logarithmic scale.
     shared, per_experiment : sequence of str, optional
-        Parameters with a common estimate for all experiments, and with a separate one for each,
-        called ``k[1]`` or ``k[name]``. By default all are shared. If ``shared`` is given, all
-        others are estimated for each experiment.
+        Parameters with one estimate for all experiments, and parameters with a separate estimate
+        for each experiment, called ``k[1]`` or ``k[name]``. By default all are shared. If
+        ``shared`` is set, all other parameters are separate.
     noise : str, optional
-        ``"given"`` requires that experiments specify their noise; ``"estimated"`` estimates a
-        standard deviation ``noise[column]`` for each column and ignores what they specify. By
-        default only noise that is not specified is estimated.
+        ``"given"`` requires that experiments specify their noise. ``"estimated"`` ignores the
+        specified noise and estimates a standard deviation ``noise[column]`` for each column. By
+        default only unspecified noise is estimated.
     start : mapping of str to float, optional
         The first start; by default the scene's values if they are within the bounds, else the
         middle of the bounds.
     loss : str
         ``"linear"``, or one of the robust losses ``"soft_l1"``, ``"huber"``, ``"cauchy"`` and
-        ``"arctan"``, which reduce the influence of outliers and require a given noise; see
+        ``"arctan"``, which reduce the influence of outliers and require a specified noise; see
         ``scipy.optimize.least_squares``.
     f_scale : float
         The residual, in standard deviations, beyond which a value counts as an outlier.
@@ -354,13 +355,13 @@ def fit(
     seed : int
         Seed of these starts; equal seeds give equal results.
     method : str, optional
-        Method of the runs; see :meth:`cotree.Model.simulate`.
+        Integration method; see :meth:`cotree.Model.simulate`.
     optimiser : str
         ``"trf"``, ``"dogbox"``, or ``"lm"``, which does not support bounds.
     max_evaluations : int, optional
-        Largest number of evaluations of each start; a hundred per parameter if absent.
+        Maximum number of evaluations per start; by default a hundred per parameter.
     progress : bool
-        Whether to show a progress bar, on terminals and after a second.
+        Whether to show a progress bar, after one second and on terminals only.
     **settings
         Tolerances, budgets and other settings of the runs; see :meth:`cotree.Model.simulate`. By
         default a run may take 100,000 steps.
@@ -374,7 +375,7 @@ def fit(
     Raises
     ------
     ModelError
-        If a name is unknown, something is missing, or arguments contradict each other.
+        If a name is unknown, an argument is missing, or arguments contradict each other.
     SolveError
         If the runs of all starts fail.
 

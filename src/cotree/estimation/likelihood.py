@@ -26,15 +26,16 @@ class Predictions:
 
     values: Array  # observables before transformation
     slopes: Array  # derivatives of the observables with respect to the scaled estimated parameters
-    sigma: Array  # standard deviations of the transformed values (for Laplace: scales)
+    sigma: Array  # standard deviations of the transformed values (scales of Laplace distributions)
     sigma_slopes: Array  # derivatives of ``sigma`` with respect to the scaled estimated parameters
-    message: str = ""  # reason why a run failed, with nan as values; empty if all succeeded
+    message: str = ""  # reason why a run failed (values are then nan), or empty
 
 
 class Likelihood:
     """Likelihood of measured values for given predictions."""
 
     def __init__(self, measured: Measured) -> None:
+        """Likelihood of measured values as a function of predictions."""
         logs = np.array(measured.transformation, dtype=object)
         self.is_log = logs != "lin"
         # T(x) = log(x) / factor, so its derivative is 1 / (factor x).
@@ -42,7 +43,7 @@ class Likelihood:
         self.is_normal = np.array(measured.distribution, dtype=object) == "normal"
         self.value = np.asarray(measured.value, dtype=float)
         self._target = self.transformed(self.value)
-        # Negative logarithms of the constant factors in the densities.
+        # negative logarithms of the constant factors in the densities
         log_slope = np.where(
             self.is_log, np.log(self._factor * np.abs(self.value) + ~self.is_log), 0
         )
@@ -50,7 +51,7 @@ class Likelihood:
         self._constant = float(np.sum(log_norm + log_slope))
 
     def transformed(self, values: Array) -> Array:
-        """Transform a value for each row; nan if it has no logarithm."""
+        """Transform one value per row; values without a logarithm become nan."""
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(np.where(self.is_log, values, 1.0)) / self._factor
         return np.where(self.is_log, logs, values)
@@ -80,8 +81,7 @@ class Likelihood:
     def gradient(self, found: Predictions) -> Array:
         """Return the gradient of the log-likelihood, shape (n_estimated,).
 
-        The Laplace density has a kink at residual zero, where the mean of both one-sided
-        derivatives is used.
+        At the kink of the Laplace density, the mean of both one-sided derivatives is used.
         """
         r = self.residuals(found)
         weights = np.where(self.is_normal, r, np.sign(r))
@@ -96,10 +96,10 @@ class Likelihood:
     def fisher_rows(self, found: Predictions) -> Array:
         """Return J such that J^T J is the Fisher information, shape (2 n_rows, n_estimated).
 
-        Rows for the measured values precede those for their standard deviations. Singular values of
-        J reveal undetermined directions with twice as many digits as eigenvalues of J^T J.
+        Rows of the measured values precede those of their standard deviations. Singular values of J
+        identify undetermined directions with twice as many digits as eigenvalues of J^T J.
         """
-        # Fisher information about sigma: 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).
+        # Fisher information on sigma: 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).
         share = np.where(self.is_normal, math.sqrt(2.0), 1.0)
         by_sigma = found.sigma_slopes * (share / found.sigma)[:, None]
         return np.vstack([self._mean_slopes(found), by_sigma])

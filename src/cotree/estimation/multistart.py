@@ -1,15 +1,15 @@
 """Multistart least squares, in which the ensemble engine simulates all starts together.
 
-For normal noise that is given, the vector F consists of the residuals. Other terms of the objective
-are not squares: logarithms of estimated standard deviations, and absolute values for Laplace
-distributions. They are rewritten such that at every point 1/2 F^T F is the objective up to a
-constant, J^T F is its exact gradient, and J^T J approximates its Hessian. To this end an additional
-row, with zeros in J, corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the
-first two properties, so that Gauss-Newton steps in a standard deviation are about twice too long
-and converge slowly.
+For normal noise of known standard deviation, the vector F consists of the residuals. Other terms of
+the objective are not squares: logarithms of estimated standard deviations, and absolute values for
+Laplace distributions. They are rewritten such that at every point 1/2 F^T F is the objective up to
+a constant, J^T F is its exact gradient, and J^T J approximates its Hessian. An additional row, with
+zeros in J, corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the first two
+properties: their Gauss-Newton steps in a standard deviation are about twice too long and converge
+slowly.
 
 Each start runs SciPy's ``least_squares`` in its own thread. When all threads wait for predictions,
-these are computed in one batch. The result of a start does not depend on the others.
+one batch computes them. The result of a start does not depend on the others.
 """
 
 from __future__ import annotations
@@ -39,27 +39,26 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
-    #: Function that returns additional residuals and their Jacobian at ``theta``.
+    #: Returns additional residuals and their Jacobian at ``theta``.
     Rows = Callable[[Array], tuple[Array, Array]]
 
 
 class Stopped(BaseException):
-    """Computation was stopped. A ``BaseException``, so that no ``except Exception`` catches it."""
+    """Signal that ends a thread; a BaseException, so that no ``except Exception`` catches it."""
 
 
 class Rendezvous:
-    """Computes the predictions that threads request, in one batch when all threads are waiting.
+    """Computes the predictions requested by threads, in one batch when all threads are waiting.
 
-    If starts ran one after another, small models would take 20 to 45 % more processor time, and
-    processors would be idle in fits of few experiments. ``compute`` returns the predictions for an
-    array with a row for each request. It runs in the thread that calls :meth:`run_all`, which
-    receives Ctrl-C.
+    Sequential starts would take 20 to 45 % more processor time for small models, and leave
+    processors idle in fits of few experiments. ``compute`` maps an array with one row per request
+    to predictions, in the thread that calls :meth:`run_all`, which receives Ctrl-C.
     """
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
         self._compute = compute
-        # Each item has the number of a function, a point and a queue for the answer, or is None if
-        # a function has returned.
+        # Items are (number of a function, point, queue for the answer), or None if a function has
+        # returned.
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._asked: list[tuple[int, Any, queue.SimpleQueue[Any]]] = []
         self._n_working = 0
@@ -78,8 +77,8 @@ class Rendezvous:
     ) -> bool:
         """Run each function in its own thread; return whether Ctrl-C has stopped them.
 
-        Functions call :meth:`ask` with their number. After each batch ``report`` is called with the
-        number of functions that have returned and the number of predictions computed.
+        Functions call :meth:`ask` with their number. After each batch, ``report`` receives the
+        number of functions that have returned and of predictions computed.
         """
         n_computed, self._n_working = 0, len(works)
         with stopped_by_interrupt() as stop, ThreadPoolExecutor(len(works)) as pool:
@@ -137,8 +136,8 @@ class StartRecord:
     message : str
         Reason for termination.
     optimality : float
-        Largest gradient entry at the final point, each multiplied by the distance to the bound
-        towards which the objective decreases; nan if the optimiser was interrupted.
+        Largest gradient entry at the final point. Each entry is multiplied by the distance to the
+        bound in the direction of descent. nan if the optimiser was interrupted.
     """
 
     began: Array
@@ -150,16 +149,16 @@ class StartRecord:
     optimality: float = math.nan
 
 
-# Negative logarithm of the factor, exp(-20) = 2e-9, by which a standard deviation may shrink from
+# Negative logarithm of the factor, exp(-20) = 2e-9, by which a standard deviation may decrease from
 # its initial value. A larger exponent would cost digits of the objective.
 _SHRINKS = 20.0
 
-# Residuals of Laplace distributions below this are squared, which smooths the kink at zero.
+# Smaller residuals of Laplace distributions are squared, which smooths the kink at zero.
 _CORNER = 1e-3
 
 
 class SquareRows:
-    """Computes F and J, see above, from the predictions of one start."""
+    """Computes F and J, defined in the module docstring, from the predictions of one start."""
 
     def __init__(self, problem: Problem) -> None:
         self._likelihood = problem.likelihood
@@ -171,7 +170,7 @@ class SquareRows:
     def at(self, found: Predictions) -> tuple[Array, Array]:
         """Return F, shape (n,), and J, shape (n, n_estimated).
 
-        The first call determines the additive constant in the terms of standard deviations.
+        The first call determines the additive constant for standard deviations.
         """
         r = self._likelihood.residuals(found)
         slopes = self._likelihood.residual_slopes(found)
@@ -186,15 +185,15 @@ class SquareRows:
             logs = np.log(found.sigma)
         if self._first is None:
             self._first = logs
-        # The Hessian of the objective with respect to log(sigma) is 2 r^2, with expectation 2, of
-        # which the rows above provide r^2 in J^T J. For Laplace distributions little is missing.
+        # The second derivative with respect to log(sigma) is 2 r^2, with expectation 2; the rows
+        # above contribute r^2 to J^T J. For Laplace distributions little is missing.
         weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
         by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
         rest = np.sum(missing) + np.sum(
             2.0 * (logs - self._first + _SHRINKS)[noisy] - weight**-2.0 + 4.0
         )
         with np.errstate(invalid="ignore"):
-            # If a standard deviation has shrunk too far, this is nan, so that the step is rejected.
+            # nan if a standard deviation has decreased too far, so that the step is rejected
             last = np.sqrt(rest)
         return (
             np.concatenate([rows, 1.0 / weight, [last]]),
@@ -204,12 +203,11 @@ class SquareRows:
         )
 
 
-# Number of starts that run concurrently, each in a thread, without effect on results.
+# Number of starts that run concurrently, each in a thread; it does not affect results.
 _SIDE_BY_SIDE = 256
 
 
-# Value of all residuals that MINPACK receives if a run fails, small enough for its square not to
-# overflow.
+# Value of all residuals passed to MINPACK if a run fails; its square does not overflow.
 _HIGH = 1e100
 
 
@@ -219,17 +217,16 @@ class Search:
 
     #: ``trf`` or ``dogbox``, which support bounds, or ``lm``, which does not.
     optimiser: str = "trf"
-    loss: str = "linear"  # ``linear``, or a robust loss, for which the noise must be given
+    loss: str = "linear"  # ``linear``, or a robust loss, which requires known noise
     #: Residual, in standard deviations, beyond which a robust loss treats a value as an outlier.
     f_scale: float = 1.0
-    #: Termination tolerances for the relative change of the objective, the relative step and the
-    #: gradient.
+    #: Termination tolerances: relative change of the objective, relative step, gradient.
     ftol: float = 1e-12
     xtol: float = 1e-10
     gtol: float = 1e-8
     max_evaluations: int | None = None  # maximum number of evaluations per start
-    #: Scaling of the parameters: ``jacobian`` uses the columns of the Jacobian, ``bounds`` the
-    #: distance between finite bounds on the parameters' scales.
+    #: Parameter scaling: ``jacobian`` uses the norms of Jacobian columns, ``bounds`` the distance
+    #: between finite bounds on the parameters' scales.
     scale: str = "jacobian"
 
     def __post_init__(self) -> None:
@@ -251,27 +248,14 @@ def minimise_from_starts(
 ) -> tuple[StartRecord, ...]:
     """Minimise the negative log-likelihood, or a robust loss, from several starts.
 
-    Parameters
-    ----------
-    problem : Problem
-        The estimation problem, within whose bounds all points stay.
-    starts : array_like, shape (n_starts, n_estimated)
-        Starting points within the bounds, on the scales of the estimated parameters.
-    search : Search, optional
-        Settings of the optimiser.
-    more_rows : callable, optional
-        Function that returns additional residuals at ``theta``, such as those of priors, and their
-        Jacobian, shapes (n,) and (n, n_estimated). Half the sum of their squares is added to the
-        objective.
-    progress : bool
-        Whether a progress bar may be shown, on terminals only.
+    ``starts``, (n_starts, n_estimated), contains points within the bounds, on the parameters'
+    scales. ``more_rows`` returns additional residuals, (n,), such as those of priors, and their
+    Jacobian, (n, n_estimated); half the sum of their squares is added to the objective. A progress
+    bar is shown on terminals only.
 
-    Returns
-    -------
-    tuple of StartRecord
-        Sorted by objective, with failed starts last. The objective is the negative log-likelihood,
-        or half the sum of the losses if the loss is not linear. After Ctrl-C, the records hold the
-        best points so far and are marked as not converged.
+    Records are sorted by objective, with failed starts last. The objective is the negative
+    log-likelihood, or for other losses half the sum of the losses. After Ctrl-C, records contain
+    the best points so far and are marked as not converged.
     """
     points = np.atleast_2d(np.asarray(starts, dtype=float))
     how = search or Search()
@@ -293,14 +277,14 @@ def minimise_from_starts(
                 is_stopped = meeting.run_all([one.run for one in block], count)
             records += [one.record() for one in block]
             n_evaluations = sum(row.n_evaluations for row in records)
-    # The sort is stable, so that equal starts keep their order.
+    # The sort is stable, so equal starts keep their order.
     return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
 
 
 class Start:
     """One start, which runs the optimiser and stores the best point.
 
-    ``scaled`` are the varied parameters. ``ask`` returns the predictions for their values.
+    ``scaled`` contains the varied parameters; ``ask`` returns the predictions for their values.
     """
 
     def __init__(
@@ -316,14 +300,14 @@ class Start:
         self._began, self._more, self._ask = began, more_rows, ask
         self._rows = SquareRows(problem)
         self._n_evaluations = 0
-        # The point that was evaluated last, with residuals and Jacobian.
+        # last evaluated point, with residuals and Jacobian
         self._at: tuple[Array, Array, Array] | None = None
         self._best, self._least = began, math.inf
         self._ended: OptimizeResult | None = None
         self._message = "interrupted before its first point"
 
     def run(self) -> None:
-        """Run the optimiser, in a thread of its own."""
+        """Run the optimiser in the calling thread."""
         from scipy.optimize import least_squares
 
         lower, upper, how = self._scaled.lower, self._scaled.upper, self._search
@@ -374,7 +358,7 @@ class Start:
         if self._more is not None:
             more, along = self._more(theta)
             rows, slopes = np.concatenate([rows, more]), np.vstack([slopes, along])
-        # The optimiser cannot use a point without derivatives, so that nan rejects the step.
+        # A point without derivatives is useless to the optimiser: nan rejects the step.
         if found.message or not np.all(np.isfinite(slopes)):
             rows = np.full_like(rows, np.nan)
         if not np.all(np.isfinite(rows)) and self._least == math.inf:
@@ -394,7 +378,7 @@ class Start:
         return self._at[2]
 
     def _note(self, theta: Array, found: Predictions, rows: Array) -> None:
-        """Store a point if it is the best one."""
+        """Store a point if it is the best so far."""
         if not np.all(np.isfinite(rows)):
             return
         if self._search.loss == "linear":
@@ -417,7 +401,7 @@ class Start:
         return f"converged: {_CONVERGED[int(ended.status)]}"
 
 
-# Reasons for termination by the status of ``least_squares``.
+# Reasons for termination, by the status of ``least_squares``.
 _CONVERGED = {
     1: "the gradient vanishes",
     2: "the objective no longer changes",
@@ -427,11 +411,10 @@ _CONVERGED = {
 
 
 def _robust(rows: Array, search: Search) -> float:
-    """Return the cost as SciPy defines it, half the sum of losses."""
+    """Return the cost as defined by SciPy, half the sum of losses."""
     from scipy.optimize import least_squares
 
-    # SciPy does not export its loss functions. The cost is computed by solving a problem with a
-    # zero Jacobian.
+    # SciPy does not export its loss functions, so the cost is that of a problem with zero Jacobian.
     there = least_squares(
         lambda x: rows,
         [0.0],

@@ -1,8 +1,8 @@
-"""Models of experiments: scenes that are extended by outputs for measured quantities.
+"""Models of experiments: scenes extended by outputs for measured quantities.
 
-Experiments have expressions for observables, noise and inputs. For each one, a model is compiled
-with sensitivities to the estimated parameters, and its output names are determined. Experiments
-whose inputs have the same expressions share one model.
+Observables, noise and inputs of experiments may be expressions. For each experiment, a model is
+compiled with outputs for these expressions and sensitivities to the estimated parameters.
+Experiments whose inputs have the same expressions share one model.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ class Observed:
 
     experiment: Experiment
     name: str
-    model: Model = field(init=False)  # the model, set when it has been compiled
-    #: Name of the state or output that a column measures, by column.
+    model: Model = field(init=False)  # set after compilation
+    #: State or output measured by each column.
     outputs: dict[str, str] = field(default_factory=dict)
-    #: Name of the output for the standard deviation of a column that is given by an expression.
+    #: Output for the standard deviation of each column, if it is an expression.
     noise: dict[str, str] = field(default_factory=dict)
-    #: Name of the estimated parameter for the standard deviation of a column.
+    #: Estimated parameter for the standard deviation of each column.
     deviations: dict[str, str] = field(default_factory=dict)
     #: Inputs that are numbers, tables or functions, by name.
     inputs: dict[str, Any] = field(default_factory=dict)
     expressions: dict[str, str] = field(default_factory=dict)  # expressions of inputs, by name
-    #: Names in expressions that are parameters but not in the scene.
+    #: Parameters in expressions that the scene does not contain.
     new: set[str] = field(default_factory=set)
 
 
@@ -64,7 +64,7 @@ class Observer:
             raise ParameterError(
                 f"a fit needs a compiled model or a scene, not {brief(repr(model))}"
             )
-        # If a compiled model is given, its tree and its options are kept.
+        # A compiled model keeps its tree and options.
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
         self.scene: SceneDescription = model.spec.scene if isinstance(model, Model) else model
@@ -80,7 +80,7 @@ class Observer:
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, own_name: str, wanted: Sequence[str]) -> Observed:
-        """Determine which state or output each measured column of an experiment contains."""
+        """Determine the state or output measured by each column of an experiment."""
         found = Observed(experiment, own_name)
         known = {*wanted, *experiment.parameters}
         table, given = experiment.table, experiment.inputs
@@ -109,7 +109,7 @@ class Observer:
         return found
 
     def _texts(self, found: Observed) -> dict[str, str]:
-        """Return the expression that each column measures."""
+        """Return the expression measured by each column."""
         experiment = found.experiment
         if experiment.observables is not None:
             return experiment.observables
@@ -142,7 +142,7 @@ class Observer:
         plain = expression.text.strip()
         if plain in self.scene.outputs:
             return plain
-        # State names are used only if they are known without another compilation. Otherwise
+        # State names are used only if no compilation is needed to know them. Otherwise,
         # :meth:`compile` later replaces the output by the state.
         if self._model is not None and plain in self._model.states:
             return plain
@@ -209,8 +209,8 @@ class Observer:
 #: Prefix of the names of estimated standard deviations, such as ``noise[v]`` for column ``v``.
 NOISE = "noise"
 
-# Bounds of estimated standard deviations, in multiples of the data range. The lower one is below
-# the accuracy of runs. The upper one is large enough for starts far from the optimum.
+# Bounds of estimated standard deviations, in multiples of the data range. The lower bound is below
+# the accuracy of runs; the upper one allows starts far from the optimum.
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 
@@ -220,7 +220,7 @@ def measured_rows(
     estimate: Callable[..., str],
     found: dict[str, Estimated],
 ) -> Measured:
-    """Return the measured values of all experiments; add estimated noise to ``found``."""
+    """Return the measured values of all experiments; add noise parameters to ``found``."""
     rows: list[tuple[int, float, str, float, str | float, str]] = []
     for number, run in enumerate(runs):
         n_before, where = len(rows), run.experiment.where
@@ -245,8 +245,8 @@ def measured_rows(
             elif column in run.noise:
                 deviations = [run.noise[column]]
             else:
-                # A standard deviation is a difference, so that offsets of units do not apply. That
-                # of a logarithm has no unit.
+                # Offsets of units do not apply to a standard deviation; that of a logarithm has no
+                # unit.
                 factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
                 deviations = _given_noise(run, column, given, factor, there)
             deviations *= len(there) // len(deviations)
@@ -269,7 +269,7 @@ def measured_rows(
 def _present(
     run: Observed, name: str, output: str, transform: str
 ) -> tuple[npt.NDArray[np.intp], Array, Unit | None]:
-    """Return a column's present values in SI, the indices of their rows (first) and its unit."""
+    """Return the indices of rows with a value in a column, these values in SI, and its unit."""
     row = run.experiment
     table, column = row.table, row.table.columns[name]
     unit = table.unit(column, _unit(run.model, output), row.unit_of(name))
@@ -287,13 +287,13 @@ def _present(
 def _given_noise(
     run: Observed, name: str, given: float | str, factor: float, there: npt.NDArray[np.intp]
 ) -> list[str | float]:
-    """Return the standard deviations of a column, or a single one if all are equal."""
+    """Return the standard deviations of a column, or only one if all are equal."""
     row, table = run.experiment, run.experiment.table
     if not isinstance(given, str):
         return [check_positive(given * factor, f"the noise of column '{name}' of {row.where}")]
     column = table.columns[given]
     unit = table.unit(column, "", row.unit_of(given))
-    # If the column of standard deviations has no unit, it is that of the measured column.
+    # A column of standard deviations without a unit has the unit of the measured column.
     scale = factor if unit is None else float(unit.factor)
     return [
         check_positive(column.values[i] * scale, f"{row.where}, {table.rows[i]}, noise '{given}'")
@@ -304,7 +304,7 @@ def _given_noise(
 def _estimated_noise(
     found: dict[str, Estimated], column: str, values: Array, transform: str, unit: str
 ) -> str:
-    """Return the name of a column's estimated standard deviation, common to all experiments."""
+    """Return the name of a column's standard deviation, estimated for all experiments together."""
     name = f"{NOISE}[{column}]"
     if transform != "lin":
         values, unit = np.log(values), ""

@@ -1,12 +1,12 @@
 """An estimation problem: conditions, measured values and estimated parameters.
 
-A problem computes predictions, and from them residuals, log-likelihood, gradient and Fisher
-information, as functions of the estimated parameters on their scales. Runs at several points in
-parameter space are computed by one call of the ensemble engine.
+A problem computes predictions, residuals, log-likelihood, gradient and Fisher information as
+functions of the estimated parameters on their scales. One call of the ensemble engine computes the
+runs at several points in parameter space.
 
-A steady state is computed by a run until states stop changing. In networks with conserved
-quantities it depends on the initial values and its Jacobian is singular, so that a root finder
-would need the conservation laws.
+A steady state is found by a run until states stop changing. In networks with conserved quantities
+it depends on the initial values and its Jacobian is singular, so a root finder would need the
+conservation laws.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 
 # Times at which a run is tested for a steady state, [s]. Steps of implicit methods grow as states
-# settle, so that each of the last decades takes only a few steps.
+# settle, so each of the last decades takes only a few steps.
 _TIMES = 10.0 ** np.arange(-2, 11)
 
-# Largest change over a decade of time, in multiples of the tolerances, of values that are at rest.
-# Within ten times the time, an exponential decays to a negligible remainder.
+# Largest change of a settled value over a decade of time, in multiples of the tolerances. In ten
+# times the time, an exponential decays to a negligible remainder.
 _CHANGE = 10.0
 
 
@@ -58,12 +58,12 @@ class _Runs:
         self._plans: dict[bool, Plan] = {}
 
     def run(self, columns: Sequence[str], rows: Array, n_first: int, *, slopes: bool) -> Block:
-        """Run all rows; the first ``n_first`` belong to the first point in parameter space."""
+        """Run all rows; the first ``n_first`` rows belong to the first point in parameter space."""
         if slopes not in self._plans:
-            # The method is chosen at the first point. If another point is stiff, that is detected
-            # during its run.
+            # The method is chosen at the first point; stiffness at another point is detected during
+            # its run.
             members = Members(tuple(columns), rows[:n_first], {MEMBER: np.arange(n_first)})
-            # The method is chosen only once, so that results do not depend on previous evaluations.
+            # The method is chosen once, so that results do not depend on previous evaluations.
             known = next(iter(self._plans.values()), None)
             own = replace(known.settings if known else self._settings, sensitivities=slopes)
             plan = make_plan(self._model.kernels, own, members, outputs=self._outputs, lanes=1)
@@ -72,7 +72,7 @@ class _Runs:
 
 
 class SteadyStates:
-    """Computes the steady states at which the conditions of a group begin."""
+    """Computes the steady states from which the conditions of a group start."""
 
     def __init__(
         self, conditions: Sequence[Condition], names: Sequence[str], settings: Settings
@@ -80,7 +80,7 @@ class SteadyStates:
         self._conditions, self._settings, self._names = conditions, settings, names
         self._model = conditions[0].model
         first_runs = [c.before for c in conditions if c.before is not None]
-        # Several conditions may begin at the same steady state.
+        # Several conditions may start from the same steady state.
         self._distinct = list(dict.fromkeys(first_runs))
         self._of = [self._distinct.index(before) for before in first_runs]
         parameters = dict.fromkeys(name for c in self._distinct for name in c.parameters)
@@ -112,7 +112,7 @@ class SteadyStates:
     def through(self, own: Sequence[Array]) -> list[Array]:
         """Return matrices from sensitivities to estimated parameters for runs from steady states.
 
-        ``own`` are the matrices ``through`` of these runs alone; see :class:`Columns`.
+        ``own`` contains the matrices ``through`` of these runs alone; see :class:`Columns`.
         """
         model, found = self._model, []
         earlier = [item.through for item in self._maps]
@@ -129,7 +129,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Sensitivities to parameters that were fixed numbers in the previous run begin at zero.
+            # Sensitivities to parameters that are fixed numbers in the previous run start at zero.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -139,7 +139,7 @@ class SteadyStates:
     ) -> tuple[tuple[str, ...], Array, list[str]]:
         """Add initial values at steady states to columns and rows, (n_thetas * n_conditions, ...).
 
-        Initial values that members already set are kept. The third result contains the reason why a
+        Initial values already set by members are kept. The third result contains the reason why a
         member has no steady state, or an empty string.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
@@ -173,7 +173,7 @@ class SteadyStates:
         return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
 
     def _at_rest(self, z: Array, n: int) -> int | None:
-        """Return the index of the first tested time after which values hardly changed, or None."""
+        """Return the index of the first tested time after which values hardly change, or None."""
         a = self._settings
         size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
         change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
@@ -192,7 +192,7 @@ _SHORTEST = 1.0
 
 
 class Group:
-    """Conditions that run in one block; ``rows`` are the indices of their measured rows."""
+    """Conditions that run in one block; ``rows`` contains the indices of their measured rows."""
 
     def __init__(
         self,
@@ -231,8 +231,7 @@ class Group:
         known = {*self._model.states, *self._model.outputs}
         self.numbers = np.array([np.nan if isinstance(v, str) else v for v in noise], dtype=float)
         self._with_noise = np.array([i for i, v in enumerate(noise) if v in known], dtype=np.intp)
-        # Rows whose standard deviations are estimated parameters, and the indices of these
-        # parameters.
+        # rows whose standard deviations are estimated parameters, and indices of these parameters
         direct = [i for i, v in enumerate(noise) if isinstance(v, str) and v not in known]
         self._direct = np.array(direct, dtype=np.intp)
         self._direct_of = np.array([self._names.index(str(noise[i])) for i in direct], np.intp)
@@ -250,9 +249,9 @@ class Group:
     ) -> tuple[Array, Array, Array, Array, tuple[str, ...]]:
         """Run all conditions for each row of parameter values.
 
-        Returns observables and their derivatives, standard deviations and their derivatives, and
-        for each row the reason why its runs failed or an empty string. Derivatives are with respect
-        to the unscaled values of the estimated parameters, and empty unless requested.
+        Return observables and their derivatives, standard deviations and their derivatives, and for
+        each row the reason why its runs failed, or an empty string. Derivatives are with respect to
+        the unscaled values of the estimated parameters; they are empty unless requested.
         """
         n, n_rows = len(values), len(self.rows)
         rows = np.array([item.row(theta) for theta in values for item in self._maps])
@@ -272,7 +271,7 @@ class Group:
         return found[:, :n_rows], along[:, :n_rows], sigma, sigma_along, messages
 
     def _read(self, block: Block, n: int, *, slopes: bool) -> tuple[Array, Array]:
-        """Return the values of measured quantities in a block and their derivatives."""
+        """Return the measured quantities in a block and their derivatives."""
         n_states, n_c = len(self._model.states), len(self._conditions)
         shape = (n, n_c, len(self._times))
         every = np.concatenate([block.z[..., :n_states], block.outputs], axis=2)
@@ -288,9 +287,9 @@ class Group:
         return values, np.einsum("qrm,rmj->qrj", along, self._through[self._member])
 
     def _messages(self, block: Block, failed: Sequence[str], n: int) -> tuple[str, ...]:
-        """Return the reason why a run failed, or an empty string, for each parameter point."""
+        """Return for each parameter point the reason why a run failed, or an empty string."""
         n_c, found = len(self._conditions), []
-        # An event may end a run before the last measurement.
+        # A terminal event may end a run before the last measurement.
         last = np.array([self._times[self._at[self._condition_of == c]].max() for c in range(n_c)])
         for i in range(n):
             message = ""
@@ -324,7 +323,7 @@ class Problem:
     Attributes
     ----------
     estimated, conditions, measured, settings
-        As given.
+        The arguments.
     scaled : Scaled
         The estimated parameters on their scales.
     likelihood : Likelihood
@@ -366,15 +365,16 @@ class Problem:
         Parameters
         ----------
         thetas : array_like, shape (n_thetas, n_estimated)
-            Points on the scales of the parameters. Results do not depend on the other points.
+            Points on the scales of the parameters. Their results are independent of each other.
         slopes : bool
-            Whether to compute derivatives. Without them runs are faster, and the values differ
+            Whether to compute derivatives. Without derivatives, runs are faster, and values differ
             within the tolerances.
 
         Returns
         -------
         list of Predictions
-            One for each point; if a run fails, values are nan and there is a message.
+            One for each point; if a run fails, its values are nan and ``message`` contains the
+            reason.
         """
         n_rows, n_est = len(self.measured), len(self.estimated)
         thetas = np.asarray(thetas, dtype=float)
@@ -415,7 +415,7 @@ class Problem:
         Raises
         ------
         ParameterError
-            If a name is unknown, a value is missing, or one has no logarithm.
+            If a name is unknown, a value is missing, or a value has no logarithm.
         """
         names = self.scaled.names
         middle = self.scaled.values(0.5 * (self.scaled.lower + self.scaled.upper))
@@ -510,7 +510,7 @@ class Problem:
         return self._last[1]
 
     def _grouped(self) -> list[Group]:
-        """Group the conditions that can run in one block; omit those without measurements."""
+        """Group the conditions that can run in one block; omit conditions without measurements."""
         found: dict[Hashable, list[int]] = {}
         for number, condition in enumerate(self.conditions):
             times = self.measured.t[self.measured.condition == number]
@@ -518,7 +518,7 @@ class Problem:
                 continue
             key = (
                 id(condition.model),
-                # Tables cannot be hashed, so that mappings of inputs are compared by identity.
+                # Tables cannot be hashed, so mappings of inputs are compared by identity.
                 id(condition.inputs) if condition.inputs else 0,
                 condition.t_start,
                 float(times.max()),

@@ -1,13 +1,13 @@
 """Profile likelihoods of estimated parameters.
 
 A profile is the minimum of the objective over all other parameters, as a function of one parameter.
-The likelihood-ratio interval is the range in which it rises by no more than a limit
+The likelihood-ratio interval is the range in which the profile rises by no more than a limit
 (:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). The interval
 is invariant under reparametrisation, follows curved valleys, and is unbounded if the data do not
 determine the parameter.
 
-Both directions of all parameters are followed concurrently: when all of them wait for predictions,
-these are computed in one batch.
+Both directions of all parameters are computed concurrently: when all of them wait for predictions,
+one batch computes them.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from cotree.estimation.uncertainty import Uncertainty
 
 
-# Target for the rise of twice the objective per step, which results in about four points on each
-# side, and rise beyond which a step is repeated with a shorter length, as fractions of the limit.
+# Target rise of twice the objective per step, for about four points on each side, and rise beyond
+# which a step is shortened and repeated, as fractions of the limit.
 _STEP, _TOO_FAR = 0.25, 1.0
 
 # Maximum number of steps in one direction, and largest growth factor of the step size.
@@ -42,7 +42,7 @@ _MOST, _LONGER = 60, 2.0
 # change.
 _FARTHEST = 50.0
 
-# Tolerances of the optimised parameters; the error of the objective is of second order in these.
+# Tolerances of the optimised parameters; their effect on the objective is of second order.
 _SEARCH = Search(ftol=1e-8, xtol=1e-8, gtol=1e-8)
 
 # Largest difference between the rise at the end of an interval and the limit.
@@ -60,7 +60,7 @@ class Profile:
     values : ndarray, shape (n,)
         Its values, ascending, in its unit.
     rise : ndarray, shape (n,)
-        Twice the increase of the minimised objective above that of the estimates.
+        Twice the increase of the minimised objective above its value at the estimates.
     thetas : ndarray, shape (n, n_estimated)
         All parameters at these values, on their scales.
     estimate : float
@@ -70,8 +70,8 @@ class Profile:
     limit : float
         Rise at the limits of the interval.
     interval : tuple of float
-        Interval of the parameter; an end is the bound, which may be infinite, if the limit is not
-        reached.
+        Interval of the parameter. If the rise does not reach the limit, an end is the bound, which
+        may be infinite.
     is_closed : tuple of bool
         Whether the lower and the upper end are inside the bounds.
     sentence : str
@@ -107,7 +107,7 @@ class Profile:
         Returns
         -------
         ndarray, ndarray, each of shape (n,)
-            Values of the parameter, in its unit, and the rise there.
+            Values of the parameter, in its unit, and the rise at these values.
         """
         from scipy.interpolate import PchipInterpolator
 
@@ -133,7 +133,7 @@ def profiles_of(
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
-    """Compute the profile likelihoods of the parameters with the indices ``chosen``.
+    """Return the profile likelihoods of the parameters with the indices ``chosen``.
 
     ``objective`` is the negative log-likelihood at the estimates, including priors.
     """
@@ -171,7 +171,7 @@ class _Walk:
         bound = float((scaled.lower if side < 0 else scaled.upper)[index])
         error = float(found.errors[index])
         size = float(abs(found.split.sizes[index]))
-        # Undetermined parameters have infinite standard errors, so that the first step is relative.
+        # Undetermined parameters have infinite standard errors; their first step is relative.
         self._first = error * math.sqrt(_STEP * self._limit) if math.isfinite(error) else 0.2 * size
         reach = _FARTHEST * (error if math.isfinite(error) else size)
         # On a logarithmic scale a lower bound of zero is minus infinity, which counts as no bound.
@@ -225,7 +225,7 @@ class _Walk:
         return min(_LONGER * step, wanted / slope if slope > 0.0 else math.inf)
 
     def _refine(self) -> None:
-        """Find where the limit is crossed between the last two points, by regula falsi."""
+        """Find the crossing of the limit between the last two points, by regula falsi."""
         (a, low, _), (b, high, _) = self.points[-2:]
         wanted = math.sqrt(self._limit)
         for _ in range(6):
@@ -270,7 +270,7 @@ class _Walk:
         return x, 2.0 * (row.objective - self._objective), there
 
     def _ask_at(self, x: float, others: Array) -> Predictions:
-        """Return predictions for values of the others, with this parameter fixed at ``x``."""
+        """Return predictions for values ``others``, with this parameter fixed at x."""
         found, i = self._ask(np.insert(others, self._index, x)), self._index
         return replace(
             found,
@@ -279,7 +279,7 @@ class _Walk:
         )
 
     def _more_at(self, x: float, others: Array) -> tuple[Array, Array]:
-        """Return prior residuals for values of the others, with this parameter fixed at ``x``."""
+        """Return prior residuals for values ``others``, with this parameter fixed at x."""
         assert self._more is not None
         rows, slopes = self._more(np.insert(others, self._index, x))
         return rows, np.delete(slopes, self._index, axis=1)

@@ -43,7 +43,7 @@ _HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "u
 class FitResult(Reported):
     """Estimated parameters with their uncertainty.
 
-    ``print(result)`` shows estimates with standard errors and intervals, and findings, which are
+    ``print(result)`` shows estimates with standard errors and intervals, and findings on the
     limitations of the estimates. Standard errors follow from the Fisher information, which is
     formed from exact sensitivities. Profiles do not assume that the model is nearly linear.
 
@@ -56,13 +56,13 @@ class FitResult(Reported):
     search : Search, optional
         Settings of the optimiser; standard errors depend on its loss.
     more_rows : callable, optional
-        Function that returns the residuals of priors and their Jacobian at ``theta``; see
+        Returns the residuals of priors and their Jacobian at ``theta``; see
         :func:`~cotree.estimation.multistart.minimise_from_starts`.
 
     Attributes
     ----------
     problem, starts, search, more_rows
-        As given.
+        The arguments.
     """
 
     def __init__(
@@ -122,14 +122,14 @@ class FitResult(Reported):
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard errors by name, in units; infinite for undetermined parameters."""
+        """Standard errors by name, in the parameters' units; infinite if undetermined."""
         slopes = self.problem.scaled.slopes(self.theta)
         # On a logarithmic scale the derivative vanishes for a value of zero.
         errors = np.where(slopes > 0.0, slopes, 1.0) * self.uncertainty.errors
         return dict(zip(self.names, errors.tolist(), strict=True))
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Return confidence intervals by name, in units.
+        """Return confidence intervals by name, in the parameters' units.
 
         They are computed on the scale of each parameter, so that they are positive for logarithmic
         scales. Bounds are not taken into account.
@@ -137,7 +137,7 @@ class FitResult(Reported):
         Parameters
         ----------
         level : float
-            Confidence level of each interval on its own.
+            Confidence level of each interval separately.
         """
         reach = self.uncertainty.quantile(level) * self.uncertainty.errors
         with np.errstate(over="ignore"):
@@ -151,7 +151,7 @@ class FitResult(Reported):
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the estimates, (n_estimated, n_estimated); nan for undetermined ones."""
+        """Correlation of the estimates, (n_estimated, n_estimated); nan if undetermined."""
         return self.uncertainty.correlation
 
     @property
@@ -163,19 +163,19 @@ class FitResult(Reported):
     def eigenvalues(self) -> Array:
         """Eigenvalues of the Fisher information for relative changes, ascending, (n_estimated,).
 
-        The inverse square root of each eigenvalue is the relative standard error of a combination
-        of parameters. For undetermined combinations the eigenvalue is zero up to rounding.
+        The inverse square root of each eigenvalue is the relative standard error of a parameter
+        combination. For undetermined combinations the eigenvalue is zero up to rounding.
         """
         return np.asarray(np.linalg.eigvalsh(self._relative_fisher()))
 
     @property
     def eigenvectors(self) -> Array:
-        """Eigenvectors for :attr:`eigenvalues` in the columns, as relative changes."""
+        """Eigenvectors for :attr:`eigenvalues` as columns, in relative changes."""
         return np.asarray(np.linalg.eigh(self._relative_fisher())[1])
 
     @property
     def residuals(self) -> Array:
-        """Residuals (computed minus measured values) in standard deviations."""
+        """Residuals (computed minus measured values) in standard deviations, shape (n_rows,)."""
         return self.problem.likelihood.residuals(self.predictions)
 
     @property
@@ -185,7 +185,7 @@ class FitResult(Reported):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of measured values minus that of the parameter combinations they determine."""
+        """Number of measured values minus number of parameter combinations that they determine."""
         n_open = int(self.uncertainty.split.open.shape[1])
         return len(self.problem.measured) - len(self.names) + n_open
 
@@ -219,14 +219,14 @@ class FitResult(Reported):
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Sentences that describe parameter combinations that the data do not determine."""
+        """Sentences on the parameter combinations that the data do not determine."""
         from cotree.estimation.findings import of_directions
 
         return of_directions(self.uncertainty, self._prior)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Limitations of the estimates, with one sentence for each; empty if there are none."""
+        """Limitations of the estimates, one sentence each; empty if there are none."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
@@ -241,7 +241,7 @@ class FitResult(Reported):
         )
 
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
-        """Compute the profile likelihood of a parameter and its likelihood-ratio interval.
+        """Return the profile likelihood of a parameter and its likelihood-ratio interval.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class FitResult(Reported):
     def profiles(
         self, names: Sequence[str] | None = None, *, level: float = 0.95
     ) -> dict[str, Profile]:
-        """Compute the profile likelihoods of the given parameters, by default of all, in one batch.
+        """Return the profile likelihoods of several parameters, computed in one batch.
 
         Parameters
         ----------
@@ -313,8 +313,9 @@ class FitResult(Reported):
         level : float
             Pointwise confidence level.
         noise : bool, float or str
-            Whether to compute the prediction interval of a further measurement. True uses the noise
-            of previous measurements of this quantity; a number or a name is its standard deviation.
+            Whether to include the noise of a new measurement, which yields a prediction interval.
+            True selects the noise of previous measurements of this quantity; a number or a name is
+            its standard deviation.
         draws : int
             Number of samples from the distribution of the estimates, normal or Student's t. Zero
             selects the delta method, which linearises the model at the estimates.
@@ -324,7 +325,7 @@ class FitResult(Reported):
         Raises
         ------
         ParameterError
-            For an unknown name, or if the run fails.
+            If a name is unknown, or the run fails.
         """
         from cotree.estimation.bands import band_of
 
@@ -343,7 +344,7 @@ class FitResult(Reported):
         candidates : mapping, or sequence of Candidates
             Outputs, states or columns, mapped to times, to (times, noise), or to a mapping of the
             fields of :class:`~cotree.estimation.candidates.Candidates`, which can also change the
-            experiment. The default noise is that of previous measurements of the output.
+            experiment. By default, the noise is that of previous measurements of the output.
         n : int
             Number of measurements to choose.
         criterion : str
@@ -361,7 +362,8 @@ class FitResult(Reported):
         Raises
         ------
         ParameterError
-            For an unknown name or criterion, a missing noise, or too few candidates.
+            If a name or the criterion is unknown, the noise is missing, or there are too few
+            candidates.
         """
         from cotree.estimation.candidates import choose
 
@@ -388,7 +390,7 @@ class FitResult(Reported):
 
     @property
     def is_converged(self) -> bool:
-        """Whether the best start satisfied the tolerances of the optimiser."""
+        """Whether the best start met the tolerances of the optimiser."""
         return self.starts[0].is_converged
 
     @property
@@ -397,7 +399,7 @@ class FitResult(Reported):
         return self.starts[0].optimality
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all results as JSON-compatible values; numbers that are not finite are None."""
+        """Return all results as JSON-compatible values; numbers that are not finite become None."""
         found: dict[str, Any] = json_values(
             {
                 "parameters": self._estimates(),
@@ -412,7 +414,7 @@ class FitResult(Reported):
         return found
 
     def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """Return the values of ``to_dict()`` as JSON text; write it to ``path`` if given."""
+        """Return ``to_dict()`` as JSON text; also write it to ``path`` unless that is None."""
         from cotree.files import atomic_write
 
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
@@ -422,11 +424,11 @@ class FitResult(Reported):
         return text
 
     def to_dataframe(self, level: float = 0.95) -> Any:
-        """Return a pandas DataFrame with a row for each parameter."""
+        """Return a pandas DataFrame with one row per parameter."""
         return frame(self._estimates(level), "parameter")
 
     def starts_table(self) -> Any:
-        """Return a pandas DataFrame with a row for each start, the best one first."""
+        """Return a pandas DataFrame with one row per start, the best one first."""
         return frame(self._starts(), "rank")
 
     def plot(self) -> Figure:
@@ -436,7 +438,7 @@ class FitResult(Reported):
     def plot_courses(self, *, noise: bool = False) -> Figure:
         """Plot measured and predicted values over time with uncertainty bands.
 
-        The bands include the measurement noise if ``noise`` is set.
+        If ``noise`` is true, the bands include the measurement noise.
         """
         from cotree.plot.fits import draw_courses
 
@@ -468,7 +470,7 @@ class FitResult(Reported):
         return draw_correlation(self.names, self.correlation)
 
     def report(self) -> Report:
-        """Build the report with goodness of fit, estimates, correlations and findings."""
+        """Return a report with goodness of fit, estimates, correlations and findings."""
         sizes = {
             "parameter": len(self.problem.estimated),
             "value": len(self.problem.measured),
@@ -508,7 +510,7 @@ class FitResult(Reported):
         return f"<FitResult: {found}>"
 
     def _estimates(self, level: float = 0.95) -> list[dict[str, Any]]:
-        """Return estimate, error, interval, bounds and remark of each parameter as a row."""
+        """Return one row per parameter: estimate, error, interval, bounds and remark."""
         errors, intervals = self.standard_errors, self.intervals(level)
         is_open = self.uncertainty.split.is_open
         rows = []
@@ -550,7 +552,7 @@ class FitResult(Reported):
         }
 
     def _starts(self) -> list[dict[str, Any]]:
-        """Return a row for each start, with the best one first.
+        """Return one row per start, the best one first.
 
         The distance from the best end point is the Mahalanobis distance in standard errors, without
         undetermined directions.
@@ -597,7 +599,7 @@ class FitResult(Reported):
 
 
 def _unit(problem: Problem, name: str) -> str:
-    """Return the unit of the model parameter or state to which an estimated parameter is tied."""
+    """Return the unit of an estimated parameter, from the parameter or state tied to it."""
     for condition in problem.conditions:
         for target, value in (*condition.parameters.items(), *condition.initial.items()):
             if value == name:
@@ -666,7 +668,7 @@ def overview(result: FitResult) -> Figure:
 
 
 def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:
-    """Return condition, name and row indices for each quantity measured in each experiment."""
+    """Return condition, name and row indices of each measured quantity in each experiment."""
     measured = result.problem.measured
     parts: dict[tuple[int, str], list[int]] = {}
     for i, name in enumerate(measured.observable):

@@ -1,24 +1,22 @@
 """Uncertainty of estimates: covariance, standard errors, intervals and correlations.
 
-From derivatives of the predictions, at the estimates and at nearby points, follow covariances,
-quantiles, and directions along which parameters can change together without changing any
-prediction.
+Derivatives of the predictions, at the estimates and at nearby points, determine covariances,
+quantiles, and undetermined directions, along which parameters can change together without changing
+any prediction.
 
-Directions are first expressed in relative changes, for which an identifiable product of powers has
-integer exponents, then in absolute changes, for which an identifiable sum has integer coefficients.
-Either form is accepted only if it also holds at nearby points, since close to the estimates alone
-every curved manifold is almost a plane.
+Directions are first expressed in relative changes, in which an identifiable product of powers has
+integer exponents, then in absolute changes, in which an identifiable sum has integer coefficients.
+Either form is accepted only if it also holds at nearby points, since close to the estimates every
+curved manifold is almost a plane.
 
-Let J be a matrix for which J^T J is the Fisher information at the estimates. The covariance is the
-inverse of the information (the Cramer-Rao bound), computed by a singular value decomposition of J
-in relative units. Parameters that change along an undetermined direction have infinite standard
-errors; the others are not affected.
+Let J^T J be the Fisher information at the estimates. The covariance is its inverse (the Cramer-Rao
+bound), computed by a singular value decomposition of J in relative units. Parameters that change
+along an undetermined direction have infinite standard errors; the others are not affected.
 
-If standard deviations of the noise are estimated along with the parameters, maximum likelihood
-underestimates them. Variances are therefore multiplied by n/(n - p), with n values of unknown noise
-and p parameters that influence predictions, and quantiles are those of Student's t with n - p
-degrees of freedom. Both are exact for linear regression. If the noise is given, quantiles are
-normal.
+If standard deviations of the noise are also estimated, maximum likelihood underestimates them.
+Variances are therefore multiplied by n/(n - p), with n values of unknown noise and p parameters
+that influence predictions, and quantiles are those of Student's t with n - p degrees of freedom.
+Both are exact for linear regression. If the noise is known, quantiles are normal.
 """
 
 from __future__ import annotations
@@ -46,8 +44,8 @@ if TYPE_CHECKING:
 # oscillations, local errors accumulate to several hundred times the tolerance.
 _GROWN = 1e3
 
-# Largest plausible integer exponent or coefficient. They follow from sensitivities with about five
-# correct digits.
+# Tolerance for integers, since sensitivities have about five correct digits, and largest plausible
+# integer exponent or coefficient.
 _DIGITS, _LARGEST = 1e-3, 6
 
 # Entries of a direction below this fraction of the largest entry count as zero.
@@ -75,10 +73,10 @@ class Split:
 
 
 def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
-    """Find the directions that the Fisher information does not determine.
+    """Find the directions that the Fisher information J^T J does not determine.
 
-    ``rows`` is the matrix J with the information J^T J, shape (n_rows, n), on the scales of the
-    parameters. Changes of predictions below their accuracy count as zero.
+    ``rows`` is the matrix J, shape (n_rows, n), on the scales of the parameters. Changes of
+    predictions below their accuracy count as zero.
     """
     settings = problem.settings
     slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
@@ -90,7 +88,7 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     # A parameter has no influence if its unit change alters predictions by less than their errors.
     deviations = np.abs(found.values) * settings.rtol + settings.atol
     slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
-    # Estimated standard deviations do not depend on simulations, so that their columns are exact.
+    # Columns of estimated standard deviations are exact, since they do not depend on simulations.
     is_run = np.any(found.slopes != 0.0, axis=0)
     blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
     return Split(sizes, units, _null(rows * sizes, _GROWN * settings.rtol, blur), is_relative)
@@ -120,7 +118,7 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
 
 
 def neighbouring_points(problem: Problem, theta: Array) -> Array:
-    """Return nearby points, at which a structurally undetermined direction is undetermined, too."""
+    """Return nearby points, at which structurally undetermined directions are also undetermined."""
     random = np.random.default_rng(0)
     share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))
     share *= random.choice([-1.0, 1.0], share.shape)
@@ -130,7 +128,7 @@ def neighbouring_points(problem: Problem, theta: Array) -> Array:
 
 
 def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
-    """Return a sentence on the undetermined directions of each group of parameters."""
+    """Return one sentence on the undetermined directions of each parameter group."""
     sentences, idle = [], []
     for group in _groups(here.open):
         rows = here.open[group]
@@ -214,7 +212,7 @@ def _spanned(columns: Array) -> Array:
 
 
 def _complement(columns: Array) -> Array:
-    """Return an orthonormal basis of the orthogonal complement of the column space, in rows."""
+    """Return an orthonormal basis of the orthogonal complement of the column space, as rows."""
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=True)
     return np.asarray(u[:, int(np.sum(s > _NOTHING)) :].T)
 
@@ -303,15 +301,15 @@ class Uncertainty:
     fisher : ndarray, shape (n, n)
         Fisher information, including the contribution of priors.
     covariance, correlation : ndarray, shape (n, n)
-        Undetermined parameters have infinite variances, and nan in other entries.
+        Undetermined parameters have infinite variances and nan in other entries.
     errors : ndarray, shape (n,)
         Standard errors.
     root : ndarray, shape (n, n_determined)
-        Matrix R for which R R^T is the covariance in the determined subspace.
+        Matrix R such that R R^T is the covariance in the determined subspace.
     freedom : float
-        Degrees of freedom of Student's t; infinite if the noise is given.
+        Degrees of freedom of Student's t; infinite if the noise is known.
     spread : float
-        Factor by which variances are corrected for estimated noise and for robust losses.
+        Correction factor of variances for estimated noise and for robust losses.
     split : Split
         Determined and undetermined directions.
     """
@@ -338,9 +336,9 @@ class Uncertainty:
     def rise(self, level: float) -> float:
         """Return the rise of twice the objective at the limits of a profile-likelihood interval.
 
-        For a given noise this is the quantile of chi-squared with one degree of freedom. If the
-        noise is estimated from n values, it is n log(1 + t^2 / freedom) with the quantile t of
-        Student's t, which reproduces the intervals of linear regression for linear models.
+        For known noise this is the quantile of chi-squared with one degree of freedom. If the noise
+        is estimated from n values, it is n log(1 + t^2 / freedom) with the quantile t of Student's
+        t, which for linear models reproduces the intervals of linear regression.
         """
         squared = self.quantile(level) ** 2
         if math.isinf(self.freedom):
@@ -350,20 +348,20 @@ class Uncertainty:
     def error_along(self, slopes: Array) -> Array:
         """Return standard errors of quantities with the derivatives ``slopes``, (n_quantities, n).
 
-        The errors are infinite for quantities that change along an undetermined direction.
+        Errors of quantities that change along an undetermined direction are infinite.
         """
         errors = np.linalg.norm(slopes @ self.root, axis=1)
         if not self.split.open.size:
             return np.asarray(errors)
         scaled = slopes * self.split.sizes
         length = np.linalg.norm(scaled, axis=1)
-        # Sensitivities have about five correct digits, so that smaller components count as zero.
+        # Smaller components count as zero, since sensitivities have about five correct digits.
         is_open = np.linalg.norm(scaled @ self.split.open, axis=1) > 1e-4 * length
         return np.where(is_open, np.inf, errors)
 
 
 def check_level(level: float) -> float:
-    """Check that a confidence level is between 0 and 1."""
+    """Return the confidence level; raise an error unless it is between 0 and 1."""
     found = check_number(level, "level")
     if not 0.0 < found < 1.0:
         raise ParameterError(f"level is {found:g}: give a confidence level between 0 and 1")
@@ -377,10 +375,10 @@ def uncertainty_of(
     more_rows: Array | None = None,
     factor: float = 1.0,
 ) -> Uncertainty:
-    """Compute the uncertainty of estimates ``theta``, shape (n,), on their scales.
+    """Return the uncertainty of estimates ``theta``, shape (n,), on their scales.
 
-    ``more_rows``, shape (n_more, n), are the rows of J that result from priors. Variances are
-    multiplied by ``factor``, which depends on the robust loss.
+    ``more_rows``, shape (n_more, n), are the rows of J due to priors. ``factor``, which depends on
+    the robust loss, multiplies variances.
     """
     rows = problem.likelihood.fisher_rows(found)
     if more_rows is not None:
@@ -422,13 +420,13 @@ def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
     n = int(np.sum(np.any(found.sigma_slopes != 0.0, axis=1)))
     freedom = n - int(np.sum(acts_on_values))
     if freedom < 1:
-        # No degrees of freedom remain for estimating the noise.
+        # no degrees of freedom remain for estimating the noise
         return 1.0, float(n)
     return float(freedom), n / freedom
 
 
 def robust_factor(residuals: Array, loss: str, f_scale: float, n_estimated: int) -> float:
-    """Return the variance factor of an M-estimator for a robust loss (Huber 1981).
+    """Return the variance factor of an M-estimator with a robust loss (Huber 1981).
 
     It is the mean square of the influence function divided by the square of its mean derivative.
     """

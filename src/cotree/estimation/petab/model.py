@@ -1,8 +1,8 @@
 """The model of a PEtab problem: a scene from an SBML file, with outputs for measured values.
 
-Overrides of the measurement table replace the placeholders in formulas, and each distinct formula
+Overrides in the measurement table replace placeholders in formulas, and each distinct formula
 becomes an output. Noise formulas without names become numbers. The condition table takes precedence
-over the parameter table, and both over the model. After a preequilibration each state keeps its
+over the parameter table, and both over the model. After a preequilibration, each state keeps its
 value unless the condition sets it.
 """
 
@@ -32,28 +32,27 @@ if TYPE_CHECKING:
     from cotree.estimation.petab.tables import ConditionRow, MeasurementRow, ObservableRow, Tables
 
 
-#: Value that a condition sets: the name of an estimated parameter, or a number.
+#: Value set by a condition: the name of an estimated parameter, or a number.
 Setting = str | float
 
 
 @dataclass(frozen=True)
 class Entities:
-    """Names in the scene of the model quantities that tables may set, by identifier."""
+    """Model quantities that tables may set: their names in the scene, by identifier."""
 
-    #: Scene parameters that represent the model's constants, and parameters that occur only in
-    #: formulas.
+    #: Scene parameters for constants of the model, and for parameters used only in formulas.
     parameters: Mapping[str, str]
     states: Mapping[str, str]  # states of the scene for quantities that change with time
-    #: Scene parameters that represent initial values of these states, where they are numbers.
+    #: Scene parameters for the initial values of these states, if they are numbers.
     initial: Mapping[str, str]
-    #: Identifiers in ``parameters`` and ``states`` that have no value in the model.
+    #: Identifiers in ``parameters`` and ``states`` without a value in the model.
     valueless: frozenset[str] = frozenset()
-    #: Values of those ``parameters`` that are numbers in the model.
+    #: Values of ``parameters`` that are numbers in the model.
     numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 class Link(NamedTuple):
-    """A run, with the values that its condition sets by names in the scene."""
+    """A run, with the values set by its condition; keys are names in the scene."""
 
     name: str  # name of the run in messages
     parameters: dict[str, Setting]
@@ -83,7 +82,7 @@ class ConditionReader:
         first = (self._link(before, before),) if before else ()
         name = f"{condition} after {before}" if before else condition
         own = self._link(condition, name, *first)
-        # Values at a steady state are those at the start of a run that begins there.
+        # Values at a steady state are the initial values of a run that starts there.
         last = (Link(f"{name} at rest", own.parameters, {}),) if is_at_rest else ()
         return (*first, own, *last)
 
@@ -95,8 +94,8 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is not None:
                 found.parameters[parameter] = value
-        # Parameters for initial values are kept, since they have no effect on a run that begins at
-        # a steady state.
+        # Parameters for initial values are kept: they do not affect a run that starts from a steady
+        # state.
         for parameter in entities.initial.values() if before else ():
             if before and parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
@@ -106,8 +105,8 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is None:
                 continue
-            # An initial value that is a number in the model is a parameter of the scene. Other
-            # initial values may be derived from it.
+            # A numeric initial value is a parameter of the scene, on which other initial values may
+            # depend.
             if not before and identifier in entities.initial:
                 found.parameters[entities.initial[identifier]] = value
             else:
@@ -115,7 +114,7 @@ class ConditionReader:
         return found
 
     def _setting(self, condition: ConditionRow, identifier: str) -> Setting | None:
-        """Return the value of a quantity in a condition; None if it is that of the model."""
+        """Return the value of a quantity in a condition; None if the model's value applies."""
         if identifier not in condition.cells:
             value = self._listed(identifier)
         else:
@@ -130,12 +129,12 @@ class ConditionReader:
         return value
 
     def _listed(self, name: str) -> Setting | None:
-        """Return the name of an estimated parameter, else its value in the parameter table."""
+        """Return the name of an estimated parameter, or else its value in the parameter table."""
         row = self._tables.parameters.get(name)
         return name if row and row.is_estimated else row.nominal if row else None
 
     def _named(self, condition: ConditionRow, identifier: str, cell: str) -> Setting:
-        """Return the value of a name in a cell, which is a parameter or a constant of the model."""
+        """Return the value of a name in a cell: a parameter or a constant of the model."""
         numbers, named = self._entities.numbers, cell
         for _ in range(len(condition.cells) + 1):
             value = self._listed(named)
@@ -161,7 +160,7 @@ class ConditionReader:
         )
 
 
-_LONGEST = 4000  # maximum number of characters of a formula, as for expressions in scenes
+_LONGEST = 4000  # maximum length of a formula, as for expressions in scenes
 _TIME = "time"
 
 _TOKEN = re.compile(
@@ -199,7 +198,7 @@ class Formula:
         self.names = tuple(found)
 
     def expression(self, meaning: Callable[[str], str]) -> str:
-        """Return the formula as an expression for scenes; ``meaning`` replaces each name."""
+        """Return the formula as an expression for scenes; ``meaning`` translates its names."""
 
         def tree(name: str) -> ast.expr:
             return shared_tree("t" if name == _TIME else meaning(name))
@@ -208,7 +207,7 @@ class Formula:
 
 
 def number_of(expression: str, where: str) -> float | None:
-    """Return the value of an expression that contains no names, else None."""
+    """Return the value of an expression without names, or else None."""
     checked = parse(expression, where)
     return None if checked.names else checked.lower(Dag(), dict[str, Node]().__getitem__).value
 
@@ -240,10 +239,10 @@ PLACEHOLDER = re.compile(r"(observable|noise)Parameter([0-9]+)_(\w+)\Z")
 
 
 class Outputs:
-    """Outputs for the rows of the measurement table; ``expressions`` has their formulas by name.
+    """Outputs for the rows of the measurement table; ``expressions`` maps names to formulas.
 
     ``meaning`` returns the expression for a name in the model or in the parameter table, or None.
-    ``name`` returns an unused name in the scene that resembles the given one.
+    ``name`` returns an unused name in the scene, similar to its argument.
     """
 
     def __init__(
@@ -270,7 +269,7 @@ class Outputs:
     def _pair(
         self, row: MeasurementRow, observable: ObservableRow, overrides: Mapping[str, str]
     ) -> tuple[str, str | float]:
-        """Return the outputs for an observable and its noise with the given overrides."""
+        """Return the outputs for an observable and its noise after substituting the overrides."""
         formula = self._formula(observable, "observableFormula")
         wanted = self._expression(row, observable, formula, overrides)
         name = self._output(observable.name, wanted)
@@ -339,7 +338,7 @@ class Outputs:
             raise observable.row.error(str(error)) from None
 
     def _overrides(self, row: MeasurementRow, observable: ObservableRow) -> dict[str, str]:
-        """Return the expressions that replace placeholders, by placeholder."""
+        """Return the expression that replaces each placeholder."""
         found = {}
         for kind, given, column in (
             ("observable", row.observable_parameters, "observableFormula"),
@@ -365,10 +364,10 @@ class Outputs:
 
 
 class PetabModel:
-    """The scene of a PEtab problem, which translates names in the tables to names in the scene.
+    """The scene of a PEtab problem, with a translation from names in tables to names in the scene.
 
-    :meth:`add_outputs` adds outputs to ``scene``. ``namer`` assigns its names, and ``entities`` are
-    the quantities that conditions may set.
+    ``namer`` assigns names in the scene, and ``entities`` are the quantities that conditions may
+    set.
     """
 
     def __init__(self, tables: Tables) -> None:
@@ -397,7 +396,7 @@ class PetabModel:
                 raise SceneError(f"{self._tables.file}: {error}") from None
 
     def _added_parameters(self) -> dict[str, str]:
-        """Declare parameters that only observable and noise formulas use; return their names."""
+        """Declare parameters used only in observable and noise formulas; return their names."""
         tables = self._tables
         names: list[str | float] = []
         for observable in tables.observables.values():
@@ -452,11 +451,11 @@ def _names_in(text: str) -> tuple[str, ...]:
     try:
         return tuple(n for n in Formula(text).names if not PLACEHOLDER.match(n))
     except ModelError:
-        return ()  # use of the formula will raise the error with its row
+        return ()  # the error is raised later, with the row that uses the formula
 
 
 def _values(tables: Tables) -> dict[str, float]:
-    """Return values in the tables, which are used for quantities without a value in the model."""
+    """Return values in the tables for quantities without a value in the model."""
     found: dict[str, float] = {}
     for condition in tables.conditions.values():
         for name, cell in condition.cells.items():
@@ -469,7 +468,7 @@ def _values(tables: Tables) -> dict[str, float]:
 def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
     """Compile the model; return its scene with all outputs, the conditions and the measured values.
 
-    Measured values are in the order of rows in the measurement tables.
+    Measured values are in the row order of the measurement tables.
     """
     found = PetabModel(tables)
     outputs = Outputs(tables, found.meaning, found.namer.own)
@@ -497,7 +496,7 @@ def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
 
 
 def _wanted(chains: Iterable[Iterable[Link]]) -> list[str]:
-    """Return the names of parameters and initial values to which sensitivities are needed."""
+    """Return the parameters and initial values to which sensitivities are needed."""
     tables = [table for chain in chains for link in chain for table in link[1:]]
     return list(
         dict.fromkeys(k for table in tables for k, v in table.items() if isinstance(v, str))
@@ -505,7 +504,7 @@ def _wanted(chains: Iterable[Iterable[Link]]) -> list[str]:
 
 
 def _conditions(chains: Iterable[Iterable[Link]], model: Model) -> tuple[Condition, ...]:
-    """Build the conditions; those that begin at the same steady state share previous runs."""
+    """Build the conditions; conditions with the same steady state share previous runs."""
     leading: dict[tuple[object, ...], Condition] = {}
     found = []
     for *before, (name, parameters, initial) in chains:

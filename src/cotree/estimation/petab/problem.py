@@ -1,10 +1,10 @@
 """PEtab problems, version 1: reading, compilation, likelihood, gradient and fit.
 
-The YAML file of a problem is read to a ``PetabProblem``, an estimation problem that keeps PEtab's
-names, scales and tables.
+``read_petab`` returns a ``PetabProblem``, an estimation problem that keeps PEtab's names, scales
+and tables.
 
 A prior whose type begins with ``parameterScale`` is a density of the parameter on its scale; any
-other prior is a density of its value. No Jacobian factor for a change of variables is applied, and
+other prior is a density of its value. There is no Jacobian factor for a change of variables, and
 densities are not truncated at the bounds. Starts out of bounds are drawn again.
 """
 
@@ -40,17 +40,16 @@ if TYPE_CHECKING:
 
 _MOST_DRAWS = 1000
 
-# Deviation, in multiples of the scale of a Laplace distribution, below which a square replaces the
-# absolute value, so that the slope is continuous at zero.
+# Below this fraction of the scale of a Laplace distribution, a square replaces the absolute value,
+# so that the slope is continuous at zero.
 _CORNER = 1e-3
 
-# Number that is added to logarithms to make them positive. The logarithm of a double is never below
-# -745.
+# Added to logarithms to make them positive; the logarithm of a double is never below -745.
 _LEAST_LOG = 750.0
 
 
 class Priors:
-    """Objective priors of the estimated parameters, of which some may have none."""
+    """Objective priors of the estimated parameters; a parameter may have none."""
 
     def __init__(self, estimated: Sequence[Estimated], rows: Sequence[PriorRow | None]) -> None:
         self._n = len(estimated)
@@ -62,20 +61,20 @@ class Priors:
         return bool(self._terms)
 
     def log_density(self, theta: Array) -> float:
-        """Compute the sum of the log densities of all priors."""
+        """Return the sum of the log densities of all priors."""
         return sum(prior.log_density(float(theta[i]))[0] for i, prior in self._terms)
 
     def gradient(self, theta: Array) -> Array:
-        """Compute the gradient of the log density on the parameters' scales, (n_estimated,)."""
+        """Return the gradient of the log density on the parameters' scales, (n_estimated,)."""
         found = np.zeros(self._n)
         for i, prior in self._terms:
             found[i] = prior.log_density(float(theta[i]))[1]
         return found
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
-        """Return residuals that represent the priors in least-squares methods, with their Jacobian.
+        """Return residuals that represent the priors in least-squares methods, and their Jacobian.
 
-        Half their sum of squares is minus the log density up to a constant, and the transposed
+        Up to a constant, half their sum of squares is minus the log density; the transposed
         Jacobian times the residuals is its exact gradient. Uniform priors have no residuals.
         """
         rows = [(i, *row) for i, prior in self._terms for row in prior.squares(float(theta[i]))]
@@ -107,7 +106,7 @@ class Prior:
         return (math.log(x), slope / x) if x > 0.0 else (math.nan, 0.0)
 
     def log_density(self, theta: float) -> tuple[float, float]:
-        """Compute the logarithm of the density and its derivative with respect to ``theta``."""
+        """Return the log density and its derivative with respect to ``theta``."""
         z, z_slope = self._deviation(theta)
         if math.isnan(z):
             return -math.inf, 0.0
@@ -124,7 +123,7 @@ class Prior:
         return value - factor * z, (slope / self._b - factor) * z_slope
 
     def squares(self, theta: float) -> list[tuple[float, float]]:
-        """Compute residuals for least squares and their derivatives; see :meth:`Priors.rows`."""
+        """Return residuals for least squares and their derivatives; see :meth:`Priors.rows`."""
         if self._family == "uniform":
             return []
         z, along = self._deviation(theta)
@@ -135,7 +134,7 @@ class Prior:
             # The factor 1/x of a log-normal density only shifts the minimum of the square.
             return [(r + (self._b if self._is_log else 0.0), r_slope)]
         # This residual times its derivative is the derivative of the absolute value. A second
-        # residual, with derivative zero, provides the rest of the value.
+        # residual, with zero derivative, adds the rest of the value.
         weight = max(abs(r), _CORNER) ** -0.5
         rows = [(r * weight, r_slope * weight)]
         missing = 2.0 * abs(r) - (r * weight) ** 2
@@ -192,9 +191,9 @@ def read_petab(
 ) -> PetabProblem:
     """Read an estimation problem in PEtab format, version 1, and compile its model.
 
-    The model is an SBML file, as :func:`cotree.read_sbml` reads it. Conditions, preequilibrations,
-    overrides of observables and noise, transformations, distributions and priors are read;
-    docs/petab.md lists what is not supported.
+    The model is an SBML file, read as by :func:`cotree.read_sbml`. Conditions, preequilibrations,
+    overrides of observables and noise, transformations, distributions and priors are supported;
+    docs/petab.md lists unsupported features.
 
     Parameters
     ----------
@@ -212,10 +211,10 @@ def read_petab(
     Raises
     ------
     SceneError
-        If a file is missing, cannot be read, or a row is invalid; the message begins with file
-        and line.
+        If a file is missing, cannot be read, or contains an invalid row; the message begins with
+        file and line.
     ModelError, FormulationError, BuildError
-        If the model cannot be formed or compiled.
+        If the equations of the model cannot be formed or compiled.
     Error
         If the extra ``petab`` is not installed.
 
@@ -227,19 +226,19 @@ def read_petab(
     """
     given: dict[str, Any] = {"max_steps": STEPS_OF_FIT, **settings}
     shared, tables = Settings(method=method, **given), read_tables(path)
-    # Compilation of the engines runs in parallel with reading of the model. Most models are stiff,
-    # and rodas5 computes steady states.
+    # The engines are compiled while the model is read. Most models are stiff, and rodas5 computes
+    # steady states.
     engines = ("dop853", "rodas5") if method == "auto" else (method,)
     build_ahead(*engines, then=[load_batch])
     return PetabProblem(tables, *mapped(tables), shared)
 
 
 class PetabProblem(Problem):
-    """An estimation problem of PEtab.
+    """An estimation problem in PEtab format.
 
     The methods take parameters as a mapping of unscaled values by name, or as an array of unscaled
-    values in the order of ``names``; a parameter that is missing keeps its nominal value. Gradients
-    are with respect to the estimated parameters on their scales. :attr:`objective` and the methods
+    values in the order of ``names``; a missing parameter keeps its nominal value. Gradients are
+    with respect to the estimated parameters on their scales. :attr:`objective` and the methods
     inherited from ``Problem`` take an array of all estimated parameters on their scales.
 
     Attributes
@@ -247,7 +246,7 @@ class PetabProblem(Problem):
     names : tuple of str
         The estimated parameters.
     nominal : dict of str to float
-        Nominal values of those estimated parameters that have one.
+        Nominal values of the estimated parameters, if they have one.
     scene : cotree.Scene
         Scene of the model, with outputs for the measured quantities.
     model : cotree.Model
@@ -292,7 +291,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         method, **settings
-            As in :func:`cotree.read_petab`; by default those of this problem.
+            As in :func:`cotree.read_petab`; by default unchanged.
         """
         given: dict[str, Any] = {"method": method or self.settings.method, **settings}
         own = replace(self.settings, **given)
@@ -309,14 +308,14 @@ class PetabProblem(Problem):
         Raises
         ------
         ParameterError
-            If a name is unknown, a value is missing, or one has no logarithm.
+            If a name is unknown, a value is missing, or a value has no logarithm.
         """
         if parameters is None or hasattr(parameters, "keys"):
             parameters = {**self.nominal, **dict(parameters or {})}
         return super().theta(parameters)
 
     def log_likelihood(self, parameters: Any = None) -> float:
-        """Compute the log-likelihood of all measured values, without priors.
+        """Return the log-likelihood of all measured values, without priors.
 
         Parameters
         ----------
@@ -326,45 +325,45 @@ class PetabProblem(Problem):
         Raises
         ------
         ParameterError
-            If a name or value is not accepted.
+            If a name is unknown or a value is invalid.
         SolveError
             If a run fails; the message names the condition.
         """
         return self.likelihood.log_likelihood(self._found(parameters, slopes=False))
 
     def chi2(self, parameters: Any = None) -> float:
-        """Compute the sum of squares of the residuals, each divided by its noise.
+        """Return the sum of squared residuals, each divided by its noise.
 
-        Parameters and errors are those of :meth:`log_likelihood`.
+        Parameters and errors are as in :meth:`log_likelihood`.
         """
         return self.likelihood.chi2(self._found(parameters, slopes=False))
 
     def gradient(self, parameters: Any = None) -> Array:
-        """Compute the gradient of the log-likelihood with respect to the scaled parameters.
+        """Return the gradient of the log-likelihood with respect to the scaled parameters.
 
-        Parameters and errors are those of :meth:`log_likelihood`.
+        Parameters and errors are as in :meth:`log_likelihood`.
 
         Returns
         -------
         ndarray, shape (n_estimated,)
-            Derivatives in the order of ``names``, by log10(p) for a parameter p with the scale
-            log10.
+            Derivatives in the order of ``names``; for a parameter p on the scale ``log10``, with
+            respect to log10(p).
         """
         return self.likelihood.gradient(self._found(parameters, slopes=True))
 
     def log_prior(self, parameters: Any = None) -> float:
-        """Compute the sum of the log densities of the objective priors.
+        """Return the sum of the log densities of the objective priors.
 
-        Priors on a parameter's scale are densities on that scale; all others are densities of its
-        value. They are not truncated at bounds. Parameters and errors are those of
+        A prior on a parameter's scale is a density on that scale; any other prior is a density of
+        the value. Densities are not truncated at the bounds. Parameters and errors are as in
         :meth:`log_likelihood`.
         """
         return self.priors.log_density(self.theta(parameters))
 
     def simulate(self, parameters: Any = None) -> Any:
-        """Compute predictions of the measured values, and return a PEtab simulation table.
+        """Predict the measured values and return a PEtab simulation table.
 
-        Parameters and errors are those of :meth:`log_likelihood`.
+        Parameters and errors are as in :meth:`log_likelihood`.
 
         Returns
         -------
@@ -374,8 +373,8 @@ class PetabProblem(Problem):
         import pandas
 
         values = self._found(parameters, slopes=False).values
-        # Tables are read with pandas, as by other PEtab tools, to obtain equal cells. This engine
-        # keeps all digits of numbers in every version of pandas.
+        # Like other PEtab tools, read with pandas, so that cells are equal. The Python engine keeps
+        # all digits of numbers in every version of pandas.
         files = self._tables.measurement_files
         tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
         # Rows that contain only separators are skipped.
@@ -384,12 +383,12 @@ class PetabProblem(Problem):
         return table.rename(columns={"measurement": "simulation"})
 
     def objective(self, theta: Any) -> tuple[float, Array]:
-        """Compute the objective of a fit and its gradient, for any optimiser.
+        """Return the objective of a fit and its gradient, for any optimiser.
 
         Parameters
         ----------
         theta : array_like, shape (n_estimated,)
-            Values on their scales; :meth:`theta` returns the nominal ones.
+            Parameters on their scales; :meth:`theta` returns the nominal ones.
 
         Returns
         -------
@@ -415,7 +414,7 @@ class PetabProblem(Problem):
         Returns
         -------
         ndarray, shape (n, n_estimated)
-            On their scales, within the bounds; uniform if there is no prior.
+            Points on the parameters' scales, within the bounds; uniform if there is no prior.
 
         Raises
         ------
@@ -472,7 +471,7 @@ class PetabProblem(Problem):
         return FitResult(self, found, search, more_rows=more)
 
     def _with_priors(self, record: StartRecord) -> StartRecord:
-        """Replace squares of prior residuals by log densities, which differ by a constant."""
+        """Replace squared prior residuals by log densities, which differ by a constant."""
         if not (self.priors and math.isfinite(record.objective)):
             return record
         rows, _ = self.priors.rows(record.theta)

@@ -1,6 +1,6 @@
 """Reading of the tables of a PEtab problem, version 1, with checks of each row.
 
-Every row in ``Tables`` has its file and line. Formulas remain texts.
+Every row in ``Tables`` has its file and line. Formulas remain strings.
 
 Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
 """
@@ -41,18 +41,18 @@ class Row:
     cells: Mapping[str, str]  # cell texts by column
 
     def error(self, message: str) -> SceneError:
-        """Return an error whose message begins with file and line of this row."""
+        """Return an error whose message begins with the file and line of this row."""
         return self.line.error(message)
 
     def text(self, column: str, default: str = "") -> str:
-        """Return the text of a cell, or the default if it is empty or the column is missing."""
+        """Return the text of a cell; the default if it is empty or the column is missing."""
         value = (self.cells.get(column) or "").strip()
         return default if value in ("", "NaN", "nan", "NA") else value
 
     def number(
         self, column: str, default: float | None = None, *, may_be_infinite: bool = False
     ) -> float:
-        """Return the number in a cell; raise an error for an empty cell without a default."""
+        """Return the number in a cell; raise an error if it is empty and there is no default."""
         text = self.text(column)
         if not text:
             if default is None:
@@ -64,13 +64,13 @@ class Row:
         return value if may_be_infinite else self.finite(column, value)
 
     def finite(self, column: str, value: float) -> float:
-        """Return the number ``value`` of a cell; raise an error if it is infinite."""
+        """Return ``value``, read from a cell; raise an error if it is infinite."""
         if math.isinf(value):
             raise self.error(f"'{column}' is {value}: give a finite number")
         return value
 
     def choice(self, column: str, known: Sequence[str]) -> str:
-        """Return the word in a cell, by default the first of the known words."""
+        """Return the word in a cell, by default the first of ``known``."""
         text = self.text(column, known[0])
         if text not in known:
             raise self.error(f"'{column}' is '{brief(text)}'{nearest(text, known)}")
@@ -87,7 +87,7 @@ class Row:
         return text
 
     def listed(self, column: str) -> tuple[str | float, ...]:
-        """Return the numbers and names in a cell, which semicolons separate."""
+        """Return the numbers and names in a cell, separated by semicolons."""
         text = self.text(column)
         parts = [part.strip() for part in text.split(";")] if text else []
         found: list[str | float] = []
@@ -156,7 +156,7 @@ class MeasurementRow:
 
 @dataclass(frozen=True)
 class ConditionRow:
-    """A row of the condition table, with the values that it sets by name."""
+    """A row of the condition table, with the values that it sets, by name."""
 
     name: str
     row: Row
@@ -165,7 +165,7 @@ class ConditionRow:
 
 @dataclass(frozen=True)
 class Tables:
-    """All tables of a problem; parameters, observables and conditions are by name."""
+    """All tables of a problem; parameters, observables and conditions are mappings by name."""
 
     file: str  # name of the YAML file
     model: Path  # path of the SBML file
@@ -177,7 +177,7 @@ class Tables:
 
     @cached_property
     def columns(self) -> frozenset[str]:
-        """The quantities that at least one condition sets."""
+        """The quantities set by at least one condition."""
         return frozenset(name for row in self.conditions.values() for name in row.cells)
 
     @cached_property
@@ -213,7 +213,7 @@ _COLUMNS = {
 
 def as_number(text: str) -> float | None:
     """Convert a text to a number; None if it is no number, ``nan`` or too large for a double."""
-    # Python would also accept underscores between digits.
+    # Python also accepts underscores between digits.
     try:
         value = math.nan if "_" in text else float(text)
     except ValueError:
@@ -235,9 +235,9 @@ def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> d
 
 
 def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
-    """Yield the rows of tables that are not empty; raise an error if columns are missing."""
+    """Yield the nonempty rows of tables; raise an error if columns are missing."""
     for path in paths:
-        # With ``newline=""`` the csv module receives line ends unchanged.
+        # ``newline=""`` passes line ends unchanged to the csv module, as it requires.
         text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
         reader = csv.DictReader(text, delimiter="\t", strict=True)
         try:
@@ -436,7 +436,7 @@ def _parsed(path: str | Path) -> dict[str, Any]:
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
-        # Errors about invalid characters have the attribute reason instead of problem.
+        # Errors about invalid characters have the attribute ``reason`` instead of ``problem``.
         problem = getattr(error, "problem", None) or getattr(error, "reason", "nested too deeply")
         raise SceneError(f"{where}: not valid YAML: {problem}") from None
     if not isinstance(data, dict) or "format_version" not in data:
@@ -453,7 +453,7 @@ def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:
 
 
 def _model(path: str | Path, problem: dict[str, Any]) -> str:
-    """Return the model file: ``sbml_files``, or ``model_files`` in later forms of version 1."""
+    """Return the model file: ``sbml_files``, or ``model_files`` in later editions of version 1."""
     models = problem.get("model_files")
     if isinstance(models, dict) and not problem.get("sbml_files"):
         for model in models.values():
