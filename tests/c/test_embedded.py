@@ -344,6 +344,22 @@ def test_pieces_that_end_at_a_time_end_a_step(tmp_path, compiler, integrator):
     assert found == pytest.approx(expected, abs=1e-7)
 
 
+@pytest.mark.sampled(2)
+def test_more_time_events_than_can_be_listed_are_refused(tmp_path, compiler):
+    scene = Scene("sawtooth")
+    scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
+    scene.edge("F", "force_source", "ground", "A", force="4*t - floor(4*t)")
+    scene.simulation(t_end=3.0)
+    program = build(scene.compile().write(tmp_path), compiler)
+    # The mean force is one half.
+    assert printed(run([program], tmp_path))["M.v"] == pytest.approx(1.5, abs=1e-7)
+    # 4e10 exceeds the range of int, and 4e7 the limit of a series.
+    for t_end in ("1e10", "1e7"):
+        done = execute([program, t_end], tmp_path)
+        assert done.returncode == 1
+        assert "too many time events to list: the shortest period is 0.25 s" in done.stderr
+
+
 def rows_of(text: str) -> tuple[list[str], np.ndarray]:
     head, *rows = text.splitlines()
     return head.split(","), np.array([[float(cell) for cell in row.split(",")] for row in rows]).T

@@ -232,3 +232,21 @@ def test_steps_end_at_the_budget_of_integrator_steps(tmp_path, capfd):
         assert 0.0 < reached < 1.0
         assert _step_of_3(unit, 0.0, 0.5 * reached)[0] == OK
     assert "the limit of 1000000 integrator steps is reached" in "".join(capfd.readouterr())
+
+
+@pytest.mark.slow
+def test_a_step_with_more_time_events_than_can_be_listed_is_discarded(tmp_path, capfd):
+    scene = Scene("sawtooth")
+    scene.parameter("f", 4.0)
+    scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
+    scene.edge("F", "force_source", "ground", "A", force="f*t - floor(f*t)")
+    scene.compile().export_fmu(tmp_path / "x.fmu")
+    with Unit(tmp_path / "x.fmu", "CoSimulation", loggingOn=True) as unit:
+        unit.initialize(1e-8)
+        unit.set(f=2.0**34)  # 1.7e10 time events within a second
+        assert _step_of_3(unit, 0.0, 1.0)[0] == DISCARD
+        # 16 periods of a mean force of one half.
+        assert _step_of_3(unit, 0.0, 2.0**-30) == (OK, 2.0**-30)
+        assert unit.get("M.v")[0] == pytest.approx(2.0**-31, rel=1e-6)
+    said = "".join(capfd.readouterr())
+    assert "too many time events to list: the shortest period is 5.82077e-11 s" in said

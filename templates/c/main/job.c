@@ -65,14 +65,22 @@ static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
     static cotree_real tolerances[LENGTH(N_SENSITIVITIES)];
-    const size_t n_breakpoints = (size_t)cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
+    const int n_breakpoints = cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
     const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
-    cotree_real *const breakpoints = (cotree_real *)calloc(n_breakpoints, width * sizeof(cotree_real));
+    cotree_real *breakpoints = NULL;
 #else
     const cotree_real breakpoints[2] = {COTREE_F(0.0), t_end};
 #endif
     int result = COTREE_JOB_MORE;
 #if COTREE_MAIN_STOPS
+    if (n_breakpoints < 0) {
+        fprintf(stderr,
+                "%s: there are too many time events to list: the shortest period is %.6g s. Check "
+                "its unit, or choose an earlier end time.\n",
+                TITLE, cotree_shortest_period(&stops));
+        return EXIT_FAILURE;
+    }
+    breakpoints = (cotree_real *)calloc((size_t)n_breakpoints, width * sizeof(cotree_real));
     if (breakpoints == NULL) return fail("there is no memory");
     cotree_job_set_breakpoints(&job, &stops, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
                                breakpoints, tolerances);

@@ -94,10 +94,51 @@ void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree
 }
 
 #if COTREE_HAS_STEPS
+cotree_real cotree_shortest_period(const cotree_breakpoints *breakpoints)
+{
+    cotree_real shortest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < breakpoints->n; ++i) {
+        const cotree_real period = row_of(breakpoints, i)[1];
+        if (period > COTREE_F(0.0) && (shortest == COTREE_F(0.0) || period < shortest))
+            shortest = period;
+    }
+    return shortest;
+}
+
+/* Return the number of breakpoints of a series from t to t_end, which may exceed the range of int.
+ */
+static cotree_real count_of(const cotree_real *row, cotree_real t, cotree_real t_end)
+{
+    cotree_real low = COTREE_FMIN(t, t_end), high = COTREE_FMAX(t, t_end);
+    if (!(COTREE_FABS(row[0]) <= COTREE_MAX)) return COTREE_F(0.0);
+    if (!(row[1] > COTREE_F(0.0))) return COTREE_F(1.0);
+    if (row[2] > COTREE_F(0.0)) low = COTREE_FMAX(low, row[0]);
+    if (row[2] < COTREE_F(0.0)) high = COTREE_FMIN(high, row[0]);
+    return high < low ? COTREE_F(0.0) : COTREE_FLOOR((high - low) / row[1]) + COTREE_F(1.0);
+}
+
+/* Return whether the breakpoints from t to t_end exceed a limit. */
+static int are_too_many(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end)
+{
+    const cotree_real width = (cotree_real)(1 + 2 * breakpoints->n_sensitivities);
+    cotree_real total = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < breakpoints->n; ++i) {
+        const cotree_real n = count_of(row_of(breakpoints, i), t, t_end);
+        /* A breakpoint at either end may be one more. */
+        if (!(n <= (cotree_real)COTREE_MOST_OF_SERIES + COTREE_F(1.0))) return 1;
+        total += n;
+    }
+    return total > (cotree_real)COTREE_MOST_BREAKPOINTS ||
+           total * width > (cotree_real)COTREE_MOST_BREAKPOINT_NUMBERS;
+}
+
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times)
 {
     int n = 0;
+    if (are_too_many(breakpoints, t, t_end)) return -1;
     for (;;) {
         if (times != NULL) times[n] = t;
         ++n;

@@ -36,11 +36,22 @@ void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 
 #if COTREE_HAS_STEPS
-/* Write t, the breakpoints after t and t_end to times, unless it is NULL. Return their number. */
+/* The largest number of breakpoints of one series and of a run, and of numbers stored for them.
+ * More breakpoints indicate wrong units. */
+#define COTREE_MOST_OF_SERIES 10000000
+#define COTREE_MOST_BREAKPOINTS 20000000
+#define COTREE_MOST_BREAKPOINT_NUMBERS 30000000
+
+/* Return the shortest period, or zero if there is none. */
+cotree_real cotree_shortest_period(const cotree_breakpoints *breakpoints);
+
+/* Write t, the breakpoints after t and t_end to times, unless it is NULL. Return their number, or
+ * -1 if one of the limits above is exceeded. */
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times);
 
-/* Set the breakpoints of a job from t to t_end, after its tolerances. memory holds the n times, and
+/* Set the breakpoints of a job from t to t_end, after its tolerances. cotree_list_breakpoints has
+ * returned their number n. memory holds the n times, and
  * their derivatives if they depend on parameters: n (1 + 2 n_sensitivities) numbers. begin is the
  * fixed start of the run; sizes and seeds are those of cotree_job_set_tolerances; tolerances holds
  * n_sensitivities numbers. */

@@ -75,6 +75,35 @@ static void check_slopes(void)
     CHECK_NEAR(spread, 4.0, 0.0);
 }
 
+/* Lists that exceed a limit are refused before they are made. */
+static void check_limits(void)
+{
+    const cotree_breakpoints all = {5, 1, rows[0]};
+    /* 1e9 periods exceed the range of int with four series, and 1e12 with one. */
+    const cotree_real dense[4][3] = {
+        {0.0, 1e-9, 0.0}, {0.0, 1e-9, 0.0}, {0.0, 1e-9, 0.0}, {0.0, 1e-9, 0.0}};
+    const cotree_real densest[1][3] = {{0.5, 1e-12, 1.0}};
+    /* Three series of nine million times are more than twenty million. */
+    const cotree_real many[3][3] = {
+        {0.0, 1.0 / 9e6, 0.0}, {0.0, 1.0 / 9e6, 0.0}, {0.0, 1.0 / 9e6, 0.0}};
+    /* Four million times with their derivatives by four parameters are 36 million numbers. */
+    const cotree_real wide[1][11] = {{0.0, 1.0 / 4e6}};
+    const cotree_breakpoints first = {4, 0, dense[0]}, second = {1, 0, densest[0]},
+                             third = {3, 0, many[0]}, fourth = {1, 4, wide[0]};
+    cotree_real times[8];
+    CHECK(cotree_list_breakpoints(&first, 0.0, 1.0, times) == -1);
+    CHECK(cotree_list_breakpoints(&second, 0.0, 1.0, times) == -1);
+    CHECK(cotree_list_breakpoints(&second, 1.0, 0.0, times) == -1);
+    CHECK(cotree_list_breakpoints(&third, 0.0, 1.0, times) == -1);
+    CHECK(cotree_list_breakpoints(&third, 0.0, 1e-6, NULL) == 10);
+    CHECK(cotree_list_breakpoints(&fourth, 0.0, 1.0, times) == -1);
+    /* The second series begins after this span. */
+    CHECK(cotree_list_breakpoints(&second, 0.0, 0.4, times) == 2);
+    CHECK(cotree_list_breakpoints(&all, 0.0, 2.7, times) == 8);
+    CHECK_NEAR(times[7], 2.7, 0.0);
+    CHECK_NEAR(cotree_shortest_period(&all), 0.3, 0.0);
+}
+
 int main(void)
 {
     check_forwards();
@@ -82,5 +111,6 @@ int main(void)
     check_end();
     check_largest();
     check_slopes();
+    check_limits();
     return RESULT;
 }
