@@ -684,7 +684,8 @@ def test_a_relaxation_oscillator_and_its_sensitivity():
     ("text", "value"),
     [
         *[("V(a)^3", 8.0), ("V(a)**2", 4.0), ("pwr(V(a), 3)", -8.0), ("-V(a)^2", -4.0)],
-        *[("pwr(0 - 2, 3)", -8.0), ("{pwr(-2, 2)}", -4.0)],
+        *[("pwr(0 - 2, 3)", -8.0), ("{pwr(-2, 2)}", -4.0), ("pwr(V(0), 0)", 1.0)],
+        *[("pwr(V(a), k - 7)", -1.0), ("pwr(V(a) + 2, V(0))", 1.0), ("pwr(V(0), k)", 0.0)],
         *[("2^3^2", 64.0), ("2-3-4", -5.0), ("V(a)*-3", 6.0), ("i(V1)*1k", 2.0)],
         *[("u(V(a)) + uramp(-V(a))*10 + sgn(V(a))*100", -80.0), ("limit(V(a), 0, 1)", 0.0)],
         *[("V(a) > -3 && V(a) < 0 ? 1 : 2", 1.0), ("!(V(a) > 0)", 1.0), ("(V(a) > -3)*5", 5.0)],
@@ -692,6 +693,7 @@ def test_a_relaxation_oscillator_and_its_sensitivity():
         *[("log10(100) + ln(exp(1)) + ceil(-2.5) + nint", None), ("if(V(a) > 0, 1, {k})", None)],
         *[("log10(100) + ln(exp(1)) + ceil(-2.5)", 1.0), ("if(V(a) > 0, 1, k)", 7.0)],
         *[("asinh(2) + acosh(2) + atanh(.5)", 3.3098997), ("2u*1meg", 2.0)],
+        *[("asinh(V(a)*1e8)", -19.8069751), ("asinh(V(a)*1e4)", -10.5966347)],
     ],
 )
 def test_expressions_of_voltages_mean_what_they_do_in_ngspice(text, value):

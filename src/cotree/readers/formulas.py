@@ -32,10 +32,11 @@ FORMS = {
     **{"sec": "1/cos(a)", "csc": "1/sin(a)", "cot": "1/tan(a)"},
     **{"sech": "1/cosh(a)", "csch": "1/sinh(a)", "coth": "1/tanh(a)"},
     **{"arcsec": "acos(1/a)", "arccsc": "asin(1/a)", "arccot": "atan(1/a)"},
-    "arcsinh": "log(a + sqrt(a*a + 1))",
+    # The sum in the logarithm must not cancel.
+    "arcsinh": "where(a < 0, -1, 1)*log(where(a < 0, -1, 1)*a + sqrt(a*a + 1))",
     "arccosh": "log(a + sqrt(a*a - 1))",
     "arctanh": "log((1 + a)/(1 - a))/2",
-    "arccsch": "log(1/a + sqrt(1/a*(1/a) + 1))",
+    "arccsch": "where(a < 0, -1, 1)*log(where(a < 0, -1, 1)/a + sqrt(1/a*(1/a) + 1))",
     "arcsech": "log(1/a + sqrt(1/a*(1/a) - 1))",
     "arccoth": "log((1 + 1/a)/(1 - 1/a))/2",
     "u": "where(a > 0, 1, 0)",

@@ -283,8 +283,13 @@ class SpiceFormula(Rewriter):
             base, exponent = map(self.value, args)
             return self._power(base, exponent) if self._signal else fill("a**b", base, exponent)
         # In laws, ngspice keeps the sign of the base; in parameters, it does not.
-        if name == "pwr" and len(args) == 2 and self._signal is None:
-            return fill("abs(a)**b", *map(self.value, args))
+        if name == "pwr" and len(args) == 2:
+            base, exponent = map(self.value, args)
+            if self._signal is None:
+                return fill("abs(a)**b", base, exponent)
+            # The sign of zero is positive, which is visible if the exponent is zero.
+            if not (isinstance(exponent, ast.Constant) and exponent.value):
+                return fill("where(a < 0, -1, 1)*abs(a)**b", base, exponent)
         return None
 
     def _expanded(self, name: str, own: UserFunction, args: Sequence[str]) -> ast.expr:
