@@ -13,15 +13,22 @@ import random
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import PARAMETER, dependent, reachable, substitute, symbols_in
-from cotree.dag.operations import floor
 from cotree.dag.switching_times import find_time_events, time_events_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    import numpy.typing as npt
+
     from cotree.dag.nodes import Dag, Node
+
+    Array = npt.NDArray[np.float64]
+    #: Function that returns the values of all symbols at an array of times.
+    _Motion = Callable[[Array], Mapping[Node, Array]]
 
 #: Type of the compared values: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
@@ -38,9 +45,9 @@ _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 # which are due to slopes, and the second number times the value, which is due to rounding.
 _STEEP, _ROUNDING = 10.0, 1e-10
 
-# Number of random points on a boundary that are examined, and number of points at which both sides
-# must agree.
-_N_TRIALS, _N_SHOWN = 600, 12
+# Random points on a boundary are examined in blocks, which end at these numbers of points; and
+# number of points at which both sides must agree.
+_BLOCKS, _N_SHOWN = (0, 30, 600), 12
 
 # Range of magnitudes of random values, as powers of ten. A third of the values is close to a
 # constant of the law instead.
@@ -99,9 +106,9 @@ def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
     # With a fixed seed, the result is the same in each run.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
-        place = _motion(found, (), time, numbers)
+        place = _motion(found, (), time, numbers)(np.zeros(1))
         # The negation ensures that nan, an undefined value, counts as a jump.
-        if not all(_value(margin, place, 0.0) >= 0.0 for margin in found):
+        if not (_values(found, place) >= 0.0).all():
             return True
     return False
 
@@ -130,7 +137,7 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
 
 def _motion(
     roots: Sequence[Node], moving: Sequence[Node], time: Node, numbers: random.Random
-) -> Callable[[float], Mapping[Node, float]]:
+) -> _Motion:
     """Return a random motion, linear in time, of the symbols ``moving``; others are constant."""
     symbols = [symbol for symbol in symbols_in(roots) if symbol is not time]
     starts = {symbol: numbers.uniform(0.3, 2.0) for symbol in symbols}
@@ -138,37 +145,40 @@ def _motion(
         symbol: numbers.uniform(-1.0, 1.0) if symbol in set(moving) else 0.0 for symbol in symbols
     }
 
-    def at(t: float) -> Mapping[Node, float]:
+    def at(t: Array) -> Mapping[Node, Array]:
         return {time: t} | {s: start + rates[s] * t for s, start in starts.items()}
 
     return at
 
 
-def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> float:
-    """Evaluate a node along a motion; return nan if it is undefined."""
-    try:
-        return float(evaluate([node], motion(t))[0])
-    except (ArithmeticError, ValueError):
-        return math.nan
+def _values(
+    roots: Sequence[Node], given: Mapping[Node, Array], order: Sequence[Node] | None = None
+) -> Array:
+    """Evaluate nodes for arrays of n values, shape (n_roots, n); undefined values are nan."""
+    size = len(next(iter(given.values())))
+    with np.errstate(all="ignore"):
+        try:
+            found = evaluate(roots, given, "array", order)
+        except (ArithmeticError, ValueError):
+            return np.full((len(roots), size), math.nan)
+    return np.array([np.broadcast_to(value, size) for value in found])
 
 
-def _crossings(
-    condition: Node, motion: Callable[[float], Mapping[Node, float]], most: int = 4
-) -> list[float]:
+def _crossings(condition: Node, motion: _Motion, most: int = 4) -> list[float]:
     """Return the first times at which a condition changes along a motion, exact to rounding."""
     looked = condition.args[0]
 
-    def side(t: float) -> float:
-        value = _value(looked, motion, t)
-        if math.isnan(value):
-            return value
-        return floor(value) if condition.op == "floor" else math.copysign(1.0, value)
+    def side(t: Array) -> Array:
+        (values,) = _values([looked], motion(t))
+        own = np.floor(values) if condition.op == "floor" else np.copysign(1.0, values)
+        found: Array = np.where(np.isnan(values), values, own)
+        return found
 
     # The spacing of times is geometric, since the time scale of the scene is unknown.
     ratio = (_LONGEST / _SHORTEST) ** (1.0 / _N_TIMES)
     ahead = [_SHORTEST * ratio**k for k in range(_N_TIMES)]
     times = [*(-t for t in reversed(ahead)), 0.0, *ahead]
-    sides = [side(t) for t in times]
+    sides = side(np.array(times)).tolist()
     found: list[float] = []
     for i in range(len(times) - 1):
         a, b, before = times[i], times[i + 1], sides[i]
@@ -179,17 +189,18 @@ def _crossings(
             continue
         # Bisect until a and b are neighbouring doubles.
         while a < (middle := 0.5 * (a + b)) < b:
-            a, b = (middle, b) if side(middle) == before else (a, middle)
+            is_before = side(np.array([middle]))[0] == before
+            a, b = (middle, b) if is_before else (a, middle)
         found.append(b)
     return found
 
 
-def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> bool:
+def _jumps(value: Node, motion: _Motion, t: float) -> bool:
     """Return whether a value jumps at a time; see :func:`margins`."""
     way = _NEAR * abs(t) + _NEAR_ZERO
-    values = [_value(value, motion, t + k * way) for k in (-3.0, -1.0, 1.0, 3.0)]
+    (values,) = _values([value], motion(t + way * np.array([-3.0, -1.0, 1.0, 3.0])))
     # The negation ensures that nan counts as a jump.
-    return not _margin(values, abs) >= 0.0
+    return not _margin(values.tolist(), abs) >= 0.0
 
 
 def kink_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
@@ -257,23 +268,20 @@ class _Boundary:
         self._constants = sorted(value for value in constants if math.isfinite(value))
         self._numbers = random.Random(1)
 
+    @np.errstate(all="ignore")
     def is_continuous(self) -> bool:
         """Return whether both branches agree at all points on the boundary, and these suffice."""
         n_shown, met = 0, [set[float]() for _ in self._conditions]
-        for trial in range(_N_TRIALS if self._moved else 0):
-            moved = self._moved[trial % len(self._moved)]
-            place = {symbol: self._random() for symbol in self._symbols}
-            shown = self._compare(place, moved)
-            if shown is None:
-                continue
-            is_met, at = shown
-            if not is_met:
-                return False
-            n_shown += 1
-            for values, value in zip(met, at, strict=True):
-                values.add(value)
-            if n_shown >= _N_SHOWN and all(map(_is_covered, met)):
-                return True
+        for first, end in pairwise(_BLOCKS) if self._moved else ():
+            is_shown, is_met, values = self._compare(first, end)
+            for i in np.flatnonzero(is_shown):
+                if not is_met[i]:
+                    return False
+                n_shown += 1
+                for known, value in zip(met, values[:, i], strict=True):
+                    known.add(value)
+                if n_shown >= _N_SHOWN and all(map(_is_covered, met)):
+                    return True
         return False
 
     def _random(self) -> float:
@@ -282,64 +290,68 @@ class _Boundary:
             size = self._numbers.choice(self._constants) * self._numbers.choice((0.5, 1.0, 2.0))
         return size if self._numbers.random() < 0.5 else -size
 
-    def _evaluated(self, place: Mapping[Node, float]) -> list[float]:
-        try:
-            return [float(value) for value in evaluate(self._roots, place, order=self._order)]
-        except (ArithmeticError, ValueError):
-            return [math.nan] * len(self._roots)
+    def _compare(self, first: int, end: int) -> tuple[Array, Array, Array]:
+        """Return for each trial whether it is valid, whether both branches agree, and conditions.
 
-    def _at_boundary(self, place: Mapping[Node, float]) -> float:
-        """Evaluate the boundary alone, which is cheap beside the branches."""
-        try:
-            return float(evaluate(self._roots[:1], place, order=self._own)[0])
-        except (ArithmeticError, ValueError):
-            return math.nan
-
-    def _compare(self, place: dict[Node, float], moved: Node) -> tuple[bool, list[float]] | None:
-        """Return whether both branches agree near the boundary, and the values of other conditions.
-
-        Returns None if the boundary is not reached by moving this symbol, or if a branch is
-        undefined near it.
+        A trial is invalid if its symbol does not reach the boundary, or a branch is undefined near
+        it. Conditions have shape (n_conditions, n_trials).
         """
-        scale, at = abs(place[moved]), self._solve(place, moved)
-        if at is None:
-            return None
-        scale = max(scale, abs(at))
-        gaps, largest, values = [], 0.0, self._evaluated({**place, moved: at})[3:]
-        for distance in _DISTANCES:
-            sides = [
-                self._evaluated({**place, moved: at + sign * distance * scale})
-                for sign in (1.0, -1.0)
-            ]
-            if sides[0][0] < 0.0:
-                sides.reverse()
-            gap = abs(sides[0][1] - sides[1][2])
-            if not sides[0][0] > 0.0 > sides[1][0] or not math.isfinite(gap):
-                return None
-            gaps.append(gap)
-            largest = max(largest, abs(sides[0][1]), abs(sides[1][2]))
-        floor = _FLOOR * largest
-        is_met = all(after <= max(_FALLS * gap, floor) for gap, after in pairwise(gaps))
-        return is_met, values
+        rows = [[self._random() for _ in self._symbols] for _ in range(first, end)]
+        place = dict(zip(self._symbols, np.array(rows).T, strict=True))
+        # Each trial moves one symbol.
+        which = np.arange(first, end) % len(self._moved)
+        start = np.choose(which, [place[symbol] for symbol in self._moved])
 
-    def _solve(self, place: dict[Node, float], moved: Node) -> float | None:
-        """Search for a zero of the boundary along one symbol by the secant method."""
+        def moved(at: Array) -> dict[Node, Array]:
+            """Return the places with the moved symbols at ``at``, shape (n, n_trials), flat."""
+            n = len(at)
+            given = {symbol: np.tile(values, n) for symbol, values in place.items()}
+            for k, symbol in enumerate(self._moved):
+                given[symbol] = np.where(np.tile(which == k, n), at.ravel(), given[symbol])
+            return given
 
-        def boundary(at: float) -> float:
-            return self._at_boundary({**place, moved: at})
+        def boundary(at: Array) -> Array:
+            found: Array = _values(self._roots[:1], moved(at[None]), self._own)[0]
+            return found
 
-        a, b = place[moved], 1.1 * place[moved] + 0.1
-        at_a, at_b = boundary(a), boundary(b)
-        for _ in range(_MOST_SECANTS):
-            if at_b == 0.0:
-                return b
-            if not math.isfinite(at_b - at_a) or at_b == at_a:
-                break
-            a, b, at_a = b, b - at_b * (b - a) / (at_b - at_a), at_b
-            if abs(b - a) <= 1e-15 * abs(b):
-                return b
-            at_b = boundary(b)
-        return None
+        at = _zeros(boundary, start)
+        scale = np.maximum(np.abs(start), np.abs(at))
+        steps = [sign * distance for distance in (0.0, *_DISTANCES) for sign in (1.0, -1.0)]
+        near = at + np.array(steps)[:, None] * scale
+        values = _values(self._roots, moved(near), self._order)
+        # Shape (n_roots, n_distances, 2, n_trials): the values on both sides of the boundary.
+        sides = values.reshape(len(values), len(_DISTANCES) + 1, 2, -1)
+        conditions, (side, above, below) = sides[3:, 0, 0], sides[:3, 1:]
+        upper = np.where(side[:, 0] < 0.0, 1, 0)[:, None]
+        side, above, below = (
+            np.take_along_axis(row, np.concatenate((upper, 1 - upper), axis=1), axis=1)
+            for row in (side, above, below)
+        )
+        above, below = above[:, 0], below[:, 1]
+        gaps = np.abs(above - below)
+        is_shown = ((side[:, 0] > 0.0) & (side[:, 1] < 0.0) & np.isfinite(gaps)).all(axis=0)
+        floor = _FLOOR * np.maximum(np.abs(above), np.abs(below)).max(axis=0)
+        is_met = (gaps[1:] <= np.maximum(_FALLS * gaps[:-1], floor)).all(axis=0)
+        return is_shown, is_met, conditions
+
+
+def _zeros(function: Callable[[Array], Array], a: Array) -> Array:
+    """Search for zeros near each start by the secant method; those not found are nan."""
+    b = 1.1 * a + 0.1
+    at_a, at_b = function(a), function(b)
+    found, is_open = np.full(a.shape, math.nan), np.ones(a.shape, dtype=bool)
+    for _ in range(_MOST_SECANTS):
+        is_zero = is_open & (at_b == 0.0)
+        found[is_zero] = b[is_zero]
+        is_open &= ~is_zero & np.isfinite(at_b - at_a) & (at_b != at_a)
+        if not is_open.any():
+            break
+        a, b, at_a = b, np.where(is_open, b - at_b * (b - a) / (at_b - at_a), b), at_b
+        has_ended = is_open & (np.abs(b - a) <= 1e-15 * np.abs(b))
+        found[has_ended] = b[has_ended]
+        is_open &= ~has_ended
+        at_b = function(b)
+    return found
 
 
 def _argument(node: Node) -> Node:

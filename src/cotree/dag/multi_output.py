@@ -369,6 +369,25 @@ def solve_pivoted(
     return solution - basis @ (basis.T @ solution), rank, is_determined
 
 
+def _for_each_point(
+    function: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
+) -> Callable[[Any, Sequence[Any]], Sequence[Any]]:
+    """Extend a function of numbers to arrays of n points; undefined results are nan."""
+
+    def evaluate(data: Any, values: Sequence[Any]) -> Sequence[Any]:
+        if not any(np.ndim(value) for value in values):
+            return function(data, values)
+        rows = []
+        for point in np.array(np.broadcast_arrays(*values)).T.tolist():
+            try:
+                rows.append(function(data, point))
+            except (ArithmeticError, ValueError):
+                rows.append([math.nan] * n_results(data))
+        return list(np.array(rows).T)
+
+    return evaluate
+
+
 def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     n = data.size
     matrix = np.array(values[: n * n]).reshape(n, n)
@@ -387,10 +406,6 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
-    # The entries of an array are looked up one by one.
-    if np.ndim(x):
-        rows: list[Any] = np.array([_evaluate_table(table, [float(at)]) for at in x]).T.tolist()
-        return rows
     place = complex(x).real
     if place <= table.x[0]:
         return [table.y[0], 0.0]
@@ -475,11 +490,17 @@ class Several:
     n_results: Callable[[Any], int]  # number of results, from data
 
 
+def _pointwise(
+    evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
+) -> Several:
+    return Several(_for_each_point(evaluate, n_results), n_results)
+
+
 SEVERAL: dict[str, Several] = {
-    "solve": Several(_evaluate_solve, lambda shape: int(shape.size) + 2),
-    "table": Several(_evaluate_table, lambda _: 2),
+    "solve": _pointwise(_evaluate_solve, lambda shape: int(shape.size) + 2),
+    "table": _pointwise(_evaluate_table, lambda _: 2),
     "lookup": Several(lambda data, values: data.evaluate(values), lambda d: len(d.results)),
-    "call": Several(lambda function, values: function.evaluate(values), lambda f: int(f.n_results)),
+    "call": _pointwise(lambda f, values: f.evaluate(values), lambda f: int(f.n_results)),
     "sines": Several(_evaluate_sines, lambda n: 2 * int(n)),
     "map": Several(LinearMap.evaluate, lambda linear: int(linear.n_results)),
 }
