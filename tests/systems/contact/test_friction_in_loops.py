@@ -22,19 +22,26 @@ TORQUES = {1: 0.2, 2: 0.13, 3: 0.17, 4: 0.11}
 G = 9.81
 
 
-def _parallelogram(hinges, torque, start, speed, gravity):
+#: Parameters of all motions: constant, growing and alternating torque, angle at the start, gravity.
+TORQUE = "T0 + T1*t + T2*cos(3*t)"
+RESTING = {"T0": 0.0, "T1": 0.0, "T2": 0.0, "start": 1.1, "g": 0.0}
+
+
+def _parallelogram(hinges):
     """Draw two cranks of length 0.5 and a coupler of length 0.8, which moves without turning."""
-    scene = Scene("parallelogram", gravity=[0, -gravity, 0])
-    initial = {"theta": start, "theta_dot": speed}
-    scene.edge("h1", "revolute", "ground", "A", axis=Z, torque=torque, initial=initial)
+    scene = Scene("parallelogram", gravity=[0, "-g", 0])
+    for name, value in RESTING.items():
+        scene.parameter(name, value)
+    initial = {"theta": "start"}
+    scene.edge("h1", "revolute", "ground", "A", axis=Z, torque=TORQUE, initial=initial)
     scene.edge("crank1", "rigid_body", "ground", "A", mass=0.0, inertia=0.05)
     scene.edge("arm1", "arm", "A", "B", vector=[0.5, 0, 0])
-    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": -start})
+    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": "-start"})
     scene.edge("half", "arm", "C", "M", vector=[0.4, 0, 0])
     scene.edge("coupler", "rigid_body", "ground", "M", mass=1.3, inertia=0.1)
     scene.edge("whole", "arm", "C", "E", vector=[0.8, 0, 0])
     scene.edge("base", "arm", "ground", "Q", vector=[0.8, 0, 0])
-    scene.edge("h4", "revolute", "Q", "R", axis=Z, initial={"theta": start})
+    scene.edge("h4", "revolute", "Q", "R", axis=Z, initial={"theta": "start"})
     scene.edge("crank2", "rigid_body", "ground", "R", mass=0.0, inertia=0.05)
     scene.edge("arm2", "arm", "R", "S", vector=[0.5, 0, 0])
     scene.edge("h3", "revolute", "E", "S", axis=Z)
@@ -45,28 +52,30 @@ def _parallelogram(hinges, torque, start, speed, gravity):
     return scene
 
 
-def _one_freedom(hinges, torque, start, speed, gravity):
+def _one_freedom():
     """Draw the shaft that the parallelogram amounts to, whose closed forms are tested elsewhere."""
     scene = Scene("one")
-    scene.parameter("F", sum(TORQUES[k] for k in hinges))
-    initial = {"theta": start, "w": speed}
+    scene.parameter("F", 1.0)
+    for name, value in RESTING.items():
+        scene.parameter(name, value)
+    initial = {"theta": "start"}
     whole = 2 * 0.05 + 1.3 * 0.5**2
     scene.edge("J", "rotational_inertia", "ground", "a", inertia=whole, initial=initial)
-    weight = f"{1.3 * gravity * 0.5}*cos(J.theta)"
-    scene.edge("T", "torque_source", "ground", "a", torque=f"{torque} - {weight}")
+    weight = "1.3*g*0.5*cos(J.theta)"
+    scene.edge("T", "torque_source", "ground", "a", torque=f"{TORQUE} - {weight}")
     scene.edge("f", "rotational_dry_friction", "ground", "a", torque="F")
     scene.output("held", "f.tau")
     return scene
 
 
-#: Torque, angle and speed at the start, gravity.
+#: Parameters and speed at the start.
 MOTIONS = {
-    "at rest": ("0.1", 1.1, 0.0, 0.0),
-    "breaking away": ("0.38*t", 1.1, 0.0, 0.0),
+    "at rest": ({"T0": 0.1}, 0.0),
+    "breaking away": ({"T1": 0.38}, 0.0),
     # Within 2.2 s no motion reaches the position in one line, where it could go on in two ways.
-    "stopping": ("0.05", 1.1, 0.5, 0.0),
-    "to and fro": ("cos(3*t)", 1.1, 0.0, 0.0),
-    "under its weight": ("0", -0.9, 0.0, G),
+    "stopping": ({"T0": 0.05}, 0.5),
+    "to and fro": ({"T2": 1.0}, 0.0),
+    "under its weight": ({"start": -0.9, "g": G}, 0.0),
 }
 ALL_HINGES = [own for n in range(1, 5) for own in combinations(TORQUES, n)]
 
@@ -75,12 +84,15 @@ ALL_HINGES = [own for n in range(1, 5) for own in combinations(TORQUES, n)]
 @pytest.mark.parametrize("hinges", ALL_HINGES, ids=str)
 def test_a_parallelogram_whose_hinges_rub_moves_as_one_shaft_does(hinges):
     times = np.linspace(0, 2.2, 23)
-    for given in MOTIONS.values():
-        alone = _one_freedom(hinges, *given).compile(["F"])
-        names = [f"F{k}" for k in hinges]
-        exact = alone.simulate((0, 2.2), t_eval=times, **TIGHT)
-        model = _parallelogram(hinges, *given).compile(names)
-        found = model.simulate((0, 2.2), t_eval=times, **TIGHT)
+    names = [f"F{k}" for k in hinges]
+    alone, model = _one_freedom().compile(["F"]), _parallelogram(hinges).compile(names)
+    whole = {"F": sum(TORQUES[k] for k in hinges)}
+    for own, speed in MOTIONS.values():
+        given = {**TIGHT, "t_eval": times, "parameters": own}
+        exact = alone.simulate(
+            (0, 2.2), **given | {"parameters": own | whole, "initial": {"J.w": speed}}
+        )
+        found = model.simulate((0, 2.2), **given, initial={"h1.theta_dot": speed})
         assert found.status == 0, found.message
         assert found["h1.theta"] == pytest.approx(exact["J.theta"], abs=CLOSE)
         slope = exact.sensitivity("J.theta", "F")
@@ -237,9 +249,9 @@ def test_a_slider_crank_starts_from_its_dead_centre(joints):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("hinges", ALL_HINGES, ids=str)
 def test_hinges_that_hold_one_motion_share_the_torque_in_one_direction(hinges):
+    model = _parallelogram(hinges).compile()
     for torque in (0.0, 0.09):
-        model = _parallelogram(hinges, str(torque), 1.1, 0.0, 0.0).compile()
-        result = model.simulate((0, 1), **TIGHT)
+        result = model.simulate((0, 1), parameters={"T0": torque}, **TIGHT)
         shares = [result[f"held{k}"][-1] * (-1 if k == 2 else 1) for k in hinges]
         assert sum(shares) == pytest.approx(torque, abs=1e-12)
         # Least norm: no hinge holds against another one.
