@@ -127,11 +127,8 @@ def sweep(
     Raises SingularSystemError if an output is undetermined at a point, BuildError without compiler.
     """
     if not model.outputs and not model.inputs:
-        return (
-            np.zeros((0, len(t))),
-            np.zeros((0, len(model.sensitivities), len(t))),
-            np.zeros((0, len(t))),
-        )
+        none = np.zeros((0, len(t)))
+        return none, np.zeros((0, len(model.sensitivities), len(t))), none
     library = load_sweep()
     if library is None:
         raise BuildError("no compiler can build the loop over the points of a run")

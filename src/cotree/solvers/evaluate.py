@@ -147,10 +147,6 @@ class Evaluator:
         """Permit the evaluations of another step."""
         self._allowed = self.nfev + self._per_step
 
-    def progressed(self) -> None:
-        """Clear ``not_finite`` after an accepted step."""
-        self.not_finite = ""
-
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivative of z as a new array."""
         dz = self._call(t, z)
@@ -225,7 +221,11 @@ class Evaluator:
         self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
         """Call a function; stop the run if the function is undefined or a limit is reached."""
-        self._check_budgets()
+        limit = self.problem.settings.time_limit
+        if limit is not None and time.perf_counter() > self._deadline:
+            raise IntegrationStopError(BUDGET_SPENT, time_spent(limit))
+        if self.nfev > self._allowed:
+            raise IntegrationStopError(FAILED, "the step size control does not come to an end")
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
         except SingularSystemError as error:  # the system is singular only at this configuration
@@ -257,13 +257,6 @@ class Evaluator:
         # iteration; if the right-hand side is not finite either, the solver shortens the step.
         self.not_finite = self.not_finite or phrase
         return self._last_jacobian.copy()
-
-    def _check_budgets(self) -> None:
-        limit = self.problem.settings.time_limit
-        if limit is not None and time.perf_counter() > self._deadline:
-            raise IntegrationStopError(BUDGET_SPENT, time_spent(limit))
-        if self.nfev > self._allowed:
-            raise IntegrationStopError(FAILED, "the step size control does not come to an end")
 
     def _remember(self, t: float, z: FloatArray, dz: FloatArray) -> None:
         indices = np.flatnonzero(~np.isfinite(dz))

@@ -367,10 +367,13 @@ class Job:
             bound = most_rows(self._width)
             c.most_events = min(problem.settings.max_events or bound, bound)
         # The size of the memory depends on all other fields.
-        if is_timed:
-            self._arrays["memory"].fill(0.0)
+        size = 0 if is_timed else -(-int(self._lib.cotree_job_memory(c)) // 8)
+        memory = self._arrays.get("memory")
+        if memory is None or memory.size < size:
+            self._set_array("memory", np.zeros(size))
         else:
-            self._clear_memory(int(self._lib.cotree_job_memory(c)))
+            memory.fill(0.0)
+        if not is_timed:
             self._keep_times(problem)
 
     def _is_timed(self, problem: Problem) -> bool:
@@ -505,14 +508,6 @@ class Job:
         """Set a pointer of the structure for this run and later runs."""
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
-
-    def _clear_memory(self, n_bytes: int) -> None:
-        """Allocate the working memory of C, or fill it with zeros."""
-        memory = self._arrays.get("memory")
-        if memory is None or memory.nbytes < n_bytes:
-            self._set_array("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
-        else:
-            memory.fill(0.0)
 
     def _tables(self, problem: Problem) -> Any:
         tables = self._callbacks.new("cotree_table_input[]", max(1, len(problem.replaced)))

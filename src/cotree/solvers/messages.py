@@ -81,8 +81,9 @@ def _event_reason(job: Job, problem: Problem, name: str) -> str:
     rows = problem.events.event_rows if problem.events is not None else ()
     fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
     event = rows[c.event].name if c.event < len(rows) else "kink of a law"
-    events = subjects(name, event, fired)
-    message = event_message(name, events, float(c.event_time), float(c.event_detail))
+    names = ", ".join(f"'{own}'" for own in subjects(name, event, fired))
+    t, detail = float(c.event_time), float(c.event_detail)
+    message = EVENT_MESSAGES[name].format(event=names, t=t, detail=detail)
     if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
         return f"{message}, '{problem.constraints[int(c.event_detail)]}' first of all"
     return f"{message} ({job.rescue.reason})" if job.rescue.reason else message
@@ -265,20 +266,19 @@ _OF_EDGES = (
     *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
 )
 
+#: Statuses in which all events that fired take part.
+_OF_MANY = (
+    *("EVENTS_CASCADE", "EVENTS_SLIDING", "EVENTS_NO_MODES"),
+    *("EVENTS_NO_IMPULSES", "EVENTS_INDETERMINATE"),
+)
+
 #: Suffixes after the edge name in the names of friction and stop events.
 _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
 def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     """Return the names of events or edges for a sentence of :data:`EVENT_MESSAGES`."""
-    are_many = (
-        "EVENTS_CASCADE",
-        "EVENTS_SLIDING",
-        "EVENTS_NO_MODES",
-        "EVENTS_NO_IMPULSES",
-        "EVENTS_INDETERMINATE",
-    )
-    listed = fired if name in are_many else [event]
+    listed = fired if name in _OF_MANY else [event]
     if name not in _OF_EDGES:
         return listed
     return [_EDGE.sub("", row) for row in listed]
@@ -298,12 +298,6 @@ def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
     return f"Impacts ended in rest, slower than rest_speed: {shown}."
 
 
-def event_message(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
-    """Return a sentence of :data:`EVENT_MESSAGES` on the given events."""
-    listed = ", ".join(f"'{event}'" for event in events)
-    return EVENT_MESSAGES[name].format(event=listed, t=t, detail=detail)
-
-
 # Fractions of the elapsed time at which the early part of a run ends and the late part begins.
 _EARLY, _LATE = 0.1, 0.9
 
@@ -316,16 +310,8 @@ _LEAST = 1e3
 _LEAST_POWER = 7.0
 
 # Messages on failures that rounding errors of forces may also cause.
-_OF_ROUNDING = tuple(
-    SENTENCES[name]
-    for name in (
-        "STEP_TOO_SMALL",
-        "PROJECTION_FAILED",
-        "NOT_PROJECTED",
-        "ERROR_TEST_FAILED",
-        "NOT_CONVERGED",
-    )
-)
+_ROUNDED = "STEP_TOO_SMALL PROJECTION_FAILED NOT_PROJECTED ERROR_TEST_FAILED NOT_CONVERGED"
+_OF_ROUNDING = tuple(SENTENCES[name] for name in _ROUNDED.split())
 
 # A slope that exceeds its value shortly before by more than this factor counts as infinite.
 _STEEPER = 100.0
@@ -485,15 +471,11 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     worst = int(np.argmax(factors))
     if not factors[worst] >= _LEAST:
         return ""
-    since = start + _left(problem.direction, t, y[worst], ranges[worst])
+    # The last time at which the state was in this range.
+    since = start + problem.direction * float(t[np.flatnonzero(y[worst] <= ranges[worst])[-1]])
     name = f"'{problem.names[worst]}'" if problem.names else f"State {worst}"
     return (
         f"{name} grows without bound: since t = {since:.4g} it has left the range of its beginning "
         f"and reached {last[worst]:.3g}, {factors[worst]:.2g} times as much; check the signs in "
         "its equation."
     )
-
-
-def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
-    """Return the last time at which a value did not exceed ``largest``."""
-    return direction * float(t[np.flatnonzero(y <= largest)[-1]])

@@ -195,10 +195,7 @@ class Attempt:
         return trajectory
 
     def _run(self, successor: MethodSwitch | None) -> Trajectory | None:
-        """Advance the job to its end, and free its C memory.
-
-        Returns the trajectory of the successor if that takes over, else None.
-        """
+        """Advance the job to its end; return the trajectory of a successor that takes over."""
         job = self.job
         try:
             if successor is not None:
@@ -218,10 +215,7 @@ class Attempt:
             job.end()
 
     def _trajectory(self, note: str = "", compile_seconds: float = 0.0) -> Trajectory:
-        """Return the stored points, with the last valid point if the job failed.
-
-        ``note`` ends the message; ``compile_seconds`` is the compilation time of the method, [s].
-        """
+        """Return the stored points, with the last valid point if the job failed."""
         job, problem, method, c = self.job, self.problem, self.row.name, self.job.job
         t, z = job.rows.stored(job.z, is_cut=self.status != 0 or bool(self.reason))
         work = {

@@ -323,9 +323,8 @@ def turn_tolerances(problem: Problem) -> FloatArray:
     """Return the absolute tolerance of the sensitivities to each parameter, shape (..., m)."""
     # The least tolerance of states is divided by the parameter size, as in the error test.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)
-    found: FloatArray = least / np.array(
-        [1.0] * problem.n_sensitivities if problem.scales is None else problem.scales
-    )
+    scales = np.ones(problem.n_sensitivities) if problem.scales is None else problem.scales
+    found: FloatArray = least / scales
     return found
 
 
@@ -389,8 +388,7 @@ def _dependent(problem: Problem) -> str:
 
     Stages of Rosenbrock methods violate such constraints, which then contradict each other.
     """
-    edges = (
-        () if problem.singular is None else problem.singular(problem.settings.t_span[0], problem.z0)
-    )
+    start = problem.settings.t_span[0]
+    edges = () if problem.singular is None else problem.singular(start, problem.z0)
     names = ", ".join(f"'{edge}'" for edge in edges)
     return f"constraints of {names} are dependent at the start" if edges else ""

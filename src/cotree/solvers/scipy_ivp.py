@@ -25,7 +25,7 @@ from cotree.solvers.result import BUDGET_SPENT, FAILED, FloatArray, Statistics, 
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 
 _SHARE = 0.01
@@ -91,22 +91,14 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
             f"The method '{method}' cannot take {what}: use '{METHODS[method].instead}', which "
             "runs in C."
         )
-    # SciPy's warnings are not needed, since this module reports values that are not finite.
-    with _serialized(method), np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
-        return _Run(problem, method).trajectory()
-
-
-@contextlib.contextmanager
-def _serialized(method: str) -> Iterator[None]:
-    """Lock out other threads if a method has global state."""
     from scipy.integrate import _ode
 
     # In older versions of SciPy, LSODA is Fortran code with common blocks.
-    if method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle"):
-        with _one_at_a_time:
-            yield
-    else:
-        yield
+    is_global = method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle")
+    lock: Any = _one_at_a_time if is_global else contextlib.nullcontext()
+    # SciPy's warnings are not needed, since this module reports values that are not finite.
+    with lock, np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
+        return _Run(problem, method).trajectory()
 
 
 class _Run:
@@ -165,7 +157,7 @@ class _Run:
         if self.problem.reach is not None:
             self.problem.reach(start, self.z)
         self.evaluator.open_segment(start, end)
-        limit = self._spent()
+        limit = self.spent()
         # SciPy's computation of the first step would not end if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
             limit = IntegrationStopError(FAILED, "it cannot start")
@@ -210,16 +202,12 @@ class _Run:
         if self.problem.settings.t_eval is None and rounding <= _FINE * abs(t - self.times[-1]):
             self._store_step()
 
-    def _spent(self) -> IntegrationStopError | None:
+    def spent(self) -> IntegrationStopError | None:
         """Return an exception if the run has reached its limit of steps, else None."""
         limit = self.problem.settings.max_steps
         if limit is None or self.problem.steps_taken + self.n_steps < limit:
             return None
         return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
-
-    def step_allowed(self) -> bool:
-        self.stop = self.stop or self._spent()
-        return self.stop is None
 
     def _wanted(self, start: float, end: float) -> FloatArray:
         """Return the requested times in (start, end], or in [start, end] at the start of a run."""
@@ -287,12 +275,13 @@ class _Segment:
         is_short = abs(s - before) <= LIMITS.stall_spacings * np.spacing(abs(s))
         self._n_short = self._n_short + 1 if is_short else 0
         if not is_short:
-            run.evaluator.progressed()
+            run.evaluator.not_finite = ""
         # LSODA would continue even with steps of a few units in the last place.
         if self._n_short >= LIMITS.stall_steps:
             run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
             return 0.0
-        return 1.0 if run.step_allowed() else 0.0
+        run.stop = run.stop or run.spent()
+        return 1.0 if run.stop is None else 0.0
 
     def _is_turned(self, before: float, w: FloatArray) -> bool:
         """Return whether a step damps a fast growing mode.

@@ -105,14 +105,9 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
     # and backwards in time, respectively.
     which = "SR" if direction > 0 else "LR"
     try:
+        options = {"v0": start, "tol": _ROUGH, "maxiter": _MOST_RESTARTS}
         found = scipy.sparse.linalg.eigs(
-            matrix,
-            k=_FEW,
-            which=which,
-            v0=start,
-            tol=_ROUGH,
-            maxiter=_MOST_RESTARTS,
-            return_eigenvectors=False,
+            matrix, k=_FEW, which=which, return_eigenvectors=False, **options
         )
     except scipy.sparse.linalg.ArpackNoConvergence:
         if not is_bounded:
@@ -283,13 +278,16 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
         skipped = len(second.t)  # the end of the span, which was not requested
-    t, z = second.t[skipped:], second.z[:, skipped:]
+    t, z, drift = second.t[skipped:], second.z[:, skipped:], second.drift
+    if first.drift is not None and drift is not None:
+        residual = np.hstack([first.drift.residual, drift.residual[:, skipped:]])
+        drift = Drift(drift.names, residual, max(first.drift.correction, drift.correction))
     return replace(
         second,
         t=np.concatenate([first.t, t]),
         z=np.hstack([first.z, z]),
         statistics=summed(first.statistics, second.statistics),
-        drift=_joined_drift(first.drift, second.drift, skipped),
+        drift=drift,
         # An array without events may lack columns, and could not be stacked.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
@@ -306,14 +304,4 @@ def summed(first: Statistics, second: Statistics) -> Statistics:
         n_steps=first.n_steps + second.n_steps,
         seconds=first.seconds + second.seconds,
         compile_seconds=first.compile_seconds + second.compile_seconds,
-    )
-
-
-def _joined_drift(first: Drift | None, second: Drift | None, skipped: int) -> Drift | None:
-    if first is None or second is None:
-        return second
-    return Drift(
-        second.names,
-        np.hstack([first.residual, second.residual[:, skipped:]]),
-        max(first.correction, second.correction),
     )

@@ -203,9 +203,8 @@ _POINTS, _REACH = 5, 1.0 / 16.0
 def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """Mark a run as failed if errors due to the rounding of t exceed the tolerance."""
     n_steps = trajectory.statistics.n_steps
-    if trajectory.status != 0 or not n_steps or not trajectory.t.size:
-        return trajectory
-    if is_fine(problem, n_steps):
+    is_empty = not n_steps or not trajectory.t.size
+    if trajectory.status != 0 or is_empty or is_fine(problem, n_steps):
         return trajectory
     step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
