@@ -96,11 +96,6 @@ class BlockInC(CObjects):
         self._set_own()
         self._set_results()
 
-    @property
-    def most_threads(self) -> int:
-        """Return the largest number of threads that may share the members."""
-        return int(self.library.lib.cotree_batch_most_threads())
-
     def stop(self) -> None:
         """Interrupt running members and do not start others."""
         self.batch.is_stopped = 1
@@ -296,7 +291,9 @@ class Worker:
         ):
             setattr(c, name, self._point(name, np.zeros(max(1, size))))
         if isinstance(members.lanes, LoadedLanes):
-            c.own = self._aligned("own", members.lanes.n_bytes)
+            room = np.zeros(members.lanes.n_bytes // 8 + 8)
+            # Vectors need an alignment of 64 bytes.
+            c.own = self._point("own", room[-room.ctypes.data % 64 // 8 :])
         self._events = np.zeros((0, 3 + m))
         self._width, self._at_once = 0, 0
         if problem.events is not None:
@@ -428,12 +425,6 @@ class Worker:
         self._events = events
         c.events, c.most_events = self._point("events", events), len(events)
 
-    def _aligned(self, name: str, n_bytes: int) -> Any:
-        """Allocate memory with the alignment of 64 bytes that vectors need."""
-        room = np.zeros(n_bytes // 8 + 8)
-        first = -room.ctypes.data % 64 // 8
-        return self._point(name, room[first:])
-
     def _point(self, name: str, array: FloatArray) -> Any:
         self._kept[name] = array
         return self._ffi.from_buffer("double[]", array)
@@ -456,7 +447,8 @@ def run_block(
         return run_one_by_one(pattern.plan, rows, stop=stop)
     members = BlockInC(pattern, rows)
     wanted = usable_cores() if threads is None else max(1, threads)
-    workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
+    most = min(wanted, len(rows), int(members.library.lib.cotree_batch_most_threads()))
+    workers = [Worker(members) for _ in range(max(1, most))]
     stop = threading.Event() if stop is None else stop
     _drive(workers, members, stop)
     if members.requeue_rejected():

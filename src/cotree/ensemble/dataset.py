@@ -241,7 +241,8 @@ def check_dataset_file(path: Path) -> None:
     """Check before the ensemble is run that its results can be written to a file."""
     suffix = check_suffix(path, SUFFIXES, "write")
     check_parent(path)
-    if path.is_dir() and not (suffix == ".zarr" and _is_zarr(path)):
+    is_zarr = any((path / name).exists() for name in ("zarr.json", ".zgroup"))
+    if path.is_dir() and not (suffix == ".zarr" and is_zarr):
         raise SceneError(f"cannot write '{path}': it is a folder of other files; name another")
 
 
@@ -323,10 +324,6 @@ def _write_zarr(dataset: Any, path: Path) -> None:
         for folder in (draft, old):
             with contextlib.suppress(OSError):
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_zarr(path: Path) -> bool:
-    return any((path / name).exists() for name in ("zarr.json", ".zgroup"))
 
 
 class Collected:

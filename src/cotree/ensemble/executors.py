@@ -331,14 +331,10 @@ class ExecutorRun:
         if self._is_own:
             old.shutdown(wait=False, cancel_futures=True)
         own: Any = old
+        start = {"initializer": own._initializer, "initargs": own._initargs}
         self._is_own, self._executor = (
             True,
-            futures.ProcessPoolExecutor(
-                own._max_workers,
-                mp_context=own._mp_context,
-                initializer=own._initializer,
-                initargs=own._initargs,
-            ),
+            futures.ProcessPoolExecutor(own._max_workers, own._mp_context, **start),
         )
 
     def _count(self) -> int:

@@ -137,14 +137,11 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
+    names = (*plan.columns, *plan.settings.initial)
     # Tolerances of storage contents depend on the initial state.
-    if plan.model.begins_at_rest or plan.model.layout.followers:
-        return True
-    if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
-        return True
-    if problem.functions:  # otherwise an exception in a Python function would end all members
-        return True
-    return bool(_moving(plan) & set(plan.columns))
+    is_own = plan.model.begins_at_rest or plan.model.layout.followers or any(map(is_slope, names))
+    # An exception in a Python function would otherwise end all members.
+    return bool(is_own or problem.functions or _moving(plan) & set(plan.columns))
 
 
 def _moving(plan: Plan) -> set[str]:

@@ -144,13 +144,7 @@ class Samples(Mapping[str, "FloatArray"]):
         return f"<Samples of {n} members, {how}: {', '.join(self.columns)}>"
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each member.
-
-        Raises
-        ------
-        Error
-            If pandas is not installed.
-        """
+        """Return a pandas DataFrame with a row for each member."""
         return frame(dict(self.columns))
 
 
