@@ -131,9 +131,8 @@ class Evaluator:
 
     def open_segment(self, start: float, end: float) -> None:
         """Restrict evaluations to the times within a segment between two breakpoints."""
-        # Stages at an end of a segment must not evaluate the rates beyond a jump at this end: the
-        # error test would reject steps of any length. There is a margin, since the times of jumps
-        # are rounded.
+        # Stages at an end of a segment must not evaluate the rates beyond a jump there, since the
+        # error test would reject all steps. The margin covers the rounding of times.
         low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
         margin = min(SAME * size, 0.25 * abs(end - start))
@@ -150,8 +149,7 @@ class Evaluator:
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivative of z as a new array."""
         dz = self._call(t, z)
-        # A dot product detects nan and infinity in one pass; the slower test follows, since squares
-        # may also overflow.
+        # A dot product detects nan and infinity in one pass, but squares may also overflow.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz

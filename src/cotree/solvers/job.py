@@ -316,8 +316,7 @@ class Job:
         # SUNDIALS memory and Python functions belong to a single run.
         asks_python = bool(problem.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
-        # An event record consists of the time, the event, the sensitivities of the time, and the
-        # states before and after.
+        # An event record: time, event, sensitivities of the time, states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
         # Maximum number of event records in one step, for which C needs space before each step.
@@ -344,8 +343,7 @@ class Job:
         self._callbacks.errors.clear()
         self.rescue.problem, self.rescue.reason = problem, ""
         if not self.has_newton and problem.singular is not None:
-            # With dependent constraints, rates are unique only where the constraints are satisfied,
-            # so C projects points first.
+            # With dependent constraints, rates are unique only at points that C has projected.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._set_array("p", native.p)
         self._set_array("k", native.k)

@@ -115,8 +115,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     # Algebraic unknowns are held constant, since their entries are residuals, not rates.
     rates[problem.n_states - problem.n_algebraic :] = 0.0
     reach = min(abs(end - t), _SOON * max(abs(t - start), _SOON * abs(end - start)))
-    # Distances increase from a few units in the last place by factors of four, so that the nearest
-    # cause is found.
+    # Distances grow by factors of four from a few units in the last place, to the nearest cause.
     step = 4.0 * float(np.spacing(max(abs(t), float(np.finfo(np.float64).tiny))))
     while step <= reach and not why:
         ahead = math.copysign(step, end - start)

@@ -206,8 +206,7 @@ class Attempt:
                 trajectory = successor.take_over(self.problem, self._trajectory(), job)
                 if trajectory is not None:
                     return trajectory
-                # The next stiffness test follows after twice as many steps, since it computes
-                # eigenvalues.
+                # Eigenvalues take time: the next test follows after twice as many steps.
                 job.pause_if_stiff(2 * int(job.job.n_steps))
                 self._advance()
             return None

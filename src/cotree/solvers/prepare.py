@@ -57,8 +57,7 @@ def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[
     return make() if key is None else kept.of(key, make)
 
 
-# Maximum number of values in settings that are cached; with more, preparation takes only a small
-# part of the run time.
+# Maximum number of values in settings that are cached; with more, preparation is quick.
 _MOST_NUMBERS = 10_000
 
 # Arrays up to this size are compared by value.
@@ -198,8 +197,7 @@ class Preparation:
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
-            # The first samples are taken at a start with the scene's inputs. The actual start
-            # depends on these samples.
+            # The start depends on the first samples, which are taken at a start without them.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))

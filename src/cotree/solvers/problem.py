@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Maximum size of augmented systems that are factorised as dense matrices; larger ones are
-#: factorised by blocks.
+#: Maximum size of augmented systems with dense matrices; larger ones are factorised by blocks.
 DENSE_LIMIT = 100
 
 #: Minimum relative tolerance, as in SciPy; below it the error test measures only rounding errors.
@@ -78,9 +77,8 @@ class Problem:
     #: Sizes of the parameters, (n_sensitivities,), by which absolute tolerances of sensitivities
     #: are divided: the effect of a change by this size is then tested as the states are.
     scales: FloatArray | None = None
-    #: Times at which the right-hand side jumps or has a kink, [s]. Integration restarts there, so
-    #: that no pulse between two of them is skipped. If an end of the span is one of them, nothing
-    #: beyond it is evaluated.
+    #: Times of jumps and kinks of the right-hand side, [s], at which integration restarts. If an
+    #: end of the span is one of them, nothing beyond it is evaluated.
     breakpoints: Sequence[float] | FloatArray = ()
     #: The largest time, [s], that breakpoints are computed from: determines their rounding error.
     scale: float = 0.0

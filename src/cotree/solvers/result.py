@@ -441,8 +441,7 @@ FAILED, BUDGET_SPENT = -1, -2
 class Trajectory:
     """The result of an integration, complete or not."""
 
-    #: Times, [s]. After a failure, the last one is that of the last valid point, even if it was not
-    #: requested.
+    #: Times, [s]. After a failure, the last one is that of the last valid point.
     t: FloatArray
     z: FloatArray  # states and sensitivities at the times
     status: int  # 0: success, -1: the integration failed, -2: a limit was reached

@@ -74,8 +74,7 @@ _one_at_a_time = threading.RLock()
 # Number of evaluations with nan rates, after which methods shorten their step, that ends a run.
 _MOST_IGNORED = 1000
 
-# A step is stored only if the rounding error of its time is below this fraction of the distance
-# from the last stored one.
+# A step is stored if its time is rounded by less than this fraction of the last distance.
 _FINE = 1e-2
 
 #: Message if a method such as Radau damps a growing mode, which its error estimate cannot detect.

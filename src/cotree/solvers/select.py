@@ -352,8 +352,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
     It is the Frobenius norm of the Jacobian, which bounds the magnitudes of all eigenvalues.
     """
-    # Algebraic unknowns would have to be eliminated, and the Jacobian is large near dependent
-    # constraints.
+    # Eliminating unknowns is expensive, and the Jacobian large near dependent constraints.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
         return math.inf
     y = z[: problem.n_states]

@@ -124,8 +124,7 @@ def run_values(
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
-        # In z, the sensitivities to each parameter are consecutive; s has the axes state,
-        # parameter, time.
+        # In z, sensitivities to each parameter are consecutive; s has state, parameter, time.
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
         "positions": model.layout.positions,

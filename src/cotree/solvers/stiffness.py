@@ -123,8 +123,7 @@ def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray
 # from 1e-3 to 1e-9, are 2.3 to 2.9; half of all values are between 1.6 and 3.5.
 _STEPS = 2.5
 
-# Number of stages of rodas5, and number of sensitivities for which it solves together if the
-# elimination is not unrolled.
+# Stages of rodas5, and sensitivities that it solves for together without unrolled elimination.
 _STAGES, _AT_A_TIME = 8, 8
 
 # Numbers per cvode step: evaluations of the rates, evaluations of the rates with sensitivities, and
@@ -168,8 +167,7 @@ def _of_cvode(work: StepWork, n: int, m: int) -> float:
     return 600.0 + evaluation + solution + factorisation + vectors
 
 
-# Number of states above which factors that cvode keeps for many steps are cheaper than the eight
-# stages of rodas5.
+# Number of states above which the factors that cvode keeps are cheaper than rodas5.
 _MOST_STATES = 150
 
 # Maximum number of breakpoints with cvode: after each, a multistep method takes about thirty short

@@ -32,14 +32,12 @@ if TYPE_CHECKING:
 _CORRECTED_RTOL = 1e-3
 
 # Relative tolerances with redundant constraints, the projection onto which is not unique. Above the
-# first, the error of Bricard's mechanism is 10 to 300 tolerances; above the second, it is as large
-# as the solution. With multistep methods, whose history is not projected, it is that large above
-# the first.
+# first, the error of Bricard's mechanism is 10 to 300 tolerances; above the second, or above the
+# first with multistep methods, it is as large as the solution.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# The error test covers storage contents, not the variables that follow from them. The numbers are
-# the largest error of such a variable without a warning, in tolerances of the variable; and the
-# number of points examined.
+# The error test covers storage contents, not the variables that follow from them. Largest error of
+# such a variable without a warning, in tolerances, and number of points examined.
 _LEFT_FREE, _N_EXAMINED = 10.0, 50
 
 # Largest states at rest, where forces balance, in machine precisions.
@@ -134,8 +132,7 @@ def _left_free(
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
-    # The largest magnitude of the whole run counts, since relative accuracy near zero is
-    # irrelevant.
+    # The largest magnitude of the whole run counts: relative accuracy near zero is irrelevant.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
