@@ -269,8 +269,7 @@ class Worker:
         self._members, self._lib = members, members.library.lib
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
-        # The member that was prepared last, with its problem, and the job that all prepared members
-        # use.
+        # The last prepared member with its problem, and the job of all prepared members.
         self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
@@ -298,8 +297,7 @@ class Worker:
         self._width, self._at_once = 0, 0
         if problem.events is not None:
             self._width = 2 + m + 2 * problem.n_states
-            # Largest number of event records of one step. C returns to Python if there is space for
-            # fewer.
+            # Largest number of event records of one step, for which C needs space.
             self._at_once = len(problem.events.event_rows) + LIMITS.event_rounds
             self._grow_records()
 
@@ -390,8 +388,7 @@ class Worker:
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
         if not is_confirmed(problem, float(job.t), z, float(job.last_step), method):
-            # The check computes eigenvalues, which is expensive, so that the interval between
-            # checks doubles.
+            # The interval between checks doubles, since they compute eigenvalues.
             c.watched_from = 2 * int(job.n_steps)
             return True
         other = stiff_method(problem)

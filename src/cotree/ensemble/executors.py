@@ -117,8 +117,7 @@ _COUNTED_FOR = 5.0
 #: work lost if a worker is killed. The overhead of a block is small compared with it.
 PIECE = 0.3
 
-# Largest ratio of successive block sizes, since the time of the first block may include
-# compilation.
+# Largest ratio of successive block sizes: the first time may include compilation.
 _GROWTH = 8
 
 # Names of errors that executors raise for lost workers or messages; their packages are optional.
@@ -185,8 +184,7 @@ class ExecutorRun:
         self._n_workers, self._counted = 1, -math.inf
         self._deaths = 0  # number of workers that died since the last result
         self._plan, self._rows, self._threads = plan, rows, threads
-        # Only this class certainly runs threads of this process, which share its memory. Subclasses
-        # may not.
+        # Only this class, not its subclasses, certainly runs threads of this process.
         is_here = type(executor) is futures.ThreadPoolExecutor
         self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether at least one worker has received the plan
@@ -245,8 +243,7 @@ class ExecutorRun:
             try:
                 future = self._submit(share)
             except futures.BrokenExecutor:
-                # The pool has broken. Futures of the ranges that were already submitted report
-                # this, too.
+                # The pool has broken, which futures of other ranges report, too.
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue

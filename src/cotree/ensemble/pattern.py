@@ -304,8 +304,7 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
         elif "avx2" in own:
             width, instructions = 4, ["avx2"]
         instructions += ["fma"] * is_fused
-    # Two interleaved vectors are 5 to 10 % faster for small members; larger ones no longer fit in
-    # the nearest cache.
+    # Two vectors are 5 to 10 % faster for small members, which fit in the nearest cache.
     wanted = wanted or (2 * width if width > 2 and width * n_integrated <= _FEW else width)
     width = min(width, wanted)
     return Lanes(width, wanted // width, ",".join(instructions), is_fused)

@@ -250,8 +250,7 @@ class BlockSizes:
     def size(self, plan: Plan, rows: FloatArray) -> int:
         """Determine the size of stored blocks by trial runs, whose results are discarded."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
-        # Blocks take longer if there are many workers, so that the rate of written files is
-        # limited.
+        # With many workers, blocks take longer, which limits the rate of files.
         piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 

@@ -252,8 +252,7 @@ def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatA
     if method == "random":
         points = generator.random((n, n_columns))
     elif method == "sobol":
-        # The number of points is rounded up to a power of 2, because SciPy warns otherwise, and
-        # surplus points are dropped.
+        # SciPy warns unless the number is a power of 2; surplus points are dropped.
         drawn = qmc.Sobol(n_columns, seed=generator).random_base2(max(0, int(n - 1).bit_length()))
         points = drawn[:n]
     else:

@@ -137,8 +137,7 @@ def _run_with_warnings(model: CompiledModel, settings: Settings) -> RunRecord:
 
 def _extremes(members: Members) -> list[list[float]]:
     rows = members.rows
-    # Members are sorted first, so that the choice among equal values does not depend on their
-    # order.
+    # Sorted, so that the choice among equal values does not depend on the order of members.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows
     places = {*np.argmin(ordered, axis=0).tolist(), *np.argmax(ordered, axis=0).tolist()}
     found: list[list[float]] = ordered[sorted(places)].tolist()
