@@ -144,8 +144,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
         os.replace(built, library)
         os.replace(written, checksum)
     except PermissionError:
-        # Windows cannot replace a loaded library. The failure is harmless if the library was
-        # published before.
+        # Windows cannot replace a loaded library, which is harmless if it is intact.
         if find_published(key, end) is None:
             raise
     return library

@@ -69,9 +69,8 @@ class BuildOptions:
 
     #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
-    #: Whether all instructions of this machine's processor are used, including fused multiply-add.
-    #: The library then runs only on machines with the same features, and its results may differ in
-    #: the last digits.
+    #: Whether all instructions of this processor are used, including fused multiply-add. The
+    #: library then needs a machine with the same features, and its last digits may differ.
     native: bool = False
     time_limit: float = 600.0  # time after which the compiler is stopped, [s]
 
@@ -161,9 +160,8 @@ def _processor_flags(toolchain: Toolchain, options: BuildOptions) -> list[str]:
         # By default, only Zig compiles for the host processor.
         return ["-mcpu=baseline"] if toolchain.kind == "zig" else []
     is_x86 = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")
-    # For other processors, -mcpu is the flag that all compilers accept. Without the packing of
-    # independent statements into vectors, which adds dependencies, most kernels are faster, short
-    # ones by up to a third.
+    # For other processors, -mcpu is the flag that all compilers accept. Packing statements into
+    # vectors adds dependencies: most kernels are faster without it, short ones by up to a third.
     return ["-march=native" if is_x86 else "-mcpu=native", "-fno-tree-slp-vectorize"]
 
 
@@ -431,9 +429,8 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
             "was built on another system, and check that compiler and Python are of one "
             "architecture."
         ) from error
-    # Names are resolved at first use, when a wrong library would cause an obscure error. Since an
-    # engine also declares functions of other libraries, a library is only wrong if it has none of
-    # the names.
+    # Names are resolved at first use, when a wrong library would cause an obscure error. An engine
+    # declares functions of other libraries, too, so only a library without any name is wrong.
     names = [name for name in dir(lib) if not hasattr(lib, name)]
     if names and len(names) == len(dir(lib)):
         raise BuildError(

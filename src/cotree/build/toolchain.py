@@ -84,8 +84,7 @@ def run_limited(
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
-            # The rest of the output is read with a time limit, since processes outside the group
-            # may keep the pipe open.
+            # Processes outside the group may keep the pipe open, hence the time limit.
             try:
                 output, _ = process.communicate(timeout=_LAST_WORDS)
             except subprocess.TimeoutExpired as error:
