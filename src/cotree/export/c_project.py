@@ -228,8 +228,7 @@ def _lines(values: Iterable[float], target: Target) -> list[str]:
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)
 
 
-#: Smallest relative tolerance in single precision: above the rounding errors of rates, some hundred
-#: units in the last place.
+#: Smallest relative tolerance in single precision, some hundred units in the last place.
 _LEAST_RTOL = 2e-5
 
 

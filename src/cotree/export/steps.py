@@ -51,8 +51,7 @@ class Term:
     #: Symbol and owner: ``F`` and ``^k`` for edge k, ``F`` and ``(B)`` for cluster B.
     letter: str
     place: str
-    #: Nodes of the components: one for a scalar, three for a vector, nine, row by row, for a
-    #: matrix.
+    #: Nodes of the components: one of a scalar, three of a vector, nine of a matrix by rows.
     nodes: tuple[Node, ...]
     note: str = ""  # frame of the components, if not the ground frame
     edge: str = ""  # edge of the terminal equation; empty for other terms
@@ -156,8 +155,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
-        # Offsets, forces and torques are resolved in the parent's basis, others in the cluster's
-        # basis.
+        # Offsets, forces and torques are in the parent's basis, others in the cluster's.
         place, own = f"({names[child]})", bases[child]
         turned = first.motion.frames.steps[child]
         if branch.turns:
@@ -174,8 +172,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
             inertias += [
                 Term("m", place, (inertia.mass,)),
                 Term("h", place, inertia.moment, own),
-                # Only the entries of the symmetric matrix that balances contain: a planar body has
-                # one.
+                # Only the entries that balances contain: a planar body has one.
                 *(
                     Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)

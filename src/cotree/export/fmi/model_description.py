@@ -47,8 +47,7 @@ _CAPABILITIES_OF_KINDS = {
     ("CoSimulation", 3): ("canHandleVariableCommunicationStepSize", "mightReturnEarlyFromDoStep"),
 }
 
-# Structured names of the standard, except for array indices: words, or quoted texts, separated by
-# dots.
+# Structured names of the standard, without array indices: words or quoted texts between dots.
 _WORDS = r"(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+')(?:\.(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+'))*"
 _STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 
@@ -248,8 +247,7 @@ class FmuVariable:
     start: float | None = None  # start value of the variable, if it has one
     derivative_of: int | None = None  # for a derivative: value reference of its state
     is_reset: bool = False  # whether events may set the variable
-    #: Value references of the knowns on which the variable depends: after and during
-    #: initialization.
+    #: Value references of the knowns that it depends on, after and during initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 
