@@ -26,8 +26,7 @@ _FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
 _LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
 # Number of nodes in a row of a long chain.
 _LINE = 7
-# If all gaps between edge directions at the reference are below this, the picture is compressed
-# into a half plane.
+# If all gaps between edges at the reference are smaller, the picture is compressed to a half plane.
 _OPEN = np.radians(150)
 
 
@@ -143,8 +142,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
 
     gap = min(range(len(gaps)), key=cost) if gaps.max() < _OPEN else int(gaps.argmax())
     turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
-    # Angles are compressed into the half plane above the reference; radii grow, so that arcs keep
-    # their length.
+    # Angles shrink to the half plane above the reference; radii grow, which keeps arcs.
     shrink = min(1.0, np.pi / spread)
     # Nodes follow clockwise from the left, where the traversal from the reference usually starts.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
@@ -170,8 +168,7 @@ def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Cu
             ]
             for shift in (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
         ]
-        # Choose the first fan with sufficient clearance, or else the one with the largest
-        # clearance.
+        # The first fan with sufficient clearance, or else the one with the largest.
         yield from max(fans, key=lambda fan: min(_CLEARANCE, _clearance(fan, others)))
 
 

@@ -171,8 +171,7 @@ def plot_result(
         for j, (parameter, group) in enumerate(row.by_parameter.items()):
             down, right = divmod(j, _COLUMNS)
             ax = figure.add_subplot(grid[top + down, first + right])
-            # Many curves have one legend, on the left: matplotlib omits labels that begin with an
-            # underscore.
+            # Many curves have one legend, on the left: labels after an underscore are hidden.
             is_explained = len(group) > _FEW and set(group) <= set(row.values)
             for name in group:
                 label = f"{'_' if is_explained else ''}∂ {name} / ∂ {parameter}"
