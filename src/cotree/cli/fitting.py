@@ -257,8 +257,7 @@ def optimise_scene(
     if csv is not None or plot is not None:
         from cotree.cli.picture import draw_run
 
-        # This run reports the solver's steps; runs of the search report only the times of the
-        # goals.
+        # This run has the solver's steps, runs of the search only the times of the goals.
         settings |= {
             "parameters": {**values, **found.settings["parameters"]},
             "initial": {**initial, **found.settings["initial"]},
