@@ -50,10 +50,6 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
 
     Attributes
     ----------
-    name : str
-        Its name.
-    gravity : tuple of Expression
-        Gravitational acceleration in ground axes.
     parameters, inputs, modes, events : dict of str to Parameter, Input, Mode and Event
         The declarations, by name.
     edges : dict of str to Edge
@@ -157,8 +153,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             with _locating_errors(self):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
-                # This raises errors that depend on numerical values, such as a motion without
-                # inertia.
+                # This raises errors that depend on numbers, such as a motion without inertia.
                 if model.kernels.backend != "none":
                     check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:

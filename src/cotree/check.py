@@ -116,8 +116,7 @@ def sensitivities(result: Result, name: str) -> Array:
     return np.vstack([result.s[:, j], result.output_sensitivities[:, j]])
 
 
-# Relative steps from 1e-1, where truncation errors dominate, to 1e-9, where rounding errors
-# dominate, in half decades.
+# Relative steps in half decades, from dominant truncation to dominant rounding errors.
 _RELATIVE_STEPS = tuple(10.0 ** (-1 - k / 2) for k in range(17))
 _N_TIMES = 21
 _RTOL = 1e-12
@@ -125,8 +124,7 @@ _RTOL = 1e-12
 _ATOL_SHARE = 1e-2
 # Tolerance factor of a second run, whose difference from the first run is its integration error.
 _LOOSER = 10.0
-# At the best step, the error of a central difference is about eps**(2/3), see
-# `check_sensitivities`.
+# Error of a central difference at the best step, see `check_sensitivities`.
 _ROUNDING = 10.0 * float(np.finfo(float).eps) ** (2.0 / 3.0)
 
 
@@ -370,8 +368,7 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))
     tolerance = _ROUNDING * scale + s_error + y_error / _best_steps(differences, steps)
     least = _least(deviations)
-    # The quantity with the largest ratio of deviation to tolerance. A quantity without any
-    # difference ranks highest.
+    # The largest ratio of deviation to tolerance; a quantity without any difference ranks highest.
     closest = int(np.argmax(np.nan_to_num(least / tolerance, nan=np.inf)))
     is_known = math.isfinite(least[closest])
     note = ""
@@ -427,8 +424,7 @@ def _least(deviations: Array) -> Array:
 
 def _best_steps(differences: Array, steps: Array) -> Array:
     """Return, for each quantity, the smaller of the adjacent steps whose differences agree best."""
-    # Adjacent differences deviate by truncation if steps are long and by rounding if they are
-    # short.
+    # Adjacent differences deviate by truncation for long steps, by rounding for short ones.
     spread = np.max(np.abs(np.diff(differences, axis=0)), axis=2)
     best = np.argmin(np.where(np.isnan(spread), np.inf, spread), axis=0)
     # Steps decrease, so the second of two adjacent steps is the smaller one.

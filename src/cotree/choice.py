@@ -223,8 +223,7 @@ def _estimates(
         if not middle or not unknowns:
             yield n_alone, time_alone
             continue
-        # Only the unknowns depend on the elimination method; the differentiated expressions are
-        # shared.
+        # Only the unknowns depend on the elimination; differentiated expressions are shared.
         direction = direction or replace(form_derivatives(first, middle)[0], rates={}, outputs={})
         known = dict(zip(first.unknowns, unknowns, strict=True))
         solved = SolvedSystem(dag, first.matrix, factors, known, unknown_tangents(first))

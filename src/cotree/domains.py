@@ -64,8 +64,7 @@ def _network(
     """Make a domain of scalars from the name, symbol and unit of each variable."""
     return Domain(
         name,
-        # A scalar network has one across variable; multibody domains also have its time
-        # derivatives.
+        # A scalar network has one across variable, multibody domains also its time derivatives.
         (across[0],),
         across[1],
         through[0],
@@ -126,9 +125,8 @@ _ROWS = (
         ),
     ),
     Domain(
-        # Networks of one-dimensional mechanics: velocity across, force through (mobility analogy).
-        # Masses hold momentum, the integral of force; the integral of velocity is the stretch of
-        # springs.
+        # One-dimensional mechanics: velocity across, force through (mobility analogy). Masses hold
+        # momentum, the integral of force; springs the integral of velocity.
         "translational",
         ("velocity",),
         "v",

@@ -33,8 +33,7 @@ class KinkRow:
     #: Increment of the branch number if the value crosses zero upwards; zero if the branch is not
     #: numbered but is the sign of the value.
     direction: int
-    #: Whether the branch is the half-width of a band around zero within which roots are
-    #: regularised.
+    #: Whether the branch is the half-width of a band around zero that regularises roots.
     is_steep: bool = False
 
 
@@ -108,9 +107,7 @@ class State:
     unit: str
     symbol: Node  # symbol of the state in the program
     initial: Node  # initial value as a function of parameters
-    is_given: bool = (
-        True  # whether the scene prescribes it; otherwise it may change to satisfy constraints
-    )
+    is_given: bool = True  # otherwise the initial value may change to satisfy constraints
     #: Whether the state is determined by an algebraic equation 0 = g; its initial value is a guess.
     is_algebraic: bool = False
     #: If the state is a storage's content: name of the algebraic unknown computed from it.
@@ -139,8 +136,7 @@ class ConstraintSet:
     #: Residuals of the conditions; then the values of the ``redundant`` variables as determined by
     #: the states, then as prescribed.
     start_values: tuple[Node, ...]
-    #: Derivatives of the conditions by the speeds; conditions on coordinates are differentiated by
-    #: time first.
+    #: Derivatives of the conditions by the speeds, after one by time for coordinates.
     start_gradient: tuple[tuple[Node, ...], ...]
     #: Prescribed initial values of network variables that the states determine, too.
     redundant: tuple[RedundantRow, ...] = ()
@@ -201,16 +197,14 @@ class EventRow:
     name: str
     direction: int  # crossing direction: -1 downwards, 1 upwards, 0 both
     is_terminal: bool  # whether the event ends the run
-    # Indices of the states that the event sets: first by expressions, then by its impact, which
-    # changes speeds.
+    # Indices of the states that the event sets: by expressions, then by its impact.
     targets: tuple[int, ...]
     watched: int  # index of the event function in :attr:`Equations.output_values`
     new_values: range  # indices of the expressions there, one for each target
     #: Index of the coefficient of restitution in the new values; None without an impact.
     restitution: int | None
     results: range  # indices of all its new values among those of all events
-    #: Whether it sets the mode of a jump inside an expression; its new value is then the increment
-    #: of the mode.
+    #: Whether it sets the mode of a jump in an expression, by an increment.
     is_jump: bool = False
     is_count: bool = False
     #: Role of the event for an edge whose mode is selected together with others, see
@@ -258,13 +252,11 @@ class Equations:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    # Values stated in the scene, which a run may replace.
-    parameter_values: tuple[float, ...]  # parameter values stated in the scene
+    parameter_values: tuple[float, ...]  # values stated in the scene, which a run may replace
     #: Symbols of u, and their values in the scene as functions of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
-    # Symbols of w in A(x) w = b(x), accelerations and multipliers, and of its derivatives. Lowering
-    # eliminates them.
+    # Symbols of w in A(x) w = b(x) and of its derivatives, which lowering eliminates.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
@@ -286,7 +278,7 @@ class Equations:
     # Number of modes and network states, without algebraic unknowns. The order of x is:
     # coordinates, speeds, modes, network states, algebraic unknowns.
     n_network_states: int = 0
-    n_modes: int = 0  # number of modes
+    n_modes: int = 0
     events: tuple[EventRow, ...] = ()
     #: Derivative along the motion, in terms of symbols for the rates of the states, if there are
     #: events or algebraic unknowns.

@@ -1,23 +1,6 @@
 """Exceptions for errors that a user can cause, each derived from a builtin type.
 
-::
-
-    Error
-    ├── ModelError (ValueError)            the scene is invalid
-    │   ├── SceneError                     a file, field, name or value of a scene
-    │   ├── ExpressionError                an expression string
-    │   ├── ParameterError                 a parameter's name or value
-    │   ├── UnitError                      an unknown or incompatible unit
-    │   └── TopologyError                  the linear graph or its tree
-    ├── FormulationError (ValueError)      the equations cannot be formed
-    │   └── SingularSystemError            the mass matrix is singular
-    ├── CodegenError (RuntimeError)        the C text cannot be written
-    ├── BuildError (RuntimeError)          the C text cannot be compiled or loaded
-    ├── SolveError (RuntimeError)          the integration failed or cannot start
-    └── StoreError (RuntimeError)          the store of an ensemble cannot be used
-
-Messages name the edge, node, parameter or file line at fault and the remedy; the functions below
-abbreviate quoted texts.
+Messages name the edge, node, parameter or file line at fault and the remedy.
 """
 
 from __future__ import annotations

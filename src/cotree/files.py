@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 def template_folder() -> Path:
     """Return the template folder, of the installed package or of the source tree."""
-    # An installed package contains a copy of the templates; in the source tree they are next to
-    # ``src``.
+    # An installed package contains a copy; in the source tree they are next to ``src``.
     package = Path(__file__).resolve().parent
     for folder in (package / "_templates", package.parents[1] / "templates"):
         if (folder / "c").is_dir():

@@ -39,8 +39,7 @@ _C_KEYWORDS = frozenset(
 )
 
 
-#: Lower-case names of other functions, files and targets in a C project, and prefix of its own
-#: names.
+#: Lower-case names of other functions, files and targets in a C project; prefix of its own.
 _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean", "help"}), "cotree_"
 
 

@@ -26,8 +26,7 @@ parsing = threading.RLock()
 
 _lock = threading.Lock()
 
-#: Number of users of each filter, and the list that contains it; None if the program had it
-#: already.
+#: Number of users of each filter, and its list; None if the program had the filter already.
 _ignored: dict[tuple[Any, ...], tuple[int, list[Any]]] = {}
 
 

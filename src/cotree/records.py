@@ -22,7 +22,6 @@ def changed(record: T, **values: Any) -> T:
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
     """Make a record of a frozen dataclass whose ``__dict__`` is ``values`` itself, not a copy."""
     record = object.__new__(kind)
-    # Setting the whole dict takes the same time for any number of fields; frozen dataclasses allow
-    # no other assignment.
+    # This takes the same time for any number of fields; frozen classes allow no other assignment.
     object.__setattr__(record, "__dict__", values if type(values) is dict else dict(values))
     return record

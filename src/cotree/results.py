@@ -41,9 +41,9 @@ class Result(RunRecord):
     def smooth(self) -> RunRecord:
         """Return the same run at enough times for smooth curves.
 
-        Values between the points of this result are computed by the method's own interpolation,
-        with both sides of each jump. The result itself is returned if it has 400 points or its run
-        failed, took more than 4000 steps or had Python functions as inputs, and if it has no model.
+        Values between points are those of the method's own interpolation, with both sides of each
+        jump. The result itself is returned if it has 400 points or no model, or if its run failed,
+        took more than 4000 steps or had Python functions as inputs.
         """
         from cotree.plot.smooth import at_more_times
 
@@ -58,8 +58,7 @@ class Result(RunRecord):
         """Draw curves over time; names are the titles of ``columns()``.
 
         Curves are smooth between the points of the result; see :meth:`smooth`. ``plt.show()`` shows
-        the figure. Notebooks, and interactive prompts, show it by themselves if matplotlib's pyplot
-        was imported before.
+        the figure; notebooks, and prompts after an import of pyplot, show it by themselves.
 
         Parameters
         ----------
@@ -100,9 +99,8 @@ class Result(RunRecord):
         """Animate the mechanism, in its plane or in space.
 
         Positions between the points of the result are interpolated from values, rates and
-        accelerations at both ends. If a body rotates by more than about half a turn between two
-        points, request more with ``simulate(t_eval=...)``. A failed run is shown up to its last
-        point.
+        accelerations. If a body rotates by more than about half a turn between two points, request
+        more with ``simulate(t_eval=...)``.
 
         Parameters
         ----------

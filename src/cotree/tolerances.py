@@ -24,8 +24,7 @@ TINY = 1e-290
 #: Relative distance, a few rounding errors, within which time events are one event.
 SAME = 8 * 2.0**-52
 
-#: Constraint gradients are redundant if their singular values or pivots are below this fraction of
-#: the largest one.
+#: Gradients are redundant if pivots or singular values are below this share of the largest.
 RANK = 1e-10
 
 
@@ -34,12 +33,10 @@ class Limits(NamedTuple):
 
     #: A step fails if projection changes its end by more than this many tolerances on average.
     max_projection: float = FARTHEST_CORRECTION
-    #: A correction opposes its residual if the cosine of the angle between them is below the
-    #: negative of this value.
+    #: A correction opposes its residual if the cosine between them is below the negative of this.
     opposed_cosine: float = 0.7
-    #: Maximum number of steps of a projection, and limit of small corrections. A small correction
-    #: that is more than half the previous one is a rounding error, since Newton's method converges
-    #: quadratically.
+    #: Maximum number of steps of a projection. A correction below the other limit is a rounding
+    #: error if it is over half the previous one, since Newton's method converges quadratically.
     most_projections: int = 10
     small_correction: float = 1e-8
     #: Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1,
@@ -62,11 +59,9 @@ class Limits(NamedTuple):
     #: explicit methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
-    #: Pivots chosen in advance are accepted if the solution is exact for matrix entries that differ
-    #: by at most this fraction.
+    #: Pivots chosen in advance are accepted up to this relative error of matrix entries.
     planned_pivots: float = 1e-10
-    #: Number of past times stored for each event; as many within a billionth of the span are
-    #: chatter.
+    #: Number of past times stored for each event; as many within 1e-9 of the span are chatter.
     event_crowd: int = 100
 
 
