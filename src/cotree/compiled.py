@@ -44,9 +44,8 @@ if TYPE_CHECKING:
 #: Public methods, in the order of a typical session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
 
-# Largest number of variants, with other input expressions, that a model caches. Without a limit,
-# expressions with changing numbers, as from an optimiser, would accumulate. Removed variants remain
-# in the cache on disk.
+# Largest number of variants with other input expressions that a model caches, since their numbers
+# may change without end. Removed variants remain in the cache on disk.
 _MOST_VARIANTS = 32
 
 # Largest number of run preparations, one for each set of settings, that a model caches.
@@ -98,8 +97,7 @@ class Model(Reported):
         ModelError
             If the model was unpickled and its scene cannot be read in this process.
         """
-        # Components registered in another process must be registered here before the model is
-        # opened.
+        # Components of another process must be registered here before the model is opened.
         if isinstance(self._spec, bytes):
             self._spec = open_spec(self._spec)
         return self._spec
@@ -153,9 +151,8 @@ class Model(Reported):
             Parameters.
         initial : mapping of str to float, optional
             Initial values of states that replace the scene's; they depend on no parameter. Those of
-            algebraic unknowns are guesses, except for storages by content. If all coordinates, or
-            all speeds, are given, initial values of joints in the scene that are not states are
-            ignored.
+            algebraic unknowns are guesses, except for storages by content. If all coordinates or
+            speeds are given, the scene's values of joints that are not states are ignored.
         u : array_like, shape (n_inputs,), optional
             Inputs at that time, on which algebraic unknowns depend.
 
@@ -267,10 +264,9 @@ class Model(Reported):
     ) -> Result:
         """Integrate states and sensitivities together.
 
-        Data that depend only on the settings are prepared once for all runs with equal settings.
-        Arrays, lists and numbers are compared by value, Python functions by identity; settings with
-        more than 10,000 times are prepared at each run. Several threads may call this method at the
-        same time; a result depends only on the arguments of its own call.
+        Data that depend only on the settings are prepared once for all runs with equal settings, if
+        these have at most 10,000 times; Python functions are compared by identity. Several threads
+        may call this method at the same time.
 
         Parameters
         ----------
@@ -355,29 +351,27 @@ class Model(Reported):
         y : array_like, shape (n_states,), optional
             States, with guesses for algebraic unknowns; by default the initial states.
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters, which may be a mapping of names to values, and inputs; by default those of
-            the scene.
+            Parameters, or a mapping of names to values, and inputs; by default the scene's.
         reduced : bool
-            Whether to linearise in independent deviations, whose number is that of the degrees of
-            freedom of position plus velocity. A scene with constraints or quaternions needs this
-            for its eigenvalues. Otherwise all states are used, which constraints make dependent.
+            Whether to linearise in independent deviations, two for each degree of freedom, as
+            eigenvalues require if there are constraints or quaternions. Otherwise all states are
+            used.
         sensitivities : sequence of str
             Parameters, inputs or states to differentiate A, B, C and D by; see
             :meth:`~cotree.model.linearization.Linearization.sensitivity`. The model need not be
             compiled with these.
         total : bool
             Whether derivatives include the dependence of the initial states on the parameters, for
-            which the model must be compiled with these sensitivities; otherwise states are held
-            fixed. The dependence of algebraic unknowns and of the scene's inputs is always
-            included. ``model.trim().linearize`` differentiates along equilibria.
+            which the model must be compiled with these sensitivities; that of algebraic unknowns
+            and of the scene's inputs is always included. ``model.trim().linearize`` differentiates
+            along equilibria.
 
         Returns
         -------
         Linearization
-            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations that
-            satisfy the constraints to first order continue to do so along the motion:
-            G A N + G' N = 0 with the Jacobian G of the constraints, the basis N of its null space,
-            and the time derivative G' along the motion. The reduced A includes this term.
+            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations continue
+            to satisfy the constraints to first order: G A N + G' N = 0 with the Jacobian G of the
+            constraints, the basis N of its null space, and the time derivative G'.
 
         Raises
         ------
@@ -391,13 +385,9 @@ class Model(Reported):
         """
         from cotree.model.linearize import linearize
 
+        at = self._point_at(t, p, u)
         return linearize(
-            self._linearizer,
-            self._point_at(t, p, u),
-            y,
-            reduced=reduced,
-            sensitivities=sensitivities,
-            total=total,
+            self._linearizer, at, y, reduced=reduced, sensitivities=sensitivities, total=total
         )
 
     def trim(
@@ -435,8 +425,7 @@ class Model(Reported):
         t : float
             Time, [s].
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters, which may be a mapping of names to values, and inputs; by default those of
-            the scene.
+            Parameters, or a mapping of names to values, and inputs; by default the scene's.
 
         Returns
         -------
@@ -534,8 +523,7 @@ class Model(Reported):
         Raises
         ------
         ParameterError
-            If the model has algebraic unknowns or constraints, or needs a time; or if the package
-            is missing.
+            If the model has algebraic unknowns or constraints, or the time or package is missing.
         """
         from cotree.model.bridges import casadi_function, rates_of
 
@@ -658,8 +646,7 @@ class Model(Reported):
             Integrator of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or
             ``rodas4``. By default ``rodas5`` for models with algebraic unknowns, else ``dopri5``.
         inputs : sequence of str, optional
-            Inputs that the importer sets. By default these are the inputs that are constant in the
-            scene; the others remain functions of time.
+            Inputs that the importer sets, by default those that are constant in the scene.
         platforms : sequence of str, optional
             Platforms of its libraries: ``x86_64-linux``, ``aarch64-linux``, ``x86_64-windows``,
             ``x86_64-darwin``, ``aarch64-darwin``. By default this machine; others need the extra

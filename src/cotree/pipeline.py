@@ -229,35 +229,24 @@ def form_text(
 ) -> Formed:
     """Form the C text of a scene; :class:`cotree.spec.BuildSpec` describes the arguments."""
     with within_range(scene):
-        return _form_text(scene, sensitivities, tree, baumgarte, locates_kinks)
-
-
-def _form_text(
-    scene: SceneDescription,
-    sensitivities: Sequence[str],
-    tree: TreeChoice,
-    baumgarte: float,
-    locates_kinks: bool,
-) -> Formed:
-    marks = [time.perf_counter()]
-    # Jumps inside expressions become events, which the engine locates, except in equations for
-    # display and for operating points.
-    acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
-    first, equations, alternatives = formulate(
-        acting, sensitivities, tree, baumgarte, check_numbers
-    )
-    marks.append(time.perf_counter())
-    # During steps of a run, the branches of piecewise expressions are frozen, except in equations
-    # for display.
-    program, reports = generate(freeze_branches(equations) if locates_kinks else equations)
-    context = model_context(program)
-    causes = [sentence for _, sentence in tiny_masses(scene)][:2]
-    slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)
-    cautions = tuple(impossible_inertias(scene))
-    text = replace(text_of(program, context), slow_causes=slow, cautions=cautions)
-    marks.append(time.perf_counter())
-    times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
-    return Formed(first, alternatives, reports, context, text, times)
+        marks = [time.perf_counter()]
+        # Jumps inside expressions become events, which the engine locates, except in equations for
+        # display and for operating points.
+        acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
+        first, equations, alternatives = formulate(
+            acting, sensitivities, tree, baumgarte, check_numbers
+        )
+        marks.append(time.perf_counter())
+        # Except for display, branches of piecewise expressions are frozen during steps.
+        program, reports = generate(freeze_branches(equations) if locates_kinks else equations)
+        context = model_context(program)
+        causes = [sentence for _, sentence in tiny_masses(scene)][:2]
+        slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)
+        cautions = tuple(impossible_inertias(scene))
+        text = replace(text_of(program, context), slow_causes=slow, cautions=cautions)
+        marks.append(time.perf_counter())
+        times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
+        return Formed(first, alternatives, reports, context, text, times)
 
 
 def text_of(program: Program, context: ModelContext) -> ModelText:

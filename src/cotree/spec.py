@@ -64,9 +64,8 @@ class BuildSpec:
         # Imported here, since a cached program needs no formulation.
         from cotree.pipeline import form_text
 
-        return form_text(
-            self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
-        )
+        own = self.sensitivities, self.tree, self.baumgarte, self.locates_kinks
+        return form_text(self.scene, *own)
 
     def of(self, scene: SceneDescription, sensitivities: Sequence[str] | None = None) -> BuildSpec:
         """Return the specification with another scene that has the same edges and coordinates.
@@ -82,22 +81,9 @@ class BuildSpec:
     def compile(self) -> tuple[CompiledModel, dict[str, float]]:
         """Form the equations, generate C, compile and load it; cached results are used.
 
-        Returns
-        -------
-        model : CompiledModel
-            Ready to be called.
-        times : dict of str to float
-            Seconds for each stage: formulate, generate, compile.
-
-        Raises
-        ------
-        ModelError, FormulationError, CodegenError, BuildError
-            If a stage fails; the message names the edge, node or name at fault.
-
-        Warns
-        -----
-        RuntimeWarning
-            If an edge's inertia belongs to no body, or there is no compiler.
+        Also returns the seconds for each stage: formulate, generate, compile. Raises ModelError,
+        FormulationError, CodegenError or BuildError if a stage fails. Warns if an edge's inertia
+        belongs to no body, or there is no compiler.
         """
         begun = time.perf_counter()
         text = cached(self.key, lambda: self.formed.text)
