@@ -1,1 +1,1 @@
-"""Design optimisation: choice of parameters that minimise an objective subject to constraints."""
+"""Design optimisation: search for parameters that minimise an objective subject to constraints."""

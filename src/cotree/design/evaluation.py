@@ -1,7 +1,7 @@
 """Evaluation of objective and constraints, with their gradients, by simulation of a model.
 
-A peak value is found from values and sensitivities on a fine time grid. The time derivative of the
-output is zero at the peak, so that the derivative of the peak value with respect to a parameter is
+A peak value is found from values and sensitivities on a fine time grid. At the peak the time
+derivative of the output is zero, so the derivative of the peak value with respect to a parameter is
 the sensitivity at that time. Between grid points the output is interpolated by the polynomial
 through nine points. If a polynomial of lower degree disagrees, a finer grid is requested.
 Interpolation windows end at events, where the output may have a kink or a jump.
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.scene.settings import Settings
 
 
-#: Number of interpolation points on either side of the largest value, and the minimum total number.
+#: Number of interpolation points on either side of the largest value, and minimum total number.
 _REACH, _FEWEST = 4, 5
 
 #: Largest accepted difference between the two interpolants, relative to the range of the output.
@@ -45,13 +45,13 @@ class CoarseError(SolveError):
 def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, Array]:
     """Return the maximum of an output and its derivatives with respect to the parameters.
 
-    ``t`` is equidistant, (n_t,), and ``slopes`` are the output's sensitivities, (n_parameters,
-    n_t). Raises CoarseError if the grid does not resolve the output, SolveError if the peak is next
-    to an event.
+    ``t`` is equidistant, (n_t,); ``slopes`` contains the output's sensitivities,
+    (n_parameters, n_t). Raise CoarseError if the grid does not resolve the output, SolveError if
+    the peak is next to an event.
     """
     k = int(np.argmax(value))
-    # A maximum at either end of the run stays there if parameters vary slightly, so that its
-    # derivative is the sensitivity.
+    # If parameters vary slightly, a maximum at an end of the run stays there, so its derivative is
+    # the sensitivity.
     if k in (0, len(t) - 1):
         return float(value[k]), slopes[:, k].copy()
     before, after = events[events <= t[k]], events[events > t[k]]
@@ -65,7 +65,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     step = t[k + 1] - t[k]
     s = (t[low:high] - t[k]) / step  # time since the largest value, in grid steps
     at, top = _top(s, value[low:high])
-    # The rounding error permits outputs that are constant up to rounding.
+    # The rounding error admits outputs that are constant up to rounding.
     allowed = _AGREE * float(np.ptp(value)) + _ROUNDING * float(np.max(np.abs(value)))
     inner = slice(1, -1)
     if abs(top - _top(s[inner], value[low:high][inner])[1]) > allowed:
@@ -76,7 +76,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
 
 
 def _top(s: Array, value: Array) -> tuple[float, float]:
-    """Return the position and the value of the interpolating polynomial's maximum on [-1, 1]."""
+    """Return position and value of the interpolating polynomial's maximum on [-1, 1]."""
     polynomial = np.polynomial.Polynomial.fit(s, value, len(s) - 1, domain=[-1.0, 1.0])
     roots = polynomial.deriv().roots()
     near = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) <= 1.0)].real
@@ -87,29 +87,29 @@ def _top(s: Array, value: Array) -> tuple[float, float]:
 
 
 def _interpolated(s: Array, rows: Array, at: float) -> Array:
-    """Evaluate the Lagrange polynomial through each row of values at the point ``at``."""
+    """Evaluate the Lagrange polynomial through each row of values at ``at``."""
     weights = np.array(
         [np.prod([(at - b) / (a - b) for j, b in enumerate(s) if j != i]) for i, a in enumerate(s)]
     )
     return np.asarray(rows @ weights)
 
 
-#: Numbers of points of the coarse and of the fine time grid on which peaks are searched. The fine
-#: grid is used only if the coarse one does not resolve the output.
+#: Numbers of points of the coarse and the fine time grid for peaks. The fine grid is used only if
+#: the coarse grid does not resolve the output.
 _TIMES = (801, 12801)
 
-#: A run is stopped after this many times the number of steps of the longest previous run, but not
-#: before this many steps. The step size may tend to zero, for example where a mechanism locks.
+#: A run ends after this multiple of the steps of the longest previous run, but not before the
+#: second number of steps: the step size may tend to zero, for example if a mechanism locks.
 _STEPS, _FEWEST_STEPS = 50, 2000
 
-#: Kinds of quantities that are defined even if an event ends the run early.
+#: Quantities that are defined even if an event ends the run early.
 _EARLY = ("start", "at", "time")
 
 
 class Point(NamedTuple):
     """Objective and constraints at one point in the design space."""
 
-    objective: float  # value to be minimised: the mean over all runs
+    objective: float  # value to be minimised: mean over all runs
     gradient: Array  # derivatives of the objective with respect to the design variables
     conditions: Array  # constraint values (left minus right side) of all runs
     slopes: Array  # derivatives of the constraint values with respect to the design variables
@@ -118,8 +118,8 @@ class Point(NamedTuple):
 class Evaluation:
     """Evaluates the objective and the constraints of a design by simulation.
 
-    ``names`` maps each quantity in the goals to an output or event of ``model``. ``over`` are the
-    design variables, in the order of the model's sensitivities, and ``runs`` are the scenarios.
+    ``names`` maps each quantity in the goals to an output or event of ``model``. ``over`` contains
+    the design variables, in the order of the model's sensitivities, and ``runs`` the scenarios.
     """
 
     def __init__(
@@ -171,9 +171,9 @@ class Evaluation:
         return result
 
     def at(self, values: Mapping[str, float]) -> Point:
-        """Evaluate objective and constraints for the given values of the design variables.
+        """Evaluate objective and constraints for values of the design variables.
 
-        Raises an Error if a run fails, or if a value or derivative is not finite.
+        Raise an Error if a run fails, or if a value or derivative is not finite.
         """
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]
@@ -194,7 +194,7 @@ class Evaluation:
         texts = ["minimise", *(f"'{row.text}'" for row in self.goals.conditions)]
         for text, formula in zip(texts, self._formulas, strict=True):
             value, partial = formula.value(numbers)
-            # Total derivative: explicit part, plus the chain rule for the quantities.
+            # Total derivative: explicit part, plus the chain rule through the quantities.
             total = np.array(partial[n:]) + np.array(partial[:n]) @ slopes
             if not (math.isfinite(value) and np.all(np.isfinite(total))):
                 raise SolveError(f"{text} has no finite value or derivative")
@@ -202,7 +202,7 @@ class Evaluation:
         return found
 
     def _quantities(self, run: Settings, values: Mapping[str, float]) -> tuple[list[float], Array]:
-        """Simulate a run; return the quantities and gradients with respect to design variables."""
+        """Simulate a run; return the quantities and their gradients over the design variables."""
         wanted = self.goals.quantities
         if not wanted:
             return [], np.zeros((0, len(self.over)))
@@ -246,7 +246,7 @@ class Evaluation:
             )
             return sign * top, sign * slope
         time = {"at": quantity.t, "start": run.t_span[0]}.get(kind, end)
-        # An event stores its time twice; the second entry holds the value after the event.
+        # The time of an event is stored twice; the second entry has the value after the event.
         at = int(np.flatnonzero(result.t == time)[-1])
         share = 1.0 / (run.t_span[1] - run.t_span[0]) if kind == "mean" else 1.0
         return share * float(value[at]), share * slopes[:, at]

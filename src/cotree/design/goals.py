@@ -2,12 +2,12 @@
 
 The texts follow the grammar of expressions (:mod:`cotree.scene.expressions`). A few functions
 denote quantities of a whole run: ``end(x)``, ``start(x)``, ``at(2.0, x)``, ``integral(x)``,
-``mean(x)``, ``maximum(x)``, ``minimum(x)`` and ``time(event)``. The results are these quantities
+``mean(x)``, ``maximum(x)``, ``minimum(x)`` and ``time(event)``. Parsing returns these quantities,
 and formulas that contain them. No text is executed as Python code.
 
-Expressions become outputs, and integrals become states: each is the voltage of a capacitor of one
-farad, charged by a current equal to the integrand. Sensitivity graphs therefore provide its
-sensitivities, as for any other state.
+Expressions become outputs, and integrals become states: each is the voltage of a capacitor of 1 F,
+charged by a current equal to the integrand. Sensitivity graphs therefore compute its sensitivities
+as for any other state.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ SUMMED = ("integral", "mean")
 #: Discontinuous functions, which a gradient-based search cannot use.
 _JUMPING = {"sign", "floor", "mod"}
 
-#: Prefix of placeholder names. Names in scenes are C identifiers, which cannot contain it.
+#: Prefix of placeholders; names in scenes are C identifiers, which cannot contain it.
 _MARK = "quantity_ö"
 
-_LONGEST = 4000  # maximum number of characters of a goal, as for expressions
+_LONGEST = 4000  # maximum length of a goal, as for expressions
 _COMPARISONS: dict[type[ast.cmpop], str] = {
     ast.LtE: "<=",
     ast.Lt: "<=",
@@ -74,10 +74,7 @@ class Quantity:
 
 
 class Formula:
-    """A differentiable function of quantities and design variables.
-
-    Placeholders represent the quantities in its expression.
-    """
+    """A differentiable function of quantities (as placeholders) and design variables."""
 
     def __init__(self, expression: Expression, n_quantities: int, over: Sequence[str]) -> None:
         dag = Dag()
@@ -89,7 +86,7 @@ class Formula:
         self._slopes = adjoints([self._node], [dag.one], self._symbols)
 
     def value(self, numbers: Sequence[float]) -> tuple[float, list[float]]:
-        """Return value and derivatives, given the quantities followed by the design variables."""
+        """Return value and derivatives; ``numbers`` are the quantities, then the variables."""
         found = evaluate(
             [self._node, *self._slopes], dict(zip(self._symbols, numbers, strict=True))
         )
@@ -101,7 +98,7 @@ class Formula:
 class Condition:
     """A constraint ``excess <= 0`` or ``excess == 0``."""
 
-    text: str  # the condition as the user wrote it
+    text: str  # the condition as written by the user
     excess: Expression  # left minus right side, with placeholders for quantities
     is_equality: bool  # whether the condition is an equality
 
@@ -109,7 +106,7 @@ class Condition:
 class Goals:
     """The objective and the constraints of a design, parsed from text.
 
-    Names in ``parameters``, the design variables, denote their values. Any other name denotes the
+    Names in ``parameters`` are design variables and denote their values. Any other name denotes the
     value at the end of the run.
     """
 
@@ -226,13 +223,13 @@ def _time(tree: ast.expr, where: str) -> float:
 
 
 def _called(part: ast.AST) -> str:
-    """Return the name of the function that a syntax tree calls, or an empty string."""
+    """Return the name of the function called in a syntax tree node, or an empty string."""
     is_call = isinstance(part, ast.Call) and isinstance(part.func, ast.Name)
     return part.func.id if is_call else ""  # type: ignore[attr-defined]
 
 
 def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> None:
-    """Raise an error for ``at(t, ...)`` with a time outside the run."""
+    """Raise an error if the time in ``at(t, ...)`` is outside the run."""
     for quantity in quantities:
         if quantity.kind == "at" and not min(span) <= quantity.t <= max(span):
             raise ParameterError(
@@ -242,7 +239,7 @@ def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> No
 
 
 def scene_of(source: Any) -> SceneDescription:
-    """Return the scene of a model, or the given scene itself."""
+    """Return the scene of a model, or the argument if it is a scene."""
     if isinstance(source, Model):
         return source.spec.scene
     if not isinstance(source, Scene):
@@ -258,8 +255,8 @@ def variant_of(
 ) -> tuple[Model, dict[Quantity, str]]:
     """Compile a scene with an output for each quantity; return the model and the output names.
 
-    If a model is given, its tree and its compiler options are kept. Sensitivities are with respect
-    to the design variables: parameters, and initial values under the names of their states.
+    A compiled model keeps its tree and compiler options. Sensitivities are with respect to the
+    design variables: parameters, and initial values under the names of their states.
     """
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
@@ -282,19 +279,19 @@ def variant_of(
     try:
         return _compiled(source, changed, over), found
     except Error as error:
-        # Error messages quote the user's expressions instead of the outputs made from them.
+        # Error messages quote the user's expressions instead of the outputs derived from them.
         message = str(error)
         for (_, text), name in outputs.items():
             message = message.replace(f"output '{name}'", f"'{text}' in a goal")
         for is_summed, text in outputs:
-            # Errors in the integrand refer to a field of an edge and do not quote the expression.
+            # Errors in the integrand name a field of an edge instead of the expression.
             if is_summed and any(f"'{name}'" in message for name in parse(text, text).names):
                 message = re.sub(r"^.*? uses '", f"'{text}' in a goal uses '", message)
         raise type(error)(message) from None
 
 
 def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
-    """Compile a changed scene, with the compiler options of the given model if there is one."""
+    """Compile a changed scene, with the compiler options of ``source`` if that is a model."""
     if isinstance(source, Model):
         return compile_spec(source.spec.of(changed, over))
     assert isinstance(changed, Scene)
@@ -313,8 +310,8 @@ def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None
                 f"integral({text}) needs a run from initial values, but this scene starts at its "
                 "operating point, where an integral over time has no steady value"
             )
-        # The integrand need not be a current: the factor 1.0 may have any unit, which disables the
-        # check.
+        # The integrand need not be a current: the factor 1.0 may have any unit, which avoids a unit
+        # error.
         current = f"1.0*({text})"
         scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=current)
         scene.edge(f"{name}c", "capacitor", f"{name}n", "ground", capacitance=1.0)

@@ -58,31 +58,32 @@ def optimise(
 ) -> Design:
     """Find the parameters that minimise an objective subject to constraints.
 
-    Objective and constraints are written in the grammar of expressions. The name of a varied
-    parameter denotes the parameter, any other name ``x`` denotes ``end(x)``, its value at the end
-    of the run. ``start(x)`` and ``at(2.0, x)`` are values at other times, ``integral(x)`` and
-    ``mean(x)`` extend over the run, ``maximum(x)`` and ``minimum(x)`` are extremes over time, and
-    ``time(EVENT)`` is the time at which an event first occurs. ``x`` is any expression of states,
-    outputs, inputs, parameters and ``t``. Gradients are exact: the scene is compiled once with all
-    quantities that are needed, and its sensitivities are integrated with the states.
+    Objective and constraints are expressions. The name of a design variable denotes its value; any
+    other name ``x`` denotes ``end(x)``, its value at the end of the run. ``start(x)`` and
+    ``at(2.0, x)`` are values at other times, ``integral(x)`` and ``mean(x)`` extend over the run,
+    ``maximum(x)`` and ``minimum(x)`` are extremes over time, and ``time(EVENT)`` is the time of the
+    first occurrence of an event. ``x`` is any expression of states, outputs, inputs, parameters and
+    ``t``. Gradients are exact: the scene is compiled once with all these quantities, and their
+    sensitivities are integrated with the states.
 
     Parameters
     ----------
     system : cotree.Model or cotree.Scene
-        The system. The variant of a compiled model keeps its tree and compiler options.
+        The system. A compiled model keeps its tree and compiler options.
     minimise : str
         The objective. To maximise a quantity, minimise it with a minus sign.
     over : mapping of str to (lower, upper) or (lower, upper, "log")
-        Variables and their bounds in SI: parameters, and initial values by the names of states.
+        Design variables and their bounds in SI units: parameters, and initial values by the names
+        of states.
     subject_to : sequence of str
         Constraints with ``<=``, ``>=`` or ``==``: ``"maximum(P) <= 40"``, ``"L + d <= 3"``.
     t_span : (float, float), optional
-        Start and end of the runs, [s]; from zero to the scene's end if absent.
+        Start and end of the runs, [s]; by default from zero to the scene's end.
     parameters, initial, inputs : mapping, optional
         Values common to all runs; see :meth:`cotree.Model.simulate`.
     runs : sequence of mapping, optional
-        Several scenarios, each with its own ``parameters``, ``initial``, ``inputs`` and ``t_span``.
-        The objective is the mean over them, and the constraints must hold in each.
+        Scenarios, each with its own ``parameters``, ``initial``, ``inputs`` and ``t_span``. The
+        objective is the mean over all scenarios, and the constraints must hold in each.
     guess : mapping of str to float, optional
         Initial guess; by default the scene's values, or the middle of the bounds if these values
         are outside.
@@ -94,10 +95,10 @@ def optimise(
     method : {"slsqp", "trust-constr"}
         SciPy's method.
     tolerance : float
-        Change of the objective, relative to the objective or its gradient at the start, below which
-        a search ends.
+        A search ends if the objective changes by less than this, relative to the objective or its
+        gradient at the start.
     max_iterations : int
-        Largest number of iterations of a search.
+        Maximum number of iterations of a search.
     solver, **settings
         Method, tolerances, budgets and other settings of the runs; see
         :meth:`cotree.Model.simulate`.
@@ -181,7 +182,7 @@ def optimise(
 def _scenarios(
     common: Settings, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
 ) -> list[Settings]:
-    """Combine the common settings with those of each scenario."""
+    """Return the settings of each scenario, which replace the common ones."""
     found = []
     if runs is not None and not isinstance(runs, Sequence):
         raise ParameterError(f"runs is {brief(repr(runs))}: give a list of mappings")
@@ -219,7 +220,7 @@ def _known(model: Model, common: Settings) -> dict[str, float]:
 
 
 def _check_reach(evaluation: Evaluation) -> None:
-    """Raise an error for design variables on which no goal can depend."""
+    """Raise an error for design variables that cannot affect any goal."""
     model, goals = evaluation.model, evaluation.goals
     written = goals.objective.names.union(*(row.excess.names for row in goals.conditions))
     for name in model.kernels.unreached:
@@ -234,8 +235,7 @@ def _check_objective(search: Search, start: Any) -> None:
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
         return
-    # The gradient may also vanish because the start is an optimum, so that a second point is
-    # tested.
+    # The gradient also vanishes if the start is an optimum, so a second point is tested.
     second = search.point(np.asarray(start) * 0.9 + 0.037)
     if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{row.name}'" for row in search.space.rows)
@@ -253,7 +253,7 @@ def _design(
     n_failed: int,
     most: int,
 ) -> Design:
-    """Build the result from the best point of all searches."""
+    """Return the result from the best point of all searches."""
     search = searches[best]
     at = search.best
     assert at is not None

@@ -1,7 +1,7 @@
 """Gradient-based search for an optimal design by SciPy in scaled design variables.
 
 If the run at a trial point fails, the optimiser receives a penalty, so that it rejects the step,
-and the gradient of the last point that was evaluated successfully.
+and the gradient of the last successful point.
 """
 
 from __future__ import annotations
@@ -24,17 +24,15 @@ if TYPE_CHECKING:
     from cotree.results import Result
 
 
-#: Tolerance of constraints and bounds. A constraint is satisfied if its violation, and active if
-#: its margin, is less than this multiple of its size at the start. A bound is active if the
-#: variable is closer to it than this fraction of the distance between both bounds.
+#: Tolerance of constraints, relative to their size at the start, and of bounds, relative to the
+#: distance between both bounds. It applies to violations and to the margin of active ones.
 MET = 1e-6
 
-#: Largest optimality residual at which a point counts as optimal. In a convex problem the objective
-#: could decrease by at most this fraction, times the distance to the optimum in scaled variables.
+#: Largest optimality residual of an optimal point. In a convex problem the objective could decrease
+#: by at most this fraction, times the distance to the optimum in scaled variables.
 OPTIMAL = 1e-4
 
-#: The residual is relative to the objective, or to this fraction of the initial gradient if that is
-#: larger.
+#: The residual is relative to the objective, or to this fraction of the initial gradient if larger.
 _LEAST_SIZE = 1e-3
 
 #: Penalty for a failed run, relative to the magnitude of the objective.
@@ -76,7 +74,7 @@ class Search:
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
-        # Norm of the gradient and size of each constraint at the start.
+        # norm of the gradient, and size of each constraint, at the start
         self._first_slope = 0.0
         self.sizes = np.ones(len(self.equalities))
 
@@ -86,7 +84,7 @@ class Search:
         return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
     def point(self, v: Array) -> Point | Error:
-        """Evaluate a point and its gradients in scaled coordinates, or return an Error."""
+        """Evaluate a point and its gradients in scaled coordinates, or return the Error."""
         key = np.asarray(v, dtype=float).tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -161,8 +159,8 @@ class Search:
         first = self.point(start)
         if isinstance(first, Error):
             raise first
-        # The methods of SciPy stop if absolute changes are small, so that the objective is scaled
-        # to order one.
+        # SciPy's methods stop if absolute changes are small, so the objective is scaled to order
+        # one.
         unit = max(abs(first.objective), float(np.linalg.norm(first.gradient)), 1e-300)
         return minimize(
             lambda v: self.penalised(v).objective / unit,
@@ -175,7 +173,7 @@ class Search:
         )
 
     def _constraints(self, method: str) -> Any:
-        """Return the constraints in the form that SciPy's method expects."""
+        """Return the constraints in the form expected by SciPy's method."""
         equal = self.equalities
         if not equal.size:
             return ()
@@ -215,7 +213,7 @@ class Search:
     def is_optimal(self, v: Array, end: Any) -> bool:
         """Return whether a point is optimal within the tolerances of optimality or of the search.
 
-        A search may end because changes of the objective are smaller than integration errors. The
+        If changes of the objective are smaller than integration errors, the search ends early. The
         residual is then compared with the largest gradient encountered.
         """
         if self.optimality(v) <= OPTIMAL:
@@ -226,12 +224,12 @@ class Search:
     def _residual(self, v: Array, found: Point) -> float:
         """Return the norm of the gradient part that active bounds and constraints do not balance.
 
-        The nonnegative multipliers are computed by least squares.
+        The nonnegative multipliers follow from least squares.
         """
         from scipy.optimize import nnls
 
         columns: list[Array] = []
-        # Active lower bounds balance positive gradient components, and upper bounds negative ones.
+        # Active lower bounds balance positive gradient components, upper bounds negative ones.
         units = np.eye(len(v))
         columns += [*units[v - self.space.lower <= MET], *-units[self.space.upper - v <= MET]]
         for excess, slope, is_equal in zip(
@@ -259,14 +257,8 @@ class Space:
     """Normalised coordinates of the design variables, with finite bounds at 0 and 1.
 
     A coordinate is linear in the variable or, on a logarithmic scale, in its logarithm. If a bound
-    is infinite, the coordinate is 0 at the initial guess.
-
-    Attributes
-    ----------
-    rows : sequence of Estimated
-        The design variables: parameters, and states, whose names denote their initial values.
-    lower, upper : ndarray, shape (n,)
-        Bounds in normalised coordinates.
+    is infinite, the coordinate is 0 at the initial guess. ``rows`` contains the design variables:
+    parameters, and states, whose names denote their initial values.
     """
 
     def __init__(self, rows: Sequence[Estimated]) -> None:
@@ -299,7 +291,7 @@ class Space:
 def read_variables(
     over: Any, known: Mapping[str, float], guess: Mapping[str, float]
 ) -> list[Estimated]:
-    """Read design variables from their ranges by name; guesses are ``known`` values by default."""
+    """Read design variables from their ranges by name; ``known`` contains the default guesses."""
     if not isinstance(over, Mapping) or not over:
         raise ParameterError(
             'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
@@ -318,11 +310,11 @@ class ConditionValue:
     Attributes
     ----------
     text : str
-        The constraint as the user wrote it.
+        The constraint as written by the user.
     run : int
         Index of the scenario, counted from zero.
     excess : float
-        Left side minus right side of ``<=`` and ``==``, right minus left of ``>=``.
+        Left minus right side of ``<=`` and ``==``, right minus left side of ``>=``.
     holds : bool
         Whether it is satisfied.
     is_active : bool
@@ -352,10 +344,10 @@ class Design(Reported):
     conditions : tuple of ConditionValue
         The constraints at these values, scenario by scenario.
     success : bool
-        Whether the search ended at an optimum: all constraints hold to 1e-6 of their size at the
-        start, and ``optimality`` is at most 1e-4 or the search ended because the objective no
-        longer changed by ``tolerance``. A search that ends at a limit is successful only if its
-        best point meets these tolerances.
+        Whether the search ended at an optimum: all constraints hold within 1e-6 of their size at
+        the start, and ``optimality`` is at most 1e-4 or the search ended because the objective
+        changed by less than ``tolerance``. A search that ends at its maximum number of iterations
+        is successful only if its best point meets these tolerances.
     message : str
         Sentences that describe how the search ended.
     optimality : float
@@ -372,7 +364,7 @@ class Design(Reported):
     results : tuple of Result
         The simulations of the optimal design, one for each scenario.
     model : cotree.Model
-        The compiled variant that was simulated, with an output for each quantity in the goals.
+        The compiled model that was simulated, with an output for each quantity in the goals.
     n_runs : int
         Number of simulations.
     """
@@ -403,7 +395,7 @@ class Design(Reported):
 
     @property
     def settings(self) -> dict[str, dict[str, float]]:
-        """Arguments with the optimal values: ``model.simulate((0, 1), **design.settings)``."""
+        """Run arguments with the optimal values: ``model.simulate((0, 1), **design.settings)``."""
         names = self.model.parameters
         return {
             "parameters": {n: v for n, v in self.parameters.items() if n in names},
@@ -411,7 +403,7 @@ class Design(Reported):
         }
 
     def report(self) -> Report:
-        """Build the report: message, values and conditions."""
+        """Return a report with message, values and conditions."""
         has_several_runs = len(self.results) > 1
         conditions = [
             (
