@@ -1,7 +1,7 @@
 """Errors of runs relative to a reference solution on which two methods agree.
 
-A ``Reference`` contains the solutions of two methods and their difference, which is the smallest
-error that can be measured.
+A ``Reference`` contains the solutions of two methods and their difference, the smallest measurable
+error.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ ERROR = "largest |y - ref| / max(1, max |ref|)"
 #: Definition of errors relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# The relative error of a quantity is measurable if the two solutions of the reference differ by at
-# most this fraction.
+# The relative error of a quantity is measurable if both reference solutions agree within this
+# fraction.
 _MEASURABLE = 1e-2
 
-# If two methods agree to this tolerance, which is below all errors of interest, no further method
-# is run.
+# If two methods agree within this tolerance, below all errors of interest, no further method is
+# run.
 _ENOUGH = 1e-10
 # Largest permitted difference between the two solutions of a reference.
 _TOO_FAR = 1e-6
 
-# Methods for the reference in order of preference, of high order and from different families. Only
-# cvode, dop853 and rodas5 support events, constraints and algebraic unknowns.
+# High-order methods of different families for the reference, in order of preference. Only cvode,
+# dop853 and rodas5 support events, constraints and algebraic unknowns.
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
-# Relative tolerance of explicit methods of high order, and that of all other methods, whose
-# rounding errors would dominate at the tighter one.
+# Relative tolerance of explicit high-order methods; that of all other methods, whose rounding
+# errors would dominate at the tighter one.
 _TIGHTEST, _TIGHT = 1e-13, 1e-12
 
 
@@ -63,9 +63,8 @@ class Solution:
     def distance(self, other: Solution | Result) -> tuple[float, float]:
         """Return the errors of the states and of the sensitivities of another solution.
 
-        An error is the maximum of |y - ref| / max(1, max |ref|) over all points in time and all
-        states or sensitivities. max |ref| is taken over time, for each state and sensitivity on its
-        own. nan if there are none.
+        An error is the maximum of |y - ref| / max(1, max |ref|) over all times and all states or
+        sensitivities, with the maximum of |ref| over time; nan if there are none.
         """
         return _error(other.y, self.y), _error(other.s, self.s)
 
@@ -85,7 +84,7 @@ class Reference:
     other : Solution
         The solution that confirms it.
     agreement_states, agreement_sensitivities : float
-        Differences between both solutions, below which errors cannot be measured.
+        Differences between both solutions; smaller errors cannot be measured.
     """
 
     solution: Solution
@@ -95,12 +94,12 @@ class Reference:
 
     @property
     def agreement(self) -> float:
-        """Return the larger of the differences in states and in sensitivities."""
+        """Larger one of the differences in states and in sensitivities."""
         return worse(self.agreement_states, self.agreement_sensitivities)
 
     @property
     def own_agreement(self) -> float:
-        """Return the largest difference relative to the magnitude of each quantity."""
+        """Largest difference relative to the magnitude of each quantity."""
         return worse(*self.own_distance(self.other))
 
     def own_distance(self, other: Solution | Result) -> tuple[float, float]:
@@ -109,8 +108,8 @@ class Reference:
         Returns
         -------
         states, sensitivities : float
-            max |y - ref| / max |ref| over points and states, and likewise for sensitivities,
-            without quantities on which the two reference solutions disagree; nan if no quantities
+            Maximum of |y - ref| / max |ref| over times and states, and likewise for sensitivities.
+            Quantities on which the two reference solutions disagree are omitted; nan if none
             remain.
         """
         return (
@@ -119,7 +118,7 @@ class Reference:
         )
 
     def summary(self) -> str:
-        """Return a text that states both methods and how closely they agree."""
+        """Return a text with both methods and their agreement."""
         sensitivities = (
             ""
             if math.isnan(self.agreement_sensitivities)
@@ -138,8 +137,8 @@ def worse(*errors: float) -> float:
 def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
     """Run methods at tight tolerances until two agree to 1e-10; otherwise return the best pair.
 
-    ``run(method, rtol)`` returns a result at the points in time to compare. If ``is_stiff``,
-    implicit methods are run first.
+    ``run(method, rtol)`` returns a result at the times to compare. If ``is_stiff``, implicit
+    methods are run first.
     """
     solutions: list[Solution] = []
     pairs: list[Reference] = []
@@ -173,7 +172,7 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
 
 
 def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
-    """Pair each earlier solution, whose method is preferred, with the new solution ``found``."""
+    """Yield the reference of each earlier solution, whose method is preferred, with ``found``."""
     for solution in earlier:
         # Errors are relative to the earlier solution.
         pair = Reference(solution, found, *solution.distance(found))
@@ -182,7 +181,7 @@ def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
 
 
 def starts_implicit(method: str) -> bool:
-    """Return whether the method that was chosen for a problem is implicit."""
+    """Return whether the method chosen for a problem is implicit."""
     return method in METHODS and METHODS[method].implicit
 
 
@@ -203,7 +202,7 @@ def _own_error(found: Array, reference: Array, other: Array) -> float:
 
 
 def _error(found: Array, reference: Array) -> float:
-    """Return the largest difference, scaled for each quantity; the last axis is time."""
+    """Return the largest scaled difference; the last axis is time."""
     if reference.size == 0:
         return math.nan
     # For quantities below one, the difference is absolute.
@@ -222,7 +221,7 @@ _MOST = 1.0
 
 @dataclass(eq=False)
 class BenchRow:
-    """Results of a bench for one method at one tolerance.
+    """Bench results of one method at one tolerance.
 
     Attributes
     ----------
@@ -231,8 +230,7 @@ class BenchRow:
     rtol, atol : float
         Its tolerances.
     times : list of float
-        Elapsed times of runs, [s]; empty if the first run failed or another method replaced this
-        one.
+        Elapsed times of runs, [s]; empty if the first run failed or another method was used.
     first : float
         Elapsed time of the first run, [s].
     error_states, error_sensitivities : float
@@ -273,8 +271,7 @@ class BenchRow:
     @property
     def noise(self) -> float:
         """Lower quartile of the elapsed times divided by their minimum, minus one."""
-        # Disturbances only make runs longer, so that the shortest runs show how accurate the
-        # minimum is.
+        # Disturbances only lengthen runs, so the shortest runs show the accuracy of the minimum.
         times, n = sorted(self.times), len(self.times)
         return times[max(1, n // 4) if n > 1 else 0] / times[0] - 1.0 if times else math.nan
 
@@ -285,40 +282,40 @@ class BenchRow:
 
     @property
     def success(self) -> bool:
-        """Return whether the run reached its end."""
+        """Whether the run reached its end."""
         return self.status == 0
 
     @property
     def error(self) -> float:
-        """Return the larger of the errors of states and sensitivities."""
+        """Larger one of the errors of states and sensitivities."""
         return worse(self.error_states, self.error_sensitivities)
 
     @property
     def own_error(self) -> float:
-        """Return the larger of both errors relative to the magnitude of each quantity."""
+        """Larger one of both errors relative to the magnitude of each quantity."""
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property
     def substitute(self) -> str:
-        """Return the method that replaced this row's method, or an empty string."""
+        """Method that replaced this row's method, or an empty string."""
         ran = self.method if self.statistics is None else self.statistics.method
         return "" if ran == self.method else ran
 
     @property
     def note(self) -> str:
-        """Return the reason why the row has no errors or times; empty if it is complete."""
+        """Reason why the row has no errors or times; empty if it is complete."""
         if not self.success:
             return self.message
         return f"{self.substitute} stood in: not timed" if self.substitute else ""
 
     @property
     def spread(self) -> float:
-        """Return the median of the elapsed times divided by their minimum, minus one."""
+        """Median of the elapsed times divided by their minimum, minus one."""
         return self.seconds / self.least - 1.0
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Return the fastest row and those that are as fast within the noise, one for each method.
+    """Return the fastest row and all rows that are as fast within the noise, one per method.
 
     Minimum times count as equal if they differ by less than a tenth or by less than the noise.
     """
@@ -327,7 +324,7 @@ def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
         held = best_of.get(row.method)
         if held is None or row.least < held.least:
             best_of[row.method] = row
-    # Minimum times are compared, because disturbances only make runs longer.
+    # Disturbances only lengthen runs, so minimum times are compared.
     best = min(best_of.values(), key=lambda row: row.least, default=None)
     if best is None:
         return ()

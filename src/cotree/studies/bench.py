@@ -1,6 +1,6 @@
 """Benchmark of methods on one scene: time and error of every method at every tolerance.
 
-The result for a scene or a compiled model is a :class:`BenchReport`, which also recommends methods.
+The result is a :class:`BenchReport`, which also recommends methods.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ def time_in_rounds(
     spent: Callable[[], float] = time.process_time,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Run all rows once per round, beginning with a different row, and append times of successes.
+    """Run all rows once per round, each round from a different row, and append successful times.
 
     A row whose times sum to more than ``longest`` seconds is omitted from further rounds. No run
-    begins after ``until``, which is a processor time, so that the number of rounds does not depend
-    on other processes. ``tell`` is called with the number of each round.
+    begins after the processor time ``until``, so that other processes do not affect the number of
+    rounds. ``tell`` receives the number of each round.
     """
     for k in range(repeats):
         tell(k)
@@ -72,7 +72,7 @@ def time_in_rounds(
 
 
 def machine(backend: str) -> dict[str, str]:
-    """Return processor, compiler, versions and the ``backend`` of kernels by name."""
+    """Return processor, compiler, software versions and the ``backend`` of kernels by name."""
     import scipy
 
     toolchain = find_toolchain()
@@ -104,11 +104,11 @@ TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 N_POINTS = 101
 # Default time limit of a run, [s].
 _TIME_LIMIT = 5.0
-# Ratio of relative to absolute tolerance, the same as for the default tolerances of runs.
+# Ratio of relative to absolute tolerance, as in the default tolerances of runs.
 _RTOL_PER_ATOL = 100.0
 # Time limit of a reference run, which has tight tolerances, relative to that of other runs.
 _PATIENCE = 12.0
-# Tolerances of the run of each method that builds its engine.
+# Tolerances of each method's first run, which builds its engine.
 _LOOSE = (1e-3, 1e-5)
 #: Default budget: processor time of all runs, without compilation and reference, [s].
 BUDGET = 20.0
@@ -116,11 +116,11 @@ BUDGET = 20.0
 QUICK_BUDGET, QUICK_TOLERANCES, QUICK_REPEATS = 4.0, (1e-3, 1e-6, 1e-9), 9
 # Fraction of the budget for the first runs of all rows.
 _TRIES = 0.6
-# Runs shorter than this, [s], are repeated this many times in the first round.
+# Runs shorter than this, [s], are repeated this number of times in the first round.
 _SHORT, _TRIES_OF_SHORT = 0.02, 3
 # Fractions of the progress bar for building engines and the reference, and for first runs.
 _TO_BUILD, _TO_TRY = 0.2, 0.5
-# Rows that are slower by this factor than a row of at least equal accuracy are timed last.
+# Rows slower by this factor than a row of at least equal accuracy are timed last.
 _FAR = 3.0
 # Status of a run that exceeded its time limit.
 _SPENT = -2
@@ -145,13 +145,13 @@ def bench(
     Parameters
     ----------
     source : str, Path, Scene or Model
-        A scene, the name of a shipped one, a TOML file, or a compiled model.
+        A scene, the name of a shipped scene, a TOML file, or a compiled model.
     sensitivities : sequence of str
         Parameters and states to which sensitivities are computed; a compiled model has its own.
     methods : sequence of str, optional
         Methods; by default all that are installed.
     tolerances : sequence of float or (float, float)
-        Relative tolerances, or pairs of relative and absolute ones; by default an absolute
+        Relative tolerances, or pairs of relative and absolute tolerances; by default the absolute
         tolerance is a hundredth of the relative one.
     repeats : int
         Number of timed runs of each row, within the budget.
@@ -166,12 +166,11 @@ def bench(
     tree : None, sequence of str, or mapping of domain to sequence of str
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional
-        Function that is called with a description of the next run and the completed fraction of the
-        work.
+        Function called with a description of the next run and the completed fraction of the work.
     **settings
         Budgets and other settings of all runs, as in :meth:`cotree.Model.simulate`. ``time_limit``
-        is 5 s by default. A longer run yields a row without numbers, and the method is not run at
-        tighter tolerances. All timed runs of a row together take little more.
+        is 5 s by default. If a run exceeds it, its row has no numbers, and the method is not run at
+        tighter tolerances. All timed runs of a row together take little longer.
 
     Returns
     -------
@@ -181,25 +180,25 @@ def bench(
     Raises
     ------
     ModelError
-        If the scene, a name or a value is wrong.
+        If the scene, a name or a value is invalid.
     SolveError
-        If a method is unknown, or no two methods agree to 1e-6 on a reference.
+        If a method is unknown, or no two methods agree within 1e-6 on a reference.
 
     Notes
     -----
-    The error of a run is the maximum of |y - ref| / max(1, max |ref|) over 101 points in time, for
-    states and for sensitivities. max |ref| is taken over time, for each state and sensitivity on
-    its own. Quantities below one are thus compared absolutely, in their units. ``own_error`` is
+    The error of a run is the maximum of |y - ref| / max(1, max |ref|) over 101 times, for states
+    and for sensitivities. The maximum of |ref| is over time, for each state and sensitivity
+    separately. Quantities below one are thus compared absolutely, in their units. ``own_error`` is
     relative to max |ref| even if that is small, and is also a criterion for recommendations.
 
-    The reference is the solution of one method that another confirms, both at tolerances of 1e-12
+    The reference is the solution of one method, confirmed by another, both at tolerances of 1e-12
     or 1e-13. Errors below their difference cannot be measured.
 
     The first run of each row determines its error. All rows are then timed in turn, in several
-    rounds, so that the load of the machine affects all of them equally. A time is that of the whole
-    call. A single method is recommended if its minimum time is shorter than those of all others by
-    more than a tenth, and by more than the difference between lower quartile and minimum of either;
-    otherwise methods are tied. Rows that another method computed are not timed.
+    rounds, so that the load of the machine affects all of them equally. Each time is the elapsed
+    time of the whole call. A single method is recommended if its minimum time is shorter than all
+    others by more than a tenth, and by more than the difference between lower quartile and minimum
+    of either; otherwise methods are tied. Rows for which another method was used are not timed.
 
     Examples
     --------
@@ -207,7 +206,7 @@ def bench(
     >>> report.recommended(1e-3).method
     'DOP853'
     """
-    if not budget > 0.0:  # rejects nan, too
+    if not budget > 0.0:  # also rejects nan
         raise ParameterError(f"budget is {budget}: give a positive number of seconds")
     chosen = filter(is_available, METHODS) if methods is None else methods
     names = [method_row(name).name for name in chosen]
@@ -250,7 +249,7 @@ def bench(
 
 
 class _Runs:
-    """Runs one model with any method at the same points in time."""
+    """Runs one model with any method and returns values at the same times."""
 
     def __init__(
         self, model: Model, t_end: float | None, settings: dict[str, Any], time_limit: float
@@ -272,7 +271,7 @@ class _Runs:
         )
         self.t_end = float(probe.t[-1])
         self.is_stiff = starts_implicit(probe.statistics.method)
-        # All methods use the same points in time, so that errors do not include interpolation.
+        # All methods return values at the same times, so that errors exclude interpolation.
         self.points: npt.NDArray[np.float64] = np.linspace(0.0, self.t_end, N_POINTS)
 
     def run(self, method: str, rtol: float, atol: float, patience: float = 1.0) -> Result:
@@ -311,12 +310,12 @@ def _try_all(
     until: float,
     tell: Progress,
 ) -> None:
-    """Run each row once, with fast methods first and without tight tolerances of slow methods."""
+    """Run each row once, fast methods first, without tight tolerances of slow methods."""
     waiting = {
         method: sorted((t for t in trials if t.method == method), key=lambda trial: -trial.rtol)
         for method in dict.fromkeys(trial.method for trial in trials)
     }
-    # The expected time of a run is the time of the same method at the previous, looser tolerance.
+    # The expected time of a run is the time of its method at the previous, looser tolerance.
     n_tried = 0
     while any(waiting.values()):
         method = min((m for m in waiting if waiting[m]), key=lambda m: expected[m])
@@ -353,7 +352,7 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
         own = reference.own_distance(result)
         trial.own_error_states, trial.own_error_sensitivities = own
-    # A single measurement of a short run is not accurate enough to find the fastest rows.
+    # A single measurement of a short run is too inaccurate to find the fastest rows.
     for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
@@ -365,7 +364,7 @@ def _timed(runner: _Runs, trial: BenchRow) -> tuple[Result | None, float]:
 
 
 def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
-    """Run a row; store the message of an exception in the row, and return None."""
+    """Run a row; on an exception, store its message in the row and return None."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
     except (Error, ArithmeticError, ValueError, RuntimeError) as error:
@@ -376,7 +375,7 @@ def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
 def _time_all(
     runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
-    """Time the successful rows repeatedly: first those that may be recommended, then the others."""
+    """Time the successful rows repeatedly, first the rows that may be recommended."""
 
     def run(trial: BenchRow) -> bool:
         result = _attempt(runner, trial)

@@ -44,7 +44,7 @@ class BenchReport(Reported):
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are computed.
     n_states, n_points : int
-        Number of states, and of points at which errors are measured.
+        Number of states, and number of times at which errors are measured.
     t_end : float
         End of the runs, [s].
     repeats : int
@@ -52,7 +52,7 @@ class BenchReport(Reported):
     reference : Reference
         The reference solution for all errors.
     rows : tuple of BenchRow
-        A row for each method and tolerance.
+        One row per method and tolerance.
     machine : mapping of str to str
         The machine and the versions of the software.
     """
@@ -73,13 +73,13 @@ class BenchReport(Reported):
     def recommended(self, target: float) -> BenchRow | None:
         """Return the fastest row whose errors of states and sensitivities are at most ``target``.
 
-        If several methods are equally fast, it is the first in the table; :meth:`tied` returns all.
-        None if no row has this accuracy, or if the reference is less accurate.
+        If several methods are equally fast, return the first in the table; :meth:`tied` returns
+        all. Return None if no row has this accuracy, or if the reference is less accurate.
         """
         return next(iter(self.tied(target)), None)
 
     def tied(self, target: float) -> tuple[BenchRow, ...]:
-        """Return the fastest rows whose errors are at most ``target``, one for each method.
+        """Return the fastest rows whose errors are at most ``target``, one per method.
 
         Their times differ by less than the noise. If the reference is accurate enough, errors
         relative to the magnitude of each quantity must not exceed the target either.
@@ -92,7 +92,7 @@ class BenchReport(Reported):
         if self.reference.agreement > target:
             return ()
         judges_own = self.judges_own(target)
-        # This comparison is also false if an error is nan.
+        # also false if an error is nan
         return fastest(
             row
             for row in self.rows
@@ -108,7 +108,7 @@ class BenchReport(Reported):
         return self.reference.own_agreement <= target
 
     def report(self) -> Report:
-        """Build the report: the table, then the recommended methods."""
+        """Return a report with the table and the recommended methods."""
         to = f", sensitivities to {', '.join(self.sensitivities)}" if self.sensitivities else ""
         m = self.machine
         versions = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
@@ -178,7 +178,7 @@ class BenchReport(Reported):
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
-        """Plot elapsed time over error, with a curve for each method."""
+        """Plot elapsed time over error, with one curve per method."""
         return plot_bench(self)
 
     def _cells(self, row: BenchRow) -> list[str]:
@@ -216,7 +216,7 @@ class BenchReport(Reported):
 
 
 def _shown(error: float, agreement: float) -> str:
-    """Return an error as text, with its upper bound if it is too small for the reference."""
+    """Return an error as text, or its upper bound if the reference is not accurate enough."""
     if math.isnan(error):
         return "-"
     return f"< {agreement:.1e}" if error < agreement else f"{error:.1e}"
@@ -236,8 +236,8 @@ _MARKERS = "osD^v<>Ph*X"
 def plot_bench(report: BenchReport) -> Figure:
     """Plot elapsed time over the errors of states and of sensitivities.
 
-    Errors below the accuracy of the reference are drawn as open markers at the border of a grey
-    region. Rows without a time or an error are omitted.
+    Errors below the accuracy of the reference are open markers at the border of a grey region. Rows
+    without a time or an error are omitted.
     """
     sensitivities, rows, reference = report.sensitivities, report.rows, report.reference
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
@@ -272,7 +272,7 @@ def _draw_methods(
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
-        # Error, elapsed time, and whether the error is below the accuracy of the reference.
+        # error, elapsed time, and whether the error is below the accuracy of the reference
         found = [
             (max(error(row), agreement), row.seconds, error(row) < agreement)
             for row in rows
@@ -290,7 +290,7 @@ def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-        # The axis limits are read first, because the grey region would extend them.
+        # The axis limits are read before the grey region extends them.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)
