@@ -1,1 +1,1 @@
-"""Symbolic solution of linear equations: of nodes, or of a sparsity pattern."""
+"""Symbolic solution of linear equations whose entries are nodes, or known only by their pattern."""

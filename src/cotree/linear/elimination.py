@@ -1,9 +1,4 @@
-"""Gaussian elimination of a sparse matrix with entries of any type, and plans of it.
-
-Entries are nodes whose values become code, or placeholders in a plan if only the pattern is known.
-All sparse eliminations of this package use this module; they differ in the choice of pivots, which
-never depends on values, since these are known only at run time.
-"""
+"""is a unit matrix with zeros for algebraic unknowns. The generated code checks its results."""
 
 from __future__ import annotations
 
@@ -21,16 +16,16 @@ Place = tuple[int, int]
 
 
 class Arithmetic(Protocol[T]):
-    """Arithmetic operations on the entries of a matrix that is eliminated."""
+    """Arithmetic operations on the entries of a matrix under elimination."""
 
     def inverse(self, pivot: T) -> T:
         """Return the reciprocal of a pivot."""
 
     def scaled(self, entry: T, inverse: T) -> T:
-        """Multiply an entry by the reciprocal of the pivot in its column."""
+        """Return the product of an entry and the reciprocal of the pivot in its column."""
 
     def less(self, entry: T | None, multiplier: T, other: T) -> T | None:
-        """Subtract the product of a multiplier and a pivot row's entry; None represents zero."""
+        """Return ``entry - multiplier * other``, with an entry of the pivot row; None is zero."""
 
 
 @dataclass
@@ -40,12 +35,12 @@ class Remainder:
     #: Columns of the entries in each row; rows of the entries in each column.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
-    #: Rows with an entry in the column of the last pivot; columns with an entry in its row.
+    #: Rows with an entry in the last pivot's column; columns with an entry in its row.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
 
-#: Function that returns the next pivot, or None to end the elimination.
+#: Returns the next pivot, or None to end the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 
@@ -55,7 +50,7 @@ class Factors(Generic[T]):
 
     pivots: tuple[Place, ...]  # row and column of each pivot
     inverses: tuple[T, ...]  # reciprocals of the pivots
-    #: For each pivot: the multipliers with which its row is subtracted from other rows, by row.
+    #: Multipliers that subtract each pivot's row from other rows, by row.
     lower: tuple[dict[int, T], ...]
     upper: tuple[dict[int, T], ...]  # remaining row of each pivot, by column
 
@@ -67,7 +62,7 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns, by diagonal pivots if symmetric; the remainder is left in ``rows``."""
+    """Eliminate unknowns, with diagonal pivots if symmetric; ``rows`` keeps the remainder."""
     # A symmetric matrix equals its transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
     left = Remainder(rows, rows if is_symmetric else columns)
@@ -81,25 +76,25 @@ def eliminate(
         if not is_symmetric:
             for k in (j, *row):
                 columns[k].discard(i)
-        # Sort, so that the generated code does not depend on the order of sets.
+        # Sorted, so that the generated code does not depend on the order of sets.
         below = sorted(row if is_symmetric else columns.pop(j))
-        # Multiply by the reciprocal, so that each pivot requires only one division.
+        # Multiplication by the reciprocal needs only one division per pivot.
         multipliers = {k: arithmetic.scaled(rows[k].pop(j), inverse) for k in below}
         for k, multiplier in multipliers.items():
             own = rows[k]
             for other, entry in row.items():
-                # Symmetric entries are computed once.
+                # symmetric entries are computed once
                 if is_symmetric and other > k:
                     continue
                 before = own.get(other)
                 updated = less(before, multiplier, entry)
-                # If it is the same object, the node is unchanged, or the sum was extended in place.
+                # The same object: the node is unchanged, or the sum was extended in place.
                 if updated is before:
                     continue
                 _set_entry(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _set_entry(rows[other], columns, other, k, updated)
-        # Only counts in the rows and columns of the pivot have changed.
+        # Counts have changed only in the pivot's rows and columns.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)
@@ -131,13 +126,13 @@ def _set_entry(
 class FewestCouplings:
     """Minimum-degree pivots among the allowed unknowns of a symmetric matrix.
 
-    Of unknowns with equally many couplings, the last one is chosen: it is farthest out in the tree
-    and causes the least fill-in.
+    Among unknowns of equal degree, the last one is chosen: it is outermost in the tree and causes
+    the least fill-in.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)
-        # Sort by degree, then by negative number, so that the last unknown comes first.
+        # Sorted by degree, then by negative number, so that the last unknown comes first.
         self._waiting = [(len(rows[i]), -i) for i in self._left]
         heapify(self._waiting)
 
@@ -148,8 +143,8 @@ class FewestCouplings:
         while self._waiting:
             count, negative = heappop(self._waiting)
             k = -negative
-            # If its count has changed, the unknown was pushed again. A pivot that vanishes by
-            # rounding, such as that of a mass 1e-17 times another, is not an entry.
+            # An unknown whose degree has changed was pushed again. A pivot that vanishes by
+            # rounding, such as a mass 1e-17 times another, is not an entry.
             if k in self._left and len(left.rows[k]) == count and k in left.rows[k]:
                 self._left.remove(k)
                 return k, k
@@ -164,12 +159,12 @@ class FewestUpdates:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Return the next pivot."""
-        # Everything is eliminated, or a row has no entries: then the matrix is always singular.
+        # Everything is eliminated, or a row is empty and the matrix is structurally singular.
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Pivots off the diagonal are chosen only if they cause no updates. Pivots are ordered
-            # by their number of updates, then by position.
+            # Off-diagonal pivots are chosen only if they cause no updates. Pivots are ordered by
+            # number of updates, then by position.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -180,7 +175,7 @@ class FewestUpdates:
 
 
 class FewestUpdatesOfMatched:
-    """Pivots that change the fewest entries, with the row of :func:`match` for each column."""
+    """Pivots that change the fewest entries, in the rows that :func:`match` assigns to columns."""
 
     def __init__(self, left: Remainder, row_of: Sequence[int]) -> None:
         self._row_of = row_of
@@ -208,12 +203,12 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Match columns with different rows of entries, preferably diagonal; None if singular."""
+    """Assign a different row to each column, preferably the diagonal one; None if singular."""
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
     # Find augmenting paths of a bipartite matching, from columns without a row to free rows.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
-        # The search is breadth first, so that as few columns as possible get another row.
+        # Breadth-first search reassigns the fewest columns.
         came_from: dict[int, int] = {}
         queue, free = [start], -1
         for j in queue:
@@ -247,26 +242,22 @@ class FactorStep:
     value: int  # index among the entries of J, or -1
     has_shift: bool  # whether the scalar ``shift`` is added to the matrix
     products: tuple[tuple[int, int], ...]  # pairs of factors whose products are subtracted
-    pivot: int  # index of the factor by which the value is multiplied, or -1
+    pivot: int  # index of the factor that multiplies the value, or -1
     is_pivot: bool  # whether the reciprocal is stored
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """Plan for factorising ``shift M - J`` and for solving with its factors.
-
-    M is diagonal with ones, but zeros for algebraic unknowns. The executing code checks its
-    results.
-    """
+    """Plan for factorising ``shift M - J`` and for solving with the factors."""
 
     factors: tuple[FactorStep, ...]  # factors in the order of their computation
     #: Row and column of each pivot.
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     pivots: tuple[int, ...]  # index of each pivot's reciprocal among the factors
-    #: For each pivot: earlier pivots that are subtracted from its row, as pairs (pivot, factor).
+    #: Earlier pivots that are subtracted from each pivot's row, as pairs (pivot, factor).
     lower: tuple[tuple[tuple[int, int], ...], ...]
-    #: For each pivot: later pivots for backward substitution, as pairs (pivot, factor).
+    #: Later pivots in the backward substitution of each pivot, as pairs (pivot, factor).
     upper: tuple[tuple[tuple[int, int], ...], ...]
 
     @property
@@ -281,7 +272,7 @@ def plan_elimination(
 ) -> Elimination | None:
     """Plan the factors of ``shift M - J``; return None if the matrix is structurally singular.
 
-    The pattern of J is compressed by columns; the last ``n_algebraic`` unknowns are algebraic.
+    The pattern of J is in CSC form; the last ``n_algebraic`` unknowns are algebraic.
     """
     n_shifted = n - n_algebraic
     rows: dict[int, dict[int, _Sum]] = {i: {} for i in range(n)}
@@ -313,7 +304,7 @@ class _Sum:
 
 
 class _OfSums:
-    """Symbolic elimination: records products; entries never cancel."""
+    """Symbolic elimination that records products; entries never cancel."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
         # The reciprocal replaces the pivot, since solutions are multiplied by it.
@@ -333,7 +324,7 @@ class _OfSums:
 
 
 def _listed(plan: Factors[_Sum]) -> Elimination:
-    """Assign numbers to the factors, pivot by pivot, and for each pivot in pivot order."""
+    """Return the plan with factors numbered pivot by pivot."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
     # From here on, rows and columns are numbered by the position of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
@@ -362,14 +353,14 @@ def _listed(plan: Factors[_Sum]) -> Elimination:
 
 
 def _entry(own: _Sum) -> FactorStep:
-    # The two factors of each pair are stored one after the other.
+    # The factors of each pair are stored one after the other.
     numbers = [factor.number for factor in own.products]
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number
     return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
 
 
-# Size up to which matrices are stored as dense ones.
+# Largest matrix that is stored as a dense one.
 _SMALL = 40
 
 
@@ -378,7 +369,7 @@ def narrow_band(
 ) -> tuple[int, int, Any]:
     """Return the lower and upper bandwidths, and an order of the unknowns that reduces them.
 
-    The pattern is compressed by columns. The order is None if the matrix is small or not sparse.
+    The pattern is in CSC form. The order is None if the matrix is small or not sparse.
     """
     if n > _SMALL:
         from scipy.sparse import csc_matrix
@@ -392,7 +383,7 @@ def narrow_band(
         # Distance of each entry from the diagonal after reordering, positive below it.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
-        # This is the number of diagonals in banded storage with row pivoting.
+        # number of diagonals in banded storage with row pivoting
         if 2 * lower + upper + 1 < n:
             return lower, upper, places
     return n - 1, n - 1, None

@@ -1,8 +1,8 @@
 """Factors of matrices whose entries are nodes, for any number of right-hand sides.
 
-Symmetric matrices are factorised as L D L^T; rows whose pivots may be zero form a dense core, whose
-pivots are chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity; the
-cancellation in them is measured at run time.
+Symmetric matrices are factorised as L D L^T; rows whose pivots may be zero form a dense core, with
+pivots chosen at run time. Pivots of unsymmetric matrices are chosen for sparsity, and cancellation
+in them is measured at run time.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: If the squared gradient of a constraint is below this fraction of its terms, the row is scaled as
-#: if it had this fraction: rounding errors, about 1e-31, are then below the rank tolerance.
+#: Smallest ratio of a squared constraint gradient to its summed terms. Below it, the row is scaled
+#: as if it had this ratio, so that rounding errors, about 1e-31, fall below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
 
-#: Largest ratio of a multiplier to the one that its residual would require if nothing else balanced
-#: the residual. Multipliers of rows that cannot be satisfied exceed it. Rounding errors of
-#: residuals are amplified by the same factor.
+#: Largest ratio of a multiplier to the multiplier that would balance its residual alone.
+#: Multipliers of rows that cannot be satisfied exceed it. It also amplifies rounding errors of
+#: residuals.
 _BEYOND = 1e4
 
 
@@ -43,7 +43,7 @@ class RankedSolver(LinearSolver, Protocol):
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.
 
-        Pivots that are chosen at run time count as zero if below ``tolerance`` times their entries.
+        Pivots chosen at run time count as zero below ``tolerance`` times the scale of their row.
         """
 
 
@@ -53,36 +53,36 @@ class Core:
 
     places: tuple[int, ...]  # indices of the unknowns
     matrix: tuple[tuple[Node, ...], ...]  # symmetric matrix of the equations
-    #: Scales of the diagonal. If nothing cancels, entries divided by the roots of the scales are
+    #: Scales of the diagonal. Unless terms cancel, entries divided by the roots of their scales are
     #: close to 1, so that the rank does not depend on units.
     sizes: tuple[Node, ...]
     n_determined: int  # number of leading unknowns that must be unique
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
-        """Solve for the core unknowns; return nothing if their right-hand side is zero."""
+        """Return the core unknowns by index; empty if their right-hand side is zero."""
         rest = [right[i] for i in self.places]
         if all(value.is_zero for value in rest):
             return {}
         dag, shape = rest[0].dag, SolveShape(len(rest), self.n_determined, tolerance)
         # Scaled to a unit diagonal, so that pivots are compared with one.
         found = solve(dag, self.matrix, rest, dag.one, shape, self.sizes)
-        return dict(zip(self.places, found, strict=False))  # the last entry of found is the rank
+        return dict(zip(self.places, found, strict=False))  # the last entry is the rank
 
 
 @dataclass(frozen=True)
 class SparseFactors:
     """A factorised matrix."""
 
-    dag: Dag  # arena that holds the nodes
+    dag: Dag  # arena of the nodes
     factors: Factors[Node]  # factors, pivot by pivot
     is_symmetric: bool  # whether a pivot's row and column multipliers are equal
-    core: Core | None = None  # the remaining equations, which have no safe pivots
+    core: Core | None = None  # remaining equations, which have no safe pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         own, right = self.factors, list(rhs)
         found = [self.dag.zero] * len(right)
-        # The label of substitution in unsymmetric factors is set by the caller.
+        # For unsymmetric factors, the caller has set the label.
         with self.dag.labelled("substitution" if self.is_symmetric else self.dag.section):
             # Forward substitution with L, then the core, then backward substitution.
             for (i, _), below in zip(own.pivots, own.lower, strict=True):
@@ -112,7 +112,7 @@ class _OfNodes:
     def less(self, entry: Node | None, multiplier: Node, other: Node) -> Node | None:
         product = multiplier * other
         left = -product if entry is None else entry - product
-        # An entry that cancels identically is removed from the pattern and causes no fill-in.
+        # An entry that cancels identically leaves the pattern and causes no fill-in.
         return None if left.is_zero else left
 
 
@@ -125,11 +125,11 @@ def factorise(
     """Factorise a symmetric matrix, whose pivots may be zero at run time unless they are safe.
 
     The last unknowns are multipliers, which may be redundant. ``sizes`` contains the squared terms
-    of their rows, in which nothing cancels.
+    of their rows, without cancellation.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
-        # Eliminate only pivots that cannot be zero; the remaining rows form the core.
+        # Only safe pivots are eliminated; the remaining rows form the core.
         choose = FewestCouplings(rows, [i for i in rows if is_safe[i]])
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
@@ -140,7 +140,7 @@ def factorise(
 class HeldFactors:
     """A factorised matrix with a border of multipliers, which are eliminated last."""
 
-    dag: Dag  # arena that holds the nodes
+    dag: Dag  # arena of the nodes
     inner: RankedSolver  # factors of the matrix without its border
     border: tuple[tuple[Node, ...], ...]  # coefficients of the inner unknowns in the border rows
     responses: tuple[tuple[Node, ...], ...]  # solution for each border column as right-hand side
@@ -178,9 +178,9 @@ def hold(
     n: int,
     sizes: Sequence[Node],
 ) -> HeldFactors:
-    """Add a border of columns and rows, which may be redundant, to the factors of a matrix.
+    """Add a border of rows and columns, which may be redundant, to a factorised matrix.
 
-    Redundant rows get the multipliers of least norm, and rows without unknowns get zero.
+    Multipliers of redundant rows have minimum norm; those of rows without unknowns are zero.
     ``sizes`` contains each row's diagonal entry without cancellation.
     """
     border = tuple(tuple(row[:n]) for row in rows)
@@ -269,7 +269,7 @@ def _core(
                 sizes[i] = sizes[i] + entry * entry * squares.get(j, dag.one)
         if i >= n:
             parts = [
-                # G_j^2 / M_jj is what the diagonal of G M^-1 G^T would contain if M were diagonal.
+                # If M were diagonal, the diagonal of G M^-1 G^T would contain G_j^2 / M_jj.
                 size / matrix[j][j]
                 for j, size in enumerate(natural[i - n])
                 if not size.is_zero and not matrix[j][j].is_zero
@@ -279,7 +279,7 @@ def _core(
         tuple(core),
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         tuple(dag.one if size.is_zero else size for size in sizes.values()),
-        # The core's accelerations come before its multipliers, and must be unique.
+        # The core's accelerations precede its multipliers and must be unique.
         sum(i < n for i in core),
     )
 
@@ -299,7 +299,7 @@ def factorise_unsymmetric(
     """Factorise by pivots that change the fewest entries, and measure cancellation at run time.
 
     The measure is the sum of ``|terms of a pivot| / |pivot|`` over all pivots that are sums. Return
-    None if the matrix is always singular or more than ``most_updates`` entries would change.
+    None if the matrix is structurally singular or more than ``most_updates`` entries would change.
     """
     rows = _nonzeros(matrix)
     # The remaining rows have no pivot, or only pivots that cost too much.

@@ -1,13 +1,13 @@
 """Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) per solution.
 
-The articulated inertia of a branch, minus the part that its own motion releases, is transferred to
-the parent; the mass matrix is not formed. Compared with the matrix, this costs less for long chains
-and more for short ones.
+Articulated inertias, reduced by the part that the branch's own motion releases, are added to the
+parent; the mass matrix is not formed. Compared with the matrix, this costs less for long chains and
+more for short ones.
 
 Each speed subtracts w w^T / d from the inertia, where w is the wrench per unit of the speed. This
-term is subtracted at once, or *deferred*: then w is shifted by the next arm, and its effects on the
+term is subtracted at once or *deferred*: w is then shifted by the next arm, and its effects on the
 next wrench and pivot are subtracted there. Deferring takes more operations, but halves the critical
-path from one pivot to the next, which then is a reciprocal, a product and a difference.
+path from one pivot to the next, which becomes a reciprocal, a product and a difference.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from cotree.dag.vector import Matrix, Vector
 
 
-_NO_AXIS = -1  # the speed has no force or torque along a coordinate axis
+_NO_AXIS = -1  # not along a coordinate axis
 
 
 @dataclass(frozen=True)
 class Gate:
-    """The wrench of one speed, divided by its pivot, and the pivot's reciprocal."""
+    """The wrench of one speed, divided by its pivot, and the reciprocal of the pivot."""
 
     force: Vector
     torque: Vector
@@ -74,7 +74,7 @@ def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
 
 
 def total(a: Spatial | None, b: Spatial | None) -> Spatial | None:
-    """Add two inertias that move as one body; None represents zero inertia."""
+    """Add the inertias of two parts of one body; None represents zero inertia."""
     if a is None or b is None:
         return a if b is None else b
     return Spatial(
@@ -89,7 +89,7 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
     """Transform an inertia to another basis."""
     return Spatial(
         vector.congruence(step, a.force),
-        # The coupling is not symmetric, so that `congruence` cannot be used.
+        # The coupling is not symmetric, so `congruence` cannot be used.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(
@@ -120,11 +120,11 @@ def released(
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
-        # Subtract the deferred term, since the inertia has now been shifted by the arm.
+        # The inertia is now shifted by the arm, so the deferred term can be subtracted.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
-    # Substitutions in both directions multiply with w / d.
+    # Substitutions in both directions use w / d.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -161,8 +161,8 @@ def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spat
     """Defer the term of a speed; along a coordinate axis, set its row and column to zero."""
     zero, parts = wrench.inverse.dag.zero, (*shifting, *turning)
     axis, *others = (i for i, part in enumerate(parts) if not part.is_zero)
-    # Subtracting w w^T / d makes the inertia's row and column of s exactly zero. If s is a
-    # coordinate axis, these entries are known and become structural zeros.
+    # After subtraction of w w^T / d, the inertia's row and column of s are exactly zero. If s is a
+    # coordinate axis, these entries become structural zeros.
     if others or parts[axis].value not in (1.0, -1.0):
         axis = _NO_AXIS
 
@@ -211,7 +211,7 @@ def _minus(a: Matrix, b: Matrix) -> Matrix:
 
 
 class HeldColumn(Protocol):
-    """The column of a multiplier of friction or of a stop."""
+    """The column of a multiplier of friction or of a mechanical stop."""
 
     @property
     def column(self) -> Sequence[Node]:
@@ -219,7 +219,7 @@ class HeldColumn(Protocol):
 
     @property
     def sizes(self) -> Sequence[Node]:
-        """Sums of the squared terms of the multiplier's row, in which nothing cancels."""
+        """Sums of the squared terms in the multiplier's row, without cancellation."""
 
 
 @dataclass(frozen=True)
@@ -231,13 +231,13 @@ class TreeLink:
     #: Angular acceleration of the link and acceleration of its origin, per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    offset: Vector  # vector from the parent's origin to the link's
-    step: Matrix | None  # rotation from the link's basis to the parent's; None if equal
+    offset: Vector  # vector from the parent's origin to the link's origin
+    step: Matrix | None  # rotation from the link's basis to the parent's basis; None if equal
     #: Inertia about the link's origin, in the link's basis.
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
-    #: Whether the terms w w^T / d of its speeds are only subtracted after the shift by the offset.
+    #: Whether the terms w w^T / d of its speeds are subtracted after the shift by the offset.
     is_deferred: bool = False
 
 
@@ -245,10 +245,10 @@ class TreeLink:
 class TreeFactors:
     """The factors of a mass matrix along its tree, bordered by constraints."""
 
-    dag: Dag  # arena that holds the nodes
-    links: tuple[TreeLink, ...]  # the moving branches, parents first
-    #: For each branch in the order of elimination, and from its last speed to its first: wrench per
-    #: unit of the speed, divided by the pivot. Its component along an axis of the speed is 1.
+    dag: Dag  # arena of the nodes
+    links: tuple[TreeLink, ...]  # moving branches, parents first
+    #: Wrench per unit of each speed, divided by the pivot, in the order of elimination and from a
+    #: branch's last speed to its first. Its component along an axis of the speed is 1.
     gates: tuple[tuple[Gate, ...], ...]
     n_speeds: int  # number of accelerations
     border: tuple[tuple[Node, ...], ...] = ()  # coefficients of accelerations in border rows
@@ -273,7 +273,7 @@ class TreeFactors:
         return [*free, *(multipliers.get(i, self.dag.zero) for i in range(len(rest)))]
 
     def inverses(self) -> dict[int, Node]:
-        """Return the reciprocal of each speed's pivot."""
+        """Return the reciprocals of all pivots by speed."""
         return {
             link.speeds[speed]: gate.inverse
             for link, gates in zip(self.links, self.gates, strict=True)
@@ -290,7 +290,7 @@ class TreeFactors:
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
                 if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
-                    continue  # zero entry: a constraint may act on only two of many bodies
+                    continue  # a constraint may act on only two of many bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
@@ -312,7 +312,7 @@ class TreeFactors:
                 if still and all(rest[at].is_zero for at in link.speeds):
                     moved.append(nothing)
                     continue
-                # Outwards: if the parent's acceleration is known, each speed is (u - w.a) / d.
+                # Outwards: with the parent's acceleration a, each speed is (u - w.a) / d.
                 linear, angular = moved[link.parent]
                 # Velocity terms are in the right-hand side, so that an arm r adds only alpha x r.
                 linear = vector.add(linear, vector.cross(angular, link.offset))
@@ -362,7 +362,7 @@ def factorise_bordered(
 
 
 def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
-    """Return the reciprocals of the nonzero entries among the first n diagonal entries."""
+    """Return the reciprocals of the nonzeros among the first n diagonal entries."""
     return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 
@@ -412,7 +412,7 @@ def factorise_tree(
             for j in range(i + 1):
                 # The matrix is symmetric, since M^-1 is: only one half is computed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
-        # The sum of the squared gradient over the pivots is the diagonal without cancellation.
+        # The sum of squared gradient entries over the pivots is the diagonal without cancellation.
         inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
@@ -425,7 +425,7 @@ def factorise_tree(
         bare,
         border=tuple(map(tuple, border)),
         responses=responses,
-        # Multipliers may be indeterminate (redundant constraints), so none needs to be unique.
+        # Multipliers of redundant constraints may be indeterminate, so none needs to be unique.
         core=Core(tuple(n), tuple(map(tuple, core)), diagonal, 0),
     )
 
