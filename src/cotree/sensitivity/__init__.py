@@ -1,1 +1,1 @@
-"""Sensitivity graphs: the topology of the first, with differentiated terminal equations."""
+"""Sensitivity graphs: the topology of the first graph with differentiated terminal equations."""

@@ -1,4 +1,4 @@
-"""Sensitivity graphs G2, G3, ...: the formulation is evaluated with differentiated variables.
+"""Sensitivity graphs G2, G3, ...: the formulation, evaluated with differentiated variables.
 
 Columns of the Jacobian, parameter sensitivities and initial-value sensitivities differ only in
 their seeds; each direction yields one :class:`~cotree.equations.Derivative`.
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 class Changes(Sums):
-    """Sums of wrenches on clusters, with tangents except those that are zero, as dual numbers."""
+    """Sums of wrenches on clusters, with nonzero tangents as dual numbers."""
 
     def __init__(self, motion: Motion, first: Balance) -> None:
         super().__init__(len(motion.omega))
@@ -70,16 +70,17 @@ class Changes(Sums):
 
     def at(self, cluster: int) -> Wrench | None:
         """Return a cluster's sum, or None if neither the sum nor the cluster's motion changes."""
-        # The tangents of projections and moments, which are products, also require the sum's value.
+        # The tangents of projections and moments, which are products, also need the value of the
+        # sum.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # The sum on the cluster is constant, but the directions along which it is resolved
-            # change: the first graph's sum is projected on motion spaces that rotate.
+            # The sum on the cluster is constant, but the motion spaces on which it is projected
+            # rotate.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Return whether a wrench with the given nodes changes."""
+        """Return whether a wrench formed from these nodes changes."""
         return not self._frames.is_kept(cluster) or is_varied(*parts)
 
 
@@ -91,12 +92,12 @@ def residual_tangents(
     Coordinate accelerations are constant; ``loads`` and ``balance`` are the first graph's.
     """
     motion = view.motion
-    # The first graph's traversal with dual numbers: terminal equations (Eq. (4)), f-cutsets (Eq.
+    # The first graph's traversal in dual numbers: terminal equations (Eq. (4)), f-cutsets (Eq.
     # (1)), and projection on the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
     rows = project_cutsets(motion, loaded, changes)
-    # Only tangents are used: the values are the first graph's balances, which are zero.
+    # The values are the first graph's balances, which are zero; only tangents are used.
     return [tangent_of(row) for row in rows]
 
 
@@ -114,7 +115,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 def _is_reached(motion: Motion, action: Action) -> bool:
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
-    # If a node moves, the circuit between the two nodes changes even if no field does.
+    # If a node moves, the across variable between the two nodes changes even if no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -124,10 +125,10 @@ def _is_reached(motion: Motion, action: Action) -> bool:
 
 
 def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
-    """Return the pulls of through variables that change; multipliers themselves are constant."""
+    """Yield the changing pulls of through variables; multipliers themselves are constant."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
-            # A multiplier's derivative is an unknown; here only its pull changes.
+            # The derivative of a multiplier is an unknown; here only its pull changes.
             amount = row.magnitude if row.formula is None else row.amount(view)
             yield row.measure.pull(view).scaled(amount)
 
@@ -142,8 +143,8 @@ class Reach:
     #: Indices of outputs that depend on unknowns, which change along every direction.
     moving: tuple[int, ...]
     starts: tuple[Node, ...]  # initial values
-    #: Indices of constraints, and of through variables along measures, by symbol. Each of these
-    #: usually involves only two bodies.
+    #: Indices of constraints, and of through variables along measures, by symbol. Most involve only
+    #: two bodies.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 
@@ -183,7 +184,7 @@ def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]
 
 def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
-    # Traverse all nodes of all rows only once; `places` contains the row of each node.
+    # All nodes of all rows are traversed only once; `places` contains the row of each node.
     places = [i for i, row in enumerate(rows) for _ in row]
     for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:
@@ -192,14 +193,14 @@ def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[No
 
 
 def rows_touched(rows: Mapping[Node, list[int]], symbols: Iterable[Node]) -> list[int]:
-    """Return the sorted indices of the rows that depend on the given symbols."""
+    """Return the sorted indices of the rows that depend on any of the symbols."""
     return sorted({i for symbol in symbols for i in rows.get(symbol, ())})
 
 
 def derived_parameters(
     first: FirstGraph, units: Mapping[str, str] | None = None
 ) -> tuple[DerivedParameter, ...]:
-    """List the derived parameters of a scene with their units."""
+    """Return the derived parameters of a scene with their units."""
     units = units or {}
     nodes, names = first.system.parameters, tuple(first.system.tunable)
     return tuple(
@@ -238,7 +239,7 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
 def differentiate(
     first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
 ) -> list[Derivative]:
-    """Evaluate sensitivity graphs; ``directions`` contains tangents of symbols by direction."""
+    """Evaluate sensitivity graphs; ``directions`` maps names to the tangents of symbols."""
     # For each direction, only the values that depend on its symbols are visited.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
@@ -267,7 +268,7 @@ def differentiate(
 def _tangents_at(
     nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
 ) -> dict[int, Node]:
-    """Differentiate the nodes with the given indices; omit zero derivatives."""
+    """Differentiate the nodes with the indices ``places``; omit zero derivatives."""
     if not seed:
         return {}
     chosen = sorted(set(places))
@@ -311,7 +312,7 @@ def _along(
                 sticking[i - n_held] -= share * (value_of(acceleration) + row.multiplier)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
-        # Reactions in friction laws of joints change with the accelerations.
+        # Reactions in joint friction change with the accelerations.
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
@@ -373,7 +374,7 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
 
 
 def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
-    """List the pulls whose basis rotates along the seed, even if their components are constant."""
+    """Return the pulls whose basis rotates along the seed, even with constant components."""
     turned = view.motion.frames.turned
     if not turned:
         return []
@@ -396,7 +397,7 @@ def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node
 
 
 def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]:
-    """Differentiate along each state, which yields the columns of the Jacobian."""
+    """Return the derivatives along each state, which are the columns of the Jacobian."""
     one = first.system.dag.one
     # The seed of a column is a unit change of one state.
     directions = {state.name: {state.symbol: one} for state in first.states}
@@ -404,7 +405,7 @@ def state_columns(first: FirstGraph, support: Support) -> tuple[Derivative, ...]
 
 
 def input_columns(first: FirstGraph) -> tuple[Derivative, ...]:
-    """Differentiate along each input."""
+    """Return the derivatives along each input."""
     support, one = Support(), first.system.dag.one
     directions = {name: {symbol: one} for name, symbol in first.system.inputs.items()}
     columns = differentiate(first, directions, support)
@@ -437,18 +438,18 @@ def form_derivatives(
 
 
 def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Return the tangents of parameters, and of the scene's inputs that depend on them."""
+    """Return the tangents of parameters, and of scene inputs that depend on them."""
     system = first.system
-    # Inputs that are functions of parameters in the scene change as well.
+    # Scene inputs that are functions of parameters also change.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
-    """Return a direction whose start is one in its own state and zero in all others."""
+    """Return a direction along which only the initial value of its own state changes, by one."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value affects only the start, at which its state's derivative is one.
+    # An initial value affects only the start; the derivative of its state is one there.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -495,7 +496,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
-        # Modes are placed between the speeds and the states of the networks.
+        # Modes are between the speeds and the states of the networks.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -550,7 +551,7 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations.with_derivatives(known),
-        # The terms of accelerations in fields are in the matrix, so that they are zero here.
+        # Terms of accelerations in fields are in the matrix, and hence zero here.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),
@@ -561,7 +562,8 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
 def _gather_constraints(first: FirstGraph) -> ConstraintSet:
     """Collect the constraints for projection, start and reports.
 
-    Raises ParameterError for redundant initial values of variables that depend on accelerations.
+    Raise ParameterError if a redundant initial value belongs to a variable that depends on
+    accelerations.
     """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
@@ -581,8 +583,8 @@ def _gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        # The start requires this order of the three blocks: conditions on chords, the values of
-        # redundant variables that states determine, and the given initial values.
+        # The start requires this order of the three blocks: conditions on chords, values of
+        # redundant variables that follow from states, and their prescribed initial values.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -603,10 +605,10 @@ def _gather_constraints(first: FirstGraph) -> ConstraintSet:
 def _start_tangents(
     first: FirstGraph, view: View, seed: Seed, of_networks: Mapping[Node, Node]
 ) -> tuple[Node, ...]:
-    """Differentiate :attr:`ConstraintSet.start_values`, given the networks' derivatives."""
+    """Differentiate :attr:`ConstraintSet.start_values`; ``of_networks`` are network tangents."""
     network = first.network
     redundant = network.redundant if network else ()
-    # The order of the three blocks is that of `start_values`.
+    # The three blocks are in the order of `start_values`.
     values = [network.solved.values[row.variable] for row in redundant] if network else []
     return (
         *(
@@ -620,12 +622,12 @@ def _start_tangents(
 
 
 def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
-    """Return the values with which redundant initial values must agree, from states and sources."""
+    """Return the values, from states and sources, that redundant initial values must match."""
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may depend on other measured values, so they are substituted into themselves,
-    # and then into the values of the networks.
+    # Measured values may contain other measured values: substitute them into themselves, then into
+    # the values of the networks.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)

@@ -28,18 +28,18 @@ _Key = TypeVar("_Key")
 class NetworkTangents:
     """Derivatives of the networks along several numbered directions."""
 
-    rates: tuple[Tangent, ...]  # tangents of the states' rates and of residuals
+    rates: tuple[Tangent, ...]  # tangents of state rates and of residuals
     #: Derivatives of the values in outputs, fields and initial values.
     observed: Mapping[Node, Tangent]
 
     @cached_property
     def rates_along(self) -> Mapping[Hashable, dict[int, Node]]:
-        """For each direction, the rates that change along it, by index."""
+        """Nonzero derivatives of the rates, by direction and index."""
         return _turned(enumerate(self.rates))
 
     @cached_property
     def seeds(self) -> Mapping[Hashable, dict[Node, Node]]:
-        """For each direction, the nonzero derivatives of observed values."""
+        """Nonzero derivatives of observed values, by direction."""
         return _turned(self.observed.items())
 
 
@@ -54,7 +54,7 @@ def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key
 
 @dataclass
 class _Seeds:
-    """Function that differentiates symbols and fields along all directions on which they depend."""
+    """Differentiates symbols and fields along all directions on which they depend."""
 
     directions: Sequence[Mapping[Node, Node]]
     couplings: Mapping[Node, Tangent]
@@ -76,9 +76,9 @@ class _Seeds:
             return self.couplings[node]
         if node.value is not None:
             return {}
-        # For each direction that changes a symbol of the field: the tangents of these symbols.
+        # tangents of the field's symbols, for each direction that changes one of them
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        # Set order varies between runs, but the order of directions affects the generated text.
+        # Sorted, since the order of directions affects the generated text and set order varies.
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
@@ -93,7 +93,7 @@ def network_tangents(
     support: Support,
 ) -> NetworkTangents:
     """Differentiate the networks; ``couplings`` are tangents of multibody variables at ports."""
-    # All directions are evaluated together: partial derivatives of laws are computed only once.
+    # All directions are evaluated together, so partial derivatives of laws are computed once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(
         tuple(d[variable] for variable in network.rates),
@@ -109,7 +109,7 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate values, rates and accelerations of the measures of the networks' ports."""
+    """Differentiate values, rates and accelerations measured at the networks' ports."""
     measured = {
         getattr(coupling, form): (coupling.measure, form)
         for coupling in first.couplings

@@ -1,9 +1,9 @@
-"""Axes that rotate along a seed, with which the formulation is evaluated in dual numbers.
+"""Axes that rotate along a seed; the formulation evaluates them in dual numbers.
 
 The derivative of a vector is its derivative in space, resolved in the vector's basis. The
 rotational across variable of a sensitivity graph is the parametric rotation vector phi, with dR/dp
-= [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are those
-of products and sums (:mod:`cotree.dag.dual`). A seed contains a tangent for each symbol.
+= [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are the
+product and sum rules (:mod:`cotree.dag.dual`). A seed contains the tangents of symbols.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Turning(Frames):
     #: Clusters whose motion depends on the seed; all others move as in the first graph.
     reached: frozenset[int]
     phi: tuple[Vector, ...]  # derivative of each cluster's rotation, as a vector in cluster axes
-    phi_inwards: tuple[Vector, ...]  # the same vectors in the parent's basis
+    phi_inwards: tuple[Vector, ...]  # same vectors in the parent's basis
     #: Parametric rotation vector of each cluster's basis; clusters may share a parent's basis.
     phi_basis: tuple[Vector, ...]
 
@@ -76,7 +76,7 @@ class Turning(Frames):
         """Transform a tensor field, with its change relative to the cluster; see :meth:`within`."""
         axes = self.rotations[cluster].matrix
         value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
-        # A tensor that is constant in the cluster is no dual number; `within` adds its rotation.
+        # A tensor that is constant in the cluster is not dual; `within` adds its rotation.
         if all(vector.is_zero(row) for row in d_local):
             return value
         return varied(value, vector.congruence(axes, d_local))
@@ -100,10 +100,10 @@ class Turning(Frames):
         seen = []
         for a in vectors:
             value = value_of(a)
-            # Derivative relative to the cluster: da - phi x a.
+            # derivative relative to the cluster: da - phi x a
             seen.append(varied(value, vector.sub(tangent_of(a), vector.cross(phi, value))))
         # In space the result r also rotates: d = phi x r + its derivative relative to the cluster.
-        # The rotation of the tensor itself, [phi]x J - J [phi]x, is never computed.
+        # The tensor's own rotation, [phi]x J - J [phi]x, is never computed.
         result = form(*seen)
         value = value_of(result)
         return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
@@ -111,7 +111,7 @@ class Turning(Frames):
 
 @contextmanager
 def derivatives_labelled(dag: Dag) -> Iterator[None]:
-    """Label the nodes created in a ``with`` block as derivatives of the current owners."""
+    """Label nodes created in a ``with`` block as derivatives of the current owners."""
     dag.suffix = ", derivative"
     try:
         yield
@@ -120,10 +120,10 @@ def derivatives_labelled(dag: Dag) -> Iterator[None]:
 
 
 def view_along(first: FirstGraph, seed: Seed) -> View:
-    """Compute across variables of a sensitivity graph, with constant coordinate accelerations."""
+    """Compute the across variables of a sensitivity graph, with constant accelerations."""
     motion, across = first.motion, first.view.across
-    # These are the first graph's traversals with dual numbers. Tangents of accelerations are
-    # unknowns on the left-hand side, so that the accelerations themselves are constant here.
+    # The first graph's traversals in dual numbers. Tangents of accelerations are unknowns on the
+    # left-hand side, so the accelerations are constant here.
     moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
 
@@ -132,8 +132,8 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
     """Determine the clusters that depend on a seed, and their rotation along it."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
-    # Parents come first, so that dependence propagates outwards: all clusters that a dependent
-    # cluster carries or rotates also depend on the seed.
+    # Parents come first, so dependence propagates outwards to all clusters that a dependent cluster
+    # carries or rotates.
     reached: set[int] = set()
     phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
     for geometry in first.geometry:
@@ -142,7 +142,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
             continue
         reached.add(branch.child)
         with first.system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
-            # These are prefix sums along the rotation tree, as for angular velocities (Eq. (2)).
+            # Prefix sums along the rotation tree, as for angular velocities (Eq. (2)).
             turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
             inwards[branch.child] = turn
             phi[branch.child] = frames.down(branch.child, turn)
@@ -162,7 +162,7 @@ def _is_seeded(branch: Branch, seed: Seed) -> bool:
 
 
 def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
-    """Return the branch's own contribution to phi, in the basis of the branch's parent."""
+    """Return a branch's contribution to phi, in the basis of its parent."""
     branch = first.branch
     if not branch.turns:
         return vector.zeros(seed.dag)
@@ -189,7 +189,7 @@ def _mounting(mount: Matrix, seed: Seed) -> Vector:
 
 
 def _tilt(first: Geometry, d_axis: Vector) -> Vector:
-    """Return the contribution to phi of a change of the axis.
+    """Return the contribution to phi due to a change of the rotation axis.
 
     It is the derivative of the rotation vector theta e, multiplied by its left Jacobian:
     sin(theta) e_p + (1 - cos(theta)) e x e_p.
@@ -200,14 +200,14 @@ def _tilt(first: Geometry, d_axis: Vector) -> Vector:
     angle = position if first.branch.sign > 0 else -position
     # The angle is positive from the parent outwards, hence the edge's sign.
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
-    # The axis remains a unit vector, so that its change is perpendicular to it.
+    # The axis remains a unit vector, so its change is perpendicular to it.
     across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
 
 
 @dataclass
 class Support:
-    """The symbols on which values depend, determined once for each value."""
+    """Symbols on which values depend, determined once for each value."""
 
     _known: dict[Node, frozenset[Node]] = field(default_factory=dict)
 
@@ -222,15 +222,15 @@ class Support:
 class Seed:
     """Tangents of the symbols that change, and of the fields that depend on them."""
 
-    dag: Dag  # arena that holds the nodes
-    symbols: Mapping[Node, Node]  # tangent of each symbol that changes; all are nonzero
+    dag: Dag  # arena of the nodes
+    symbols: Mapping[Node, Node]  # nonzero tangents of the symbols that change
     support: Support  # symbols on which values depend, shared by all directions of a system
 
     def of(self, node: Node) -> Node:
-        """Differentiate a coordinate, or an expression of fields."""
+        """Differentiate a coordinate or an expression of fields."""
         if node.op == "symbol":
             return self.symbols.get(node, self.dag.zero)
-        # Most fields depend on no symbol of the seed: a set comparison then avoids the traversal.
+        # Most fields depend on no symbol of the seed: this test avoids their traversal.
         if node.value is not None or self.support.of(node).isdisjoint(self.symbols):
             return self.dag.zero
         return tangents([node], self.symbols)[0]
