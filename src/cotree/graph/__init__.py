@@ -1,4 +1,4 @@
-"""Linear graphs: nodes, directed edges, trees, and the matrices and walks that follow from them."""
+"""Linear graphs: nodes, directed edges, trees, topology matrices, and walks along trees."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Largest sets of edges, of minimum cost, that form a forest in each of two graphs.
+"""Largest edge sets of minimum cost that form a forest in each of two graphs.
 
-Such a set is part of both trees of a network with ideal amplifiers. It also solves a network with
+Such a set belongs to both trees of a network with ideal amplifiers. It also solves a network with
 ideal transformers, of whose two ports at most one may be a branch: in the second graph, these two
 ports are parallel edges. The sets are common independent sets of two matroids, found by
 augmentation along shortest exchange paths (A. Schrijver, Combinatorial Optimization, 2003, section
@@ -17,12 +17,12 @@ from cotree.graph.tree import Parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-#: Cost and number of edges of a path: of all paths of equal cost, the shortest is required.
+#: Cost and number of edges of a path; among paths of equal cost, the shortest is required.
 _Length = tuple[int, int]
 
 
 class Contracted:
-    """A graph in which the given branches, which must not form a circuit, are contracted."""
+    """A graph after contraction of ``branches``, which must not form a circuit."""
 
     def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
         parts = Parts(node for pair in ends.values() for node in pair)
@@ -35,10 +35,10 @@ class Contracted:
         self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
 
     def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
-        """Select a forest of minimum cost from the given edges, the first one among equals."""
+        """Return a forest of minimum cost among the edges ``names``; the first one among equals."""
         parts = self._parts()
         cheapest = sorted(names, key=costs.__getitem__)
-        # Kruskal's algorithm. The sort is stable, so that the first of equal edges is selected.
+        # Kruskal's algorithm; the stable sort selects the first of equal edges.
         return [name for name in cheapest if parts.join(*self.ends[name])]
 
     def extended(self, forest: Iterable[str]) -> Parts:
@@ -60,7 +60,7 @@ class Contracted:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
-        # A forest may have several trees; depths are counted from the root of each.
+        # A forest may have several trees; depths are counted from each root.
         places: dict[str, tuple[int, str, str]] = {}  # depth, parent and edge to the parent
         for root in neighbours:
             if root not in places:
@@ -76,7 +76,7 @@ class Contracted:
         found: dict[str, Sequence[str] | None] = {}
         for name in others:
             a, b = self.ends[name]
-            # An edge between two trees closes no circuit, so that it can be added to the forest.
+            # An edge between two trees closes no circuit, so it can be added to the forest.
             found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
         return found
 
@@ -94,7 +94,7 @@ def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list
 
 
 def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
-    """Select a largest set of edges that is a forest in both graphs, at minimum total cost.
+    """Return a largest edge set that is a forest in both graphs, at minimum total cost.
 
     Only edges with a cost may be selected. Among equal sets, the first edges are preferred.
 
@@ -111,8 +111,8 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
             return shared
         # Edges on the path are added and removed alternately; one more is added than removed.
         shared ^= set(path)
-        # If an edge is free in both graphs and costs no more than this path, it is itself the next
-        # shortest path, and no search is needed.
+        # An edge that is free in both graphs and costs no more than this path is itself the next
+        # shortest path, so no search is needed.
         least = sum(costs[name] if name in shared else -costs[name] for name in path)
         grown = first.extended(shared), second.extended(shared)
         for name in cheapest:
@@ -134,16 +134,16 @@ def _exchange(
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)
     # An arc leads from an edge that is removed to each edge that the first graph can then accept,
-    # and from there to each edge that must then be removed in the second graph. Edges that are free
-    # in one graph begin or end a path. A path through such an edge is no cheaper than its part
-    # before or after it, since an exchange that adds no edge cannot lower the cost.
+    # and from there to each edge that the second graph must then lose. Edges that are free in one
+    # graph begin or end a path. A path through such an edge is no cheaper than its part before or
+    # after it, since an exchange that adds no edge cannot lower the cost.
     arcs: dict[str, list[str]] = {name: [] for name in costs}
     for name in others:
         for leaving in enters[name] or ():
             arcs[leaving].append(name)
         arcs[name] += leaves[name] or ()
-    # Bellman-Ford algorithm, since removed edges have negative cost. No cycle has negative cost as
-    # long as the shared set is the cheapest of its size, so that the search ends.
+    # Bellman-Ford algorithm, since removed edges have negative cost. It terminates: if the shared
+    # set is the cheapest of its size, no cycle has negative cost.
     length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
     before: dict[str, str] = {}
     waiting = list(length)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GraphEdge:
-    """A directed edge. Its across variable is that of `head` minus that of `tail`."""
+    """A directed edge; its across variable is the potential of ``head`` minus that of ``tail``."""
 
     name: str
     tail: str
@@ -33,9 +33,9 @@ class LinearGraph:
     domain : str
         Name of the domain.
     nodes : tuple of str
-        Names of the nodes, the reference among them.
+        Names of the nodes, including the reference.
     edges : tuple of GraphEdge
-        The edges, in an order that all matrices keep.
+        The edges; all matrices keep their order.
     reference : str
         The node relative to which node potentials are measured.
 
@@ -76,7 +76,7 @@ class LinearGraph:
                     raise TopologyError(
                         f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
                     )
-            # Such an edge is a circuit: it is never a branch, and its across variable is zero.
+            # A self-loop is a circuit: it is never a branch, and its across variable is zero.
             if edge.tail == edge.head:
                 raise TopologyError(
                     f"edge '{edge.name}' connects node '{edge.tail}' to itself; give it two nodes"
@@ -88,7 +88,7 @@ class LinearGraph:
 
     @property
     def n_nodes(self) -> int:
-        """Number of nodes, the reference included."""
+        """Number of nodes, including the reference."""
         return len(self.nodes)
 
     @property
@@ -99,11 +99,11 @@ class LinearGraph:
     @cached_property
     def edge_names(self) -> tuple[str, ...]:
         """Names of the edges, in their order."""
-        # Dictionaries keep their order of insertion, which is the edge order.
+        # Dictionaries keep their order of insertion, here the edge order.
         return tuple(self._edge_by_name)
 
     def edge(self, name: str) -> GraphEdge:
-        """Return the edge with the given name.
+        """Return the edge named ``name``.
 
         Raises
         ------
@@ -150,11 +150,11 @@ class TreeStep:
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
     """Walk depth first along the named edges and reach each node once, parents before children.
 
-    The walk costs O(n) and is not recursive, so that long chains do not exceed Python's limit.
+    The walk takes O(n) and is not recursive, since long chains would exceed Python's limit.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
-    # Edges are pushed in reverse, so that the stack returns them in their original order.
+    # Edges are pushed in reverse, so that the stack returns them in edge order.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
@@ -165,7 +165,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
-        # In a circuit, the node may have been reached since the edge was pushed.
+        # In a circuit, another edge may have reached the node in the meantime.
         if step.child not in reached:
             reached.add(step.child)
             steps.append(step)
@@ -174,7 +174,10 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
-    """Raise if the named edges do not connect all nodes; ``{them}`` in ``remedy`` are the nodes."""
+    """Raise TopologyError if the named edges do not connect all nodes.
+
+    ``{them}`` in ``remedy`` is replaced by the unconnected nodes.
+    """
     steps = walk_edges(graph, names, graph.reference)
     # Each step reaches one new node; the reference is not reached by a step.
     if len(steps) + 1 < graph.n_nodes:
@@ -185,7 +188,7 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
 
 def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
     inside = set(floating)
-    # These are edges of any kind: the message also names those that cannot be branches.
+    # Edges of any kind: the message also names edges that cannot be branches.
     touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
     subject, verb, them = (
         ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")

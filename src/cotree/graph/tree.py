@@ -1,4 +1,4 @@
-"""The tree of a linear graph, and the matrices that follow from a walk over it.
+"""The tree of a linear graph, and its topology matrices.
 
 Edges in the tree are branches, all others are chords ([1] section 1.1). The signs are such that
 `incidence @ through = 0`, `cutset @ through = 0` ([1] eq. 1), `circuit @ across = 0` ([1] eq. 2)
@@ -45,18 +45,18 @@ class Tree:
     @cached_property
     def chords(self) -> tuple[str, ...]:
         """Names of the chords, the edges of the cotree, in edge order."""
-        # This includes edges that can never be branches, such as springs and loads.
+        # Includes edges that can never be branches, such as springs and loads.
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
-        """Return whether the named edge is in the tree.
+        """Return whether an edge is in the tree.
 
         Raises
         ------
         TopologyError
             If the graph has no such edge.
         """
-        # For unknown names, the graph raises the error.
+        # The graph raises the error for unknown names.
         return self.graph.edge(name).name in self._branch_set
 
     def summary(self) -> str:
@@ -77,11 +77,11 @@ class Tree:
 def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
     """Return the spanning tree of minimum weight; edges without a finite weight are chords.
 
-    Among equals, the first one in edge order is selected.
+    Among equal weights, the first edge in edge order is selected.
     """
     for name in weights:
         graph.edge(name)
-    # This is in edge order, which the stable sort below preserves among equal weights.
+    # In edge order, which the stable sort below preserves among equal weights.
     candidates = [name for name in graph.edge_names if math.isfinite(weights.get(name, math.inf))]
     check_spanned(
         graph,
@@ -89,7 +89,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         "edges that may be branches",
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
-    # Kruskal's algorithm; the first one among equals is selected.
+    # Kruskal's algorithm
     parts = Parts(graph.nodes)
     chosen = {
         name
@@ -100,7 +100,7 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
 
 
 def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
-    """Return the tree of the named edges; raise TopologyError if they are not a spanning tree."""
+    """Return the tree of the named edges; raise TopologyError unless they form a spanning tree."""
     parts = Parts(graph.nodes)
     branches: set[str] = set()
     for name in names:
@@ -136,14 +136,14 @@ class Parts:
         self._above = {node: node for node in nodes}
 
     def join(self, a: str, b: str) -> bool:
-        """Join the parts of two nodes; return False if both nodes are already in one part."""
+        """Join the parts of two nodes; return False if both are already in one part."""
         top, other = self.top(a), self.top(b)
-        # If both nodes are already in one part, this changes nothing.
+        # No effect if both nodes are already in one part.
         self._above[other] = top
         return top != other
 
     def top(self, node: str) -> str:
-        """Return the node that represents the part to which a node belongs."""
+        """Return the node that represents the connected part of ``node``."""
         above = self._above
         while above[node] != node:
             above[node] = node = above[above[node]]  # halves the path for the next search
@@ -156,7 +156,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
     """Return the edges of a forest on the path from one node to another."""
-    # Follow the path from the end back to the start, since exactly one step leads to each node.
+    # Exactly one step leads to each node, so the path is followed from its end to its start.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []
     node = end
@@ -188,7 +188,7 @@ class TopologyMatrix:
         self.matrix.setflags(write=False)
 
     def terms(self, row: str) -> tuple[tuple[int, str], ...]:
-        """List the sign and the column of each nonzero entry in a row."""
+        """Return the sign and the column of each nonzero entry in a row."""
         entries = self.matrix[self.rows.index(row)]
         return tuple((int(entries[j]), self.columns[j]) for j in np.flatnonzero(entries))
 
@@ -199,7 +199,7 @@ class TopologyMatrix:
 
 
 def incidence(graph: LinearGraph) -> TopologyMatrix:
-    """Form the incidence matrix, (n_nodes, n_edges): +1 at the tail of an edge, -1 at its head."""
+    """Return the incidence matrix, (n_nodes, n_edges): +1 at an edge's tail, -1 at its head."""
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
@@ -210,7 +210,7 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 
 
 def f_cutset(tree: Tree) -> TopologyMatrix:
-    """Form the f-cutset matrix of [1] eq. 1, (n_branches, n_edges), an identity in the branches.
+    """Return the f-cutset matrix of [1] eq. 1, (n_branches, n_edges), an identity in the branches.
 
     It is +1 for edges that cross the cut in the branch's direction, -1 in the opposite direction.
     """
@@ -223,11 +223,11 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 
 
 def f_circuit(tree: Tree) -> TopologyMatrix:
-    """Form the f-circuit matrix of [1] eq. 2, (n_chords, n_edges), an identity in the chords.
+    """Return the f-circuit matrix of [1] eq. 2, (n_chords, n_edges), an identity in the chords.
 
     It is +1 for branches that the circuit follows in their direction, -1 in the opposite one.
     """
-    # Each chord closes exactly one f-circuit, so that its column has a single entry.
+    # Each chord closes exactly one f-circuit, so its column has a single entry.
     matrix, column_of = _with_identity(tree, tree.chords)
     row_of = {name: i for i, name in enumerate(tree.chords)}
     for chord, branch, sign in _circuit_terms(tree):
@@ -255,7 +255,7 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
     step_to = {step.child: step for step in tree_walk(tree)}
     depth = {tree.graph.reference: 0}
     for step in step_to.values():
-        # The walk lists parents before children, so that the parent's depth is known.
+        # The walk lists parents before children, so the parent's depth is known.
         depth[step.child] = depth[step.parent] + 1
     for chord in tree.chords:
         edge = tree.graph.edge(chord)
