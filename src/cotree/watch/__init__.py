@@ -1,4 +1,4 @@
-"""Animation of mechanisms, from a result and the first graph of its model, without a compiler."""
+"""Animation of mechanisms from a result and the first graph of its model, without a compiler."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Animations of results, saved as GIF files or self-contained HTML pages.
 
-Names are untrusted: the template of pages escapes them, and JSON contains no markup of HTML. A
-content security policy contains the hashes of the viewer and the style, so that no other script can
-run or access a network.
+Names are untrusted: the page template escapes them, and JSON contains no HTML markup. A content
+security policy contains the hashes of viewer and style, so that no other script can run or access a
+network.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 class PageContext:
     """The variables of the page template."""
 
-    #: Title of the page and note on the run; both are untrusted texts.
+    #: Title of the page and note on the run; both are untrusted.
     title: str
     note: str
-    #: Content security policy of the page; name of the program that wrote the file.
+    #: Content security policy of the page, and name of the program that wrote the file.
     policy: str
     generator: str
     last: int  # index of the last frame
@@ -99,7 +99,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     """Return the viewer's data as lists and numbers.
 
     Positions are integer multiples of ``unit``, quaternions of ``turn``; each row is the difference
-    from the previous one. A track at rest has one row.
+    from the previous row. A track at rest has one row.
     """
     poses, frames = drawing.poses, drawing.frames
     camera, reach = place_camera(drawing, None)
@@ -112,7 +112,7 @@ def page_data(drawing: Drawing) -> dict[str, Any]:
     number = {track: i for i, track in enumerate(used)}
     extent = float(np.abs(poses.positions[used]).max())
     extent = max(extent, float(np.abs(camera.centres).max()), float(max(reach)))
-    # The unit is rounded to few digits, before positions become multiples of it.
+    # The unit is rounded to few digits before positions become multiples of it.
     unit = float(f"{extent / _GRAINS:.3g}") or 1.0
     times = frames.times
     return {
@@ -172,7 +172,7 @@ def _short(values: Sequence[float] | Array) -> list[float]:
 def _differences(rows: Array) -> list[int]:
     """Round rows to integers; return the first row and the differences of adjacent rows."""
     whole = np.rint(rows).astype(np.int64)
-    # Rounding precedes the differences, so that errors do not accumulate.
+    # Rounded before differences are taken, so that errors do not accumulate.
     steps = np.diff(whole, axis=0)
     if not steps.any():
         return [int(v) for v in whole[0]]
@@ -196,7 +196,7 @@ def _quaternions(axes: Array) -> Array:
     largest = np.argmax(squares, axis=1)
     found: Array = products[np.arange(len(r)), largest]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
-    # Signs are continuous, since the viewer interpolates, and q and -q are the same rotation.
+    # q and -q are the same rotation; continuous signs allow interpolation by the viewer.
     turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
     turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
     found[1:] *= turns[:, None]
@@ -273,8 +273,8 @@ class Animation:
         width, height : int and int or None
             Size of a GIF, [px]; if the height is None, it follows from the drawing.
         max_frames : int
-            Maximum number of frames of a GIF; if there are more, only every second, third, ... is
-            drawn.
+            Maximum number of frames of a GIF; longer animations are reduced to every second, third,
+            ... frame.
 
         Raises
         ------
@@ -320,7 +320,7 @@ class Animation:
 
     def _repr_html_(self) -> str:
         return (
-            # Names are untrusted: the sandbox separates the page from the notebook.
+            # Names are untrusted: the sandbox isolates the page from the notebook.
             f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '
             f'height="{_NOTEBOOK_HEIGHT}" style="border:0"></iframe>'
         )
@@ -354,13 +354,13 @@ def animate(
     view: tuple[float, float] | None = None,
     trust_paths: bool = False,
 ) -> Animation:
-    """Make the animation of a run; see :meth:`cotree.results.Result.animate`."""
+    """Return the animation of a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
             "this result was copied or read from a file and has no model: "
             "give it as result.animate(model=...)"
         )
-    # The names of the states are compared, since a result does not refer to its model.
+    # A result does not refer to its model, so the names of the states are compared.
     if model.states != result.states:
         raise SceneError("this model has other states than the result: give the one that made it")
     first = model.spec.formed.first

@@ -1,4 +1,4 @@
-"""Catalogue of the shapes that represent edges; shapes from a robot's file replace them."""
+"""Catalogue of the shapes that represent edges; meshes from a robot's file replace them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
-    # No bar is drawn for bodies with meshes and for arms without length, which are rotations.
+    # Bodies with meshes have no bars, and arms without length are rotations.
     if one.cluster in draft.with_visuals or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
@@ -72,7 +72,7 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
         lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
-        # In the direction of view the box is as thin as a plate, so that layers do not intersect.
+        # The box is a thin plate in the direction of view, so that layers do not intersect.
         towards = np.abs(place.turn.T @ draft.towards(cluster))
         side = float(np.median(lengths))
         lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
@@ -81,14 +81,14 @@ def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Return lengths, [m], and axes of the homogeneous box with a mass and a tensor, or None.
+    """Return lengths, [m], and axes of the homogeneous box with this mass and tensor, or None.
 
-    From I1 = m (b^2 + c^2) / 12 and so on, a^2 = 6 (I2 + I3 - I1) / m; a length is zero if no
-    homogeneous box exists. The principal axes are right-handed columns.
+    From I1 = m (b^2 + c^2) / 12 and its permutations, a^2 = 6 (I2 + I3 - I1) / m; a length is zero
+    if no homogeneous box exists. The principal axes are right-handed columns.
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
-    # A diagonal tensor keeps its axes; `eigh` would sort them by the moments.
+    # The axes of a diagonal tensor are kept; `eigh` would sort them by the moments.
     is_diagonal = np.count_nonzero(tensor - np.diag(np.diag(tensor))) == 0
     moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
     # The signs of eigenvectors are arbitrary; the axes must be right-handed.
@@ -131,7 +131,7 @@ def _number(draft: DrawingBuilder, edge: BoundEdge, field: str) -> float:
 
 
 def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
-    """Return shape, in node axes, and size of a contact's second body; None if it is a point."""
+    """Return a contact's second body: shape, in node axes, and size; None if it is a point."""
     if "size" in edge.vectors:
         lengths = draft.values.numbers(edge.vectors["size"])
         mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
@@ -189,7 +189,7 @@ def spring(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Draw a spring as a coil."""
     length = draft.length(edge.first, edge.second)
     if length > 0.0:
-        # The radius is limited by the length as well as by the width of bars.
+        # The length and the width of bars limit the radius.
         radius = min(1.5 * draft.w, 0.15 * length)
         mesh = shapes.coil(radius, min(0.28 * draft.w, 0.2 * radius), length)
         draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)
@@ -202,7 +202,7 @@ def strut(
     width: float,
     color: Color,
 ) -> None:
-    """Draw a shape between both nodes; ``width`` is relative to that of bars."""
+    """Draw a shape between both nodes; ``width`` is relative to the width of bars."""
     draft.strut(edge.name, edge.first, edge.second, mesh(width * draft.w), color)
 
 
@@ -275,7 +275,7 @@ def _rail(draft: DrawingBuilder, edge: BoundEdge, along: Array) -> None:
 
 
 def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Draw a slot as a pin, and a rail if its line is fixed in the first body."""
+    """Draw a slot as a pin, and as a rail if its line is fixed in the first body."""
     two = draft.places[edge.second]
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
@@ -285,7 +285,7 @@ def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
 
 
 def disc(draft: DrawingBuilder, edge: BoundEdge) -> None:
-    """Draw a disc as a wheel of its radius."""
+    """Draw a disc as a wheel with its radius."""
     place = draft.places[edge.second]
     if place.cluster in draft.with_visuals:
         return
@@ -306,7 +306,7 @@ def blade(draft: DrawingBuilder, edge: BoundEdge) -> None:
     draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)
 
 
-#: Drawing functions of edges by component. Gears, free joints and loads are not drawn.
+#: Drawing functions by component. Gears, free joints and loads are not drawn.
 SHOWN: dict[str, Callable[[DrawingBuilder, BoundEdge], None]] = {
     "arm": arm,
     "rigid_body": body,
@@ -344,7 +344,7 @@ def draft_scene(
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = LINE_FORCE  # the component was registered by the user
+            show = LINE_FORCE  # registered by the user
         is_hidden = edge.component.role is Role.JOINT and draft.is_hidden(edge)
         if show is not None and not is_hidden:
             show(draft, edge)

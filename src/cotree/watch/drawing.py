@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.watch.stage import MotionValues, Place, Poses, Stage
 
 
-#: Length of travel, in sizes of the mechanism, beyond which the camera follows the mechanism.
+#: Length of travel, in mechanism sizes, beyond which the camera follows the mechanism.
 FAR = 15.0
 
 
@@ -53,12 +53,12 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Strut:
-    """A shape between two points: its mesh, from z = 0 to z = 1, is stretched to their distance."""
+    """A shape between two points; its mesh, from z = 0 to z = 1, is stretched to their distance."""
 
     name: str
     tracks: tuple[int, int]  # indices of the clusters with which its ends move
     ends: tuple[Array, Array]  # end points, in the axes of these clusters
-    side: Array  # vector, in the first track's axes, closest to the mesh's y direction
+    side: Array  # direction in the first track's axes, close to the mesh's y direction
     mesh: Mesh
     color: Color
 
@@ -76,7 +76,7 @@ class Label:
 class Drawing:
     """The shapes and labels of an animation, and their motion."""
 
-    #: Name of the scene, and a note about the run; untrusted text.
+    #: Name of the scene, and a note on the run; untrusted.
     title: str
     note: str
     frames: Moments  # times and events of the frames
@@ -86,19 +86,20 @@ class Drawing:
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]
     up: Array  # axis that points up in the picture
-    towards: Array  # direction towards the viewer: the normal of a plane, or chosen
+    towards: Array  # direction to the viewer: the normal of a plane, or the user's choice
     is_flat: bool  # whether everything moves in a plane
     thickness: float  # thickness of bars, [m]
 
     def floor(self) -> Array:
         """Return the lines of a fixed reference grid, shape (n_lines, 2, 3), [m].
 
-        It is below the mechanism in space. A plane has a grid only if the camera follows the
-        mechanism; in space, dashes along its path then replace the grid.
+        In space, the grid is below the mechanism; if the camera follows the mechanism, dashes along
+        its path replace the grid. In a plane, there is a grid only if the camera follows the
+        mechanism.
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
-        # ``own`` is the largest extent at any time, ``path`` the extent of the centre's path.
+        # ``own`` is the largest extent at any time, ``path`` the path of the centre.
         own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
         low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
@@ -145,7 +146,7 @@ class Drawing:
 
 
 def _dashes(path: Array, length: float) -> Array:
-    """Return at most 300 dashes of about a given length along a path, shape (n_lines, 2, 3)."""
+    """Return at most 300 dashes of about the same length along a path, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     # Dashes and gaps have the same length.
     n = int(min(300.0, 0.5 * way[-1] / length))
@@ -161,14 +162,14 @@ def _round_up(x: float) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Return the points that are outermost in many directions, which determine bounding boxes."""
+    """Return the outermost points in many directions, which determine bounding boxes."""
     if len(points) <= len(_DIRECTIONS):
         return points
     return np.asarray(points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))])
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Assign layers to n clusters, different for clusters that share a joint or a constraint."""
+    """Assign layers to n clusters, different for clusters that share a joint or constraint."""
     neighbours: list[set[int]] = [set() for _ in range(n)]
     for edge in edges:
         if edge.component.role in (Role.JOINT, Role.CONSTRAINT):
@@ -183,7 +184,7 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
 
 
 class DrawingBuilder:
-    """A builder of drawings, to which edges add their shapes in cluster axes."""
+    """Builder of a drawing, to which edges add their shapes in cluster axes."""
 
     def __init__(
         self,
@@ -207,7 +208,7 @@ class DrawingBuilder:
 
     def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
         """Return the drawing, with a title above it and a note below."""
-        # Struts are drawn last, since those between the same nodes are placed side by side.
+        # Struts are added last, so that struts between the same nodes can be placed side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
@@ -237,7 +238,7 @@ class DrawingBuilder:
         return self.layer[cluster] * self.pitch * self.towards(cluster)
 
     def towards(self, cluster: int) -> Array:
-        """Return the direction towards the viewer in a body's axes; it is constant in a plane."""
+        """Return the direction to the viewer in a body's axes; it is constant in a plane."""
         return np.asarray(self.poses.axes[cluster][0].T @ self.stage.towards)
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
@@ -250,7 +251,7 @@ class DrawingBuilder:
         return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
 
     def reach(self, edge: BoundEdge) -> Array:
-        """Return the vector between an edge's nodes over time, in the axes of the first."""
+        """Return the vector between an edge's nodes over time, in the axes of the first node."""
         one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
         return np.asarray(np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second)))
@@ -276,7 +277,7 @@ class DrawingBuilder:
         return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.with_visuals
 
     def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
-        """Draw a cylinder through a node about an axis, which is given in cluster axes."""
+        """Draw a cylinder through a node about ``axis``, in cluster axes."""
         place = self.places[end]
         at = place.local
         if self.stage.is_flat:  # it extends through all layers
@@ -286,7 +287,7 @@ class DrawingBuilder:
         self.solid(edge.name, place.cluster, mesh, JOINT)
 
     def mark(self, edge: BoundEdge) -> None:
-        """Label a joint; draw a ground symbol if one of its bodies is the ground."""
+        """Label a joint; draw a ground symbol if it connects a body to the ground."""
         one, two = self.places[edge.first], self.places[edge.second]
         self.label(edge.name, one.cluster, one.local)
         for place in (one, two):
@@ -294,7 +295,7 @@ class DrawingBuilder:
                 self.ground_symbol(edge.name, place)
 
     def ground_symbol(self, name: str, place: Place) -> None:
-        """Draw a ground symbol at a point, unless it has one."""
+        """Draw a ground symbol at a point, unless it already has one."""
         if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
             place = self.places["ground"]  # bars connect the ground to the point
         if (at := tuple(place.local)) in self._grounded:
@@ -320,7 +321,7 @@ class DrawingBuilder:
         return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
-        """Add an element between two nodes, with a mesh of length one along z."""
+        """Add a strut between two nodes; the length of its mesh along z is one."""
         one, two = self.places[first], self.places[second]
         # Struts within one body or between coincident points are not drawn.
         if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
@@ -331,7 +332,7 @@ class DrawingBuilder:
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
         gaps = self.gap(first, second)
-        # Struts may shrink to a point, so their direction is taken at the greatest length.
+        # Struts may shrink to a point, so the direction at the greatest length is used.
         gap = gaps[int(np.argmax(np.linalg.norm(gaps, axis=1)))]
         towards = stage.towards if stage.is_flat else shapes.axes_along(gap, stage.up)[:, 0]
         along = shapes.axes_along(gap, towards)
@@ -340,7 +341,7 @@ class DrawingBuilder:
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind
-            # In cluster axes, the shift remains that of the first time.
+            # In cluster axes, the shift at the first time applies to all times.
             ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
             side = axes[one.cluster, 0].T @ towards
             tracks = (one.cluster, two.cluster)

@@ -1,8 +1,8 @@
 """Evenly spaced frame times, and the coordinates of a run at these times.
 
 Between points, each coordinate is the quintic Hermite polynomial of its values, rates and
-accelerations at both ends. Its error for a sine is (w h)^6/46080 of the amplitude: 3e-5 if points
-are a sixth of the period apart.
+accelerations at both ends. For a sine with angular frequency w and step h, the error is
+(w h)^6/46080 of the amplitude: 3e-5 for six points per period.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MOST_FRAMES, MOST_POSES = 2000, 300_000
 _FEWEST = 100  # minimum limit of frames, even with many bodies
 
-# Shortest and longest runs in real time, and approximate duration of other animations, [s].
+# Shortest and longest runs shown in real time, and approximate duration of other animations, [s].
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
 _PATIENCE = 86_400.0  # maximum duration of an animation, [s]
@@ -62,7 +62,7 @@ class Moments:
 
     @property
     def speed(self) -> float:
-        """Time of the run per time of the animation."""
+        """Ratio of run time to animation time."""
         if len(self.times) < 2:
             return 1.0
         return abs(float(self.times[1] - self.times[0])) / self.pause
@@ -71,10 +71,10 @@ class Moments:
 def choose_frames(
     start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
 ) -> Moments:
-    """Return evenly spaced frame times of a run, [s], of which ``fps`` are shown each second.
+    """Return evenly spaced frame times of a run, [s]; ``fps`` frames are shown per second.
 
-    ``speed`` is the time of the run per time of the animation; by default it is 1 for a run of 2 to
-    30 s, else 1, 2 or 5 times a power of ten.
+    ``speed`` is the ratio of run time to animation time; by default it is 1 for a run of 2 to 30 s,
+    else 1, 2 or 5 times a power of ten.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
         raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
@@ -106,7 +106,7 @@ def coordinates_at(
     if len(t) == 1:
         return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
     way = 1.0 if t[-1] >= t[0] else -1.0
-    # The last of several points at one time is the state after all events.
+    # If several points have the same time, the last one is the state after all events.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
     # Only the ends of intervals that contain a frame need accelerations.
@@ -115,7 +115,7 @@ def coordinates_at(
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
-    # The points before and after an event have the same time; in this empty interval, take the end.
+    # Points before and after an event have the same time: use the end of this empty interval.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
@@ -125,7 +125,7 @@ def coordinates_at(
 
 
 def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
-    """Return times, states and inputs, including those just before and after each event."""
+    """Return times, states and inputs, including the points just before and after each event."""
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
     when = np.concatenate([np.zeros(0), *(row.t for row in found)])
@@ -138,7 +138,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
         np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
         for side in ("y_before", "y_after")
     ]
-    is_own = ~np.isin(result.t, when)  # other points at the times of events are replaced
+    is_own = ~np.isin(result.t, when)  # the points of events replace other points at the same time
     near = np.abs(result.t[:, None] - when).argmin(axis=0)
     t = np.concatenate([result.t[is_own], when, when])
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)
@@ -190,8 +190,8 @@ def _quaternions(system: System) -> Iterator[slice]:
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     """Interpolate values, rates and accelerations at both ends, at fractions x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
-    # Remainders, at the second end, of the Taylor polynomial of the first end: those of value, rate
-    # and acceleration, each times a power of h.
+    # Remainders, at the second end, of the Taylor polynomial about the first end: those of value,
+    # rate and acceleration, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
     bend = h**2 * (a1 - a0)

@@ -1,7 +1,7 @@
 """Robot meshes: search for their files, reading with limits on size, and coarsening.
 
-STL and OBJ are read here, other formats by trimesh. Files are untrusted: their sizes are bounded
-and every number is checked.
+STL and OBJ are read here, other formats by trimesh. Files are untrusted: sizes are limited and
+every number is checked.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute",
 
 
 class MeshError(Exception):
-    """An error that a mesh cannot be read, with the reason as its message."""
+    """Error for a mesh that cannot be read; the message is the reason."""
 
 
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
-    """Find the file of a mesh: a path, ``file://`` or ``package://PACKAGE/...``.
+    """Return the file of a mesh from a path, ``file://`` or ``package://PACKAGE/...``.
 
     Packages are in the folder of the robot's file, in folders above it or on ROS_PACKAGE_PATH.
     Unless ``trust_paths``, the mesh must be inside its package or the folder of the robot's file,
@@ -75,7 +75,7 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
 
 
 def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
-    """List candidates for a mesh's package folder, each with the path of the mesh in it."""
+    """Return candidates for a mesh's package folder, each with the path of the mesh in it."""
     package, _, inner = name.partition("/")
     above = beside.resolve().parents
     listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
@@ -120,13 +120,13 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
         raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
         raise MeshError(f"'{name}' has corners that are not finite or too large")
-    # STL repeats each corner for every triangle; equal ones are merged.
+    # STL repeats each corner in every triangle; equal corners are merged.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])
 
 
 def _read_stl(data: bytes) -> Mesh:
-    """Read STL, which is binary if its length matches the number of triangles, else text."""
+    """Read STL: binary if the length matches the number of triangles, else text."""
     # The number of triangles follows 80 bytes, which may begin with "solid" as in text files.
     n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
@@ -142,7 +142,7 @@ def _read_stl(data: bytes) -> Mesh:
 
 
 def _read_obj(text: str) -> Mesh:
-    """Read corners and faces of OBJ; faces with over three corners become triangle fans."""
+    """Read corners and faces of OBJ; faces with more than three corners become triangle fans."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     for line in text.splitlines():
@@ -201,7 +201,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
     return Mesh(points, faces[is_kept])
 
 
-#: Largest number of triangles in all meshes of a robot together; larger meshes are coarsened.
+#: Largest number of triangles in all meshes of a robot; larger meshes are coarsened.
 MOST_FACES = 60_000
 
 _FEWEST = 200  # minimum number of triangles of one mesh
@@ -210,7 +210,7 @@ _FEWEST = 200  # minimum number of triangles of one mesh
 def visual_meshes(
     origin: Origin, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
-    """Return, for each cluster, its visual shapes with the names of their nodes.
+    """Return the visual shapes of each cluster, with the names of their nodes.
 
     Warn once if meshes are missing or cannot be read; their links are then drawn as bars.
     """

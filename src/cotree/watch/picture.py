@@ -29,15 +29,15 @@ class Camera:
 
     axes: Array  # columns: directions to the right, upwards and towards the viewer
     centres: Array  # centre of the view in each frame, [m]
-    half: tuple[float, float]  # half the width and height of the visible region there, [m]
+    half: tuple[float, float]  # half the width and height of the visible region at the centre, [m]
     #: Distance from the viewer to the centre, [m]; infinite for the parallel projection of planes.
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
         """Project points of a frame, (n, 3) in ground axes, [m], to the picture.
 
-        Coordinates in the picture, (n, 2), are -1 to 1 to the right and upwards. Nearness, (n,), is
-        larger in front and linear over the picture of a plane.
+        Picture coordinates, (n, 2), are -1 to 1 to the right and upwards. Nearness, (n,), is larger
+        in front and linear in the picture coordinates on a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
         # Parallel projection: nearness is the coordinate towards the viewer.
@@ -51,13 +51,14 @@ class Camera:
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
     """Position the camera so that every frame shows all shapes at the same scale.
 
-    The default ``aspect``, width by height, is that of the mechanism in a plane, 0.6 to 2, and 4:3
-    in space. The reach is half the extent to the right, upwards and towards the viewer, [m].
+    The default ``aspect``, width by height, is 4:3 in space, and that of the mechanism, limited to
+    0.6 to 2, in a plane. The reach is half the extent to the right, upwards and towards the viewer,
+    [m].
     """
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
     own = float((high - low).max())
-    # The camera follows a mechanism that travels far, and is at rest otherwise.
+    # The camera follows a mechanism that travels far, and is fixed otherwise.
     if float((high.max(axis=0) - low.min(axis=0)).max()) <= FAR * own:
         low, high = (
             np.repeat(a[None], len(low), axis=0) for a in (low.min(axis=0), high.max(axis=0))
@@ -80,11 +81,11 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
 _FINER = 2  # painted pixels per pixel of the picture, in each direction
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # light direction: right, up, towards the viewer
-_COLORS = 96  # colours of a GIF; more increase its size without visible difference
+_COLORS = 96  # colours of a GIF; more colours increase its size without visible difference
 
 
 class Painter:
-    """A painter of frames of the given size, [px]; a height of None fits the drawing."""
+    """Painter of frames, with sizes in [px]; a height of None fits the drawing."""
 
     def __init__(self, drawing: Drawing, width: int, height: int | None) -> None:
         self.drawing = drawing
@@ -169,7 +170,7 @@ def decimals(times: Array) -> int:
 
 
 def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
-    """Stretch a strut between its ends; return the points of its mesh in ground axes, [m]."""
+    """Stretch a strut between its ends; return its mesh points in ground axes, [m]."""
     ends = [
         poses.positions[track, frame] + poses.axes[track, frame] @ local
         for track, local in zip(strut.tracks, strut.ends, strict=True)
@@ -206,7 +207,7 @@ def _visible(
         rise = (y[:, j] - y[:, i])[face]
         with np.errstate(all="ignore"):
             cut = x[face, i] + (row + 0.5 - y[face, i]) / rise * (x[:, j] - x[:, i])[face]
-        # With a positive area the inside is to the left of falling edges, in rows counted down.
+        # With a positive area, the inside is to the left of falling edges (rows count downwards).
         is_left = (rise < 0.0) == (area[face] > 0.0)
         low = np.where((rise != 0.0) & is_left, np.maximum(low, cut), low)
         high = np.where((rise != 0.0) & ~is_left, np.minimum(high, cut), high)
@@ -230,21 +231,21 @@ def _visible(
 
 
 def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
-    """Return a GIF that repeats; with more than ``most`` frames, only every k-th is drawn."""
+    """Return a repeating GIF; with more than ``most`` frames, only every k-th frame is drawn."""
     from PIL import Image
 
     painter = Painter(drawing, width, height)
     n = len(drawing.frames.times)
     every = -(-n // most)
     shown = list(range(0, n, every))
-    # All frames have the same palette, so that colours do not flicker.
+    # All frames share a palette, so that colours do not flicker.
     few = [painter.paint(k) for k in shown[:: max(1, len(shown) // 6)]]
     sheet = Image.new("RGB", (few[0].width, few[0].height * len(few)))
     for i, image in enumerate(few):
         sheet.paste(image, (0, i * image.height))
     palette = sheet.quantize(_COLORS, dither=Image.Dither.NONE)
     images = [painter.paint(k).quantize(palette=palette, dither=Image.Dither.NONE) for k in shown]
-    # A GIF has 16 bits for hundredths of a second; browsers slow down pauses below two.
+    # A GIF has 16 bits for hundredths of a second; browsers slow down pauses below 0.02 s.
     pause = 10 * min(max(2, round(100.0 * drawing.frames.pause * every)), 65_535)
     buffer = io.BytesIO()
     images[0].save(

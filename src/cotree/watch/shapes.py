@@ -1,4 +1,4 @@
-"""Triangle meshes, in metres; their axis is z, from the centre or from z = 0 to z = 1."""
+"""Triangle meshes, in metres, along the z axis, centred or from z = 0 to z = 1."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROUND = 28  # number of sides of round shapes
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A mesh of triangles, counter-clockwise as seen from outside."""
+    """A triangle mesh; corners are counter-clockwise as seen from outside."""
 
     points: Array  # corner points of the mesh
     faces: Indices  # indices of corners, three per face
@@ -31,7 +31,7 @@ class Mesh:
         return Mesh(turned + position, self.faces)
 
     def scaled(self, factors: Sequence[float] | Array) -> Mesh:
-        """Return the mesh scaled along the axes; faces are reversed if it is mirrored."""
+        """Return the mesh scaled along the axes; if it is mirrored, faces are reversed."""
         factors = np.asarray(factors, dtype=float)
         faces = self.faces[:, ::-1] if np.prod(np.sign(factors)) < 0 else self.faces
         return Mesh(self.points * factors, faces)
@@ -48,7 +48,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(a: float, b: float, c: float) -> Mesh:
-    """Make a box centred at the origin with the given lengths along x, y and z, [m]."""
+    """Return a box centred at the origin with these lengths along x, y and z, [m]."""
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
     # Four corners each, counter-clockwise from outside; corners are numbered in binary by x, y, z.
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -76,13 +76,13 @@ def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """Make a cylinder."""
+    """Return a cylinder."""
     h = 0.5 * length
     return turned([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
 def sphere(radius: float) -> Mesh:
-    """Make a sphere."""
+    """Return a sphere."""
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND // 2 + 1)
     profile = [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
     # Exact zeros, since the cosine of a right angle is 6e-17.
@@ -91,7 +91,7 @@ def sphere(radius: float) -> Mesh:
 
 
 def capsule(radius: float, length: float) -> Mesh:
-    """Make a cylinder along z that ends in hemispheres."""
+    """Return a cylinder along z that ends in hemispheres."""
     angles = np.linspace(-0.5 * np.pi, 0.0, _ROUND // 4 + 1)
     low = [(radius * float(np.cos(a)), radius * float(np.sin(a)) - 0.5 * length) for a in angles]
     low[0] = (0.0, low[0][1])
@@ -99,7 +99,7 @@ def capsule(radius: float, length: float) -> Mesh:
 
 
 def plate(radius: float, length: float, thickness: float) -> Mesh:
-    """Make a flat bar with round ends, long along z between their centres, and thin along y."""
+    """Return a flat bar with round ends, long along z between their centres, and thin along y."""
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)
     outline = np.column_stack(
@@ -118,19 +118,19 @@ def extruded(outline: Array, thickness: float) -> Mesh:
         np.column_stack([here, n + after, n + here]),
         np.column_stack([here, after, n + after]),
     ]
-    # Seen from +y, x to z is clockwise.
+    # Seen from +y, the rotation from x to z is clockwise.
     return Mesh(np.concatenate(side), np.concatenate([fan[:, ::-1], n + fan, *walls]))
 
 
 def ring(radius: float, inner: float, length: float) -> Mesh:
-    """Make a cylinder along z with a hole."""
+    """Return a cylinder along z with a hole."""
     h = 0.5 * length
     # Wheels are large and have twice the number of sides.
     return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], 2 * _ROUND)
 
 
 def wheel(radius: float, thickness: float) -> Mesh:
-    """Make a wheel with spokes, which make its rotation visible."""
+    """Return a wheel with spokes, which make its rotation visible."""
     rim = ring(radius, 0.86 * radius, thickness)
     spoke = box(1.76 * radius, 0.1 * radius, 0.5 * thickness)
     angles = np.pi * np.arange(3) / 3
@@ -138,12 +138,12 @@ def wheel(radius: float, thickness: float) -> Mesh:
 
 
 def rod(radius: float) -> Mesh:
-    """Make a cylinder from zero to one along z."""
+    """Return a cylinder from zero to one along z."""
     return cylinder(radius, 1.0).placed(np.array([0.0, 0.0, 0.5]))
 
 
 def coil(radius: float, wire: float, length: float) -> Mesh:
-    """Make a helical spring from zero to one along z; its wire is round at ``length``, [m]."""
+    """Return a helical spring from zero to one along z; its wire is round at ``length``, [m]."""
     turns, around = 9, 6
     n = 16 * turns
     u = np.linspace(0.0, 1.0, n + 1)
@@ -155,7 +155,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.column_stack([tangent[:, 1], -tangent[:, 0], np.zeros(n + 1)])
     turn = 2 * np.pi * np.arange(around) / around
-    # The coil has length one; stretching it later also stretches the height of its wire.
+    # The coil has length one; later stretching also stretches the height of its wire.
     up = np.array([0.0, 0.0, wire / length])
     rings = path[:, None] + wire * np.cos(turn)[:, None] * across[:, None]
     rings = rings + np.sin(turn)[:, None] * up
@@ -169,13 +169,13 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
 
 
 def piston(radius: float) -> Mesh:
-    """Make a damper or a cylinder from zero to one along z: a barrel and its rod."""
+    """Return a damper or cylinder from zero to one along z: a barrel and its rod."""
     barrel = cylinder(radius, 0.5).placed(np.array([0.0, 0.0, 0.37]))
     return joined([rod(0.35 * radius), barrel])
 
 
 def about_z(angle: float) -> Array:
-    """Return the matrix of a rotation about z."""
+    """Return the rotation matrix about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -183,7 +183,7 @@ def about_z(angle: float) -> Array:
 def axes_along(z: Array, y: Array | None = None) -> Array:
     """Return right-handed axes with z along a vector, and y as close as possible to another."""
     z = z / np.linalg.norm(z)
-    # The coordinate axis that is most perpendicular to z.
+    # The coordinate axis closest to perpendicular to z.
     near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y
     x = np.cross(near, z)
     # If both directions are parallel, y is arbitrary.

@@ -43,7 +43,7 @@ class Stage:
     up: Array
     towards: Array
     is_flat: bool  # whether everything moves in a plane
-    #: Size of the mechanism, and half of the width of its bars, [m].
+    #: Size of the mechanism, and half the width of its bars, [m].
     size: float
     thickness: float
     body: tuple[int, ...]  # index of each cluster among those with nodes
@@ -72,7 +72,7 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     if lengths:
         thickness = max(min(thickness, _OF_ARM * float(np.median(lengths))), _LEAST * size)
     edges = system.edges
-    # Cluster of each edge's second node.
+    # cluster of each edge's second node
     held = {edge.name: places[edge.second].cluster for edge in edges.values()}
     reach: dict[int, float] = {}
     for name, length in arms.items():
@@ -121,7 +121,7 @@ def _plane_side(plane: str, up: Array) -> Array:
 
 
 def _direction(up: Array, view: tuple[float, float]) -> Array:
-    """Return the direction with the given azimuth and elevation; ``up`` points upwards."""
+    """Return the view direction from azimuth and elevation, [deg]; ``up`` points upwards."""
     azimuth, elevation = np.deg2rad(view)
     i = int(np.argmax(np.abs(up)))
     ahead, left = np.eye(3)[(i + 1) % 3], np.cross(up, np.eye(3)[(i + 1) % 3])
@@ -130,7 +130,7 @@ def _direction(up: Array, view: tuple[float, float]) -> Array:
 
 
 def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
-    """Return the lengths, by name, of arms within a cluster, [m]."""
+    """Return the lengths of arms within a cluster, [m], by name."""
     return {
         edge.name: float(np.linalg.norm(places[edge.second].local - places[edge.first].local))
         for edge in first.system.edges.values()
@@ -157,7 +157,7 @@ def _spurs(
     arms: Mapping[str, float],
     reach: Mapping[int, float],
 ) -> frozenset[str]:
-    """Find short arms that lead only to a body's centre of mass, by name."""
+    """Return the names of short arms that lead only to a body's centre of mass."""
     edges = first.system.edges
     uses = Counter(
         name
@@ -165,7 +165,7 @@ def _spurs(
         if edge.component.role not in (Role.BODY, Role.FORCE, Role.TORQUE)
         for name in (edge.first, edge.second)
     )
-    # Network edges may act on nodes, too.
+    # Network edges may also act on nodes.
     uses.update(n for edge in first.scene.edges.values() for e in edge.ports for n in e.acts_on)
     return frozenset(
         name
@@ -197,9 +197,9 @@ class Place:
 
 
 class MotionValues:
-    """Evaluation of nodes of the first graph over a run.
+    """Values of the first graph's nodes over a run.
 
-    ``times``, (n_times,), are in s, ``coordinates`` have shape (n_coordinates, n_times).
+    ``times``, (n_times,), are in s; ``coordinates`` have shape (n_coordinates, n_times).
     """
 
     def __init__(self, motion: Motion, p: Array, times: Array, coordinates: Array) -> None:
@@ -215,7 +215,7 @@ class MotionValues:
         }
 
     def numbers(self, nodes: Sequence[Node]) -> Array:
-        """Evaluate nodes that depend on parameters only, shape (n_nodes,)."""
+        """Evaluate nodes that depend only on parameters, shape (n_nodes,)."""
         return np.array(evaluate(nodes, self._fixed), dtype=float)
 
     def place(self, point: Point) -> Place:
@@ -224,7 +224,7 @@ class MotionValues:
         return Place(point.cluster, self.numbers(point.local), turn)
 
     def matrix(self, a: Matrix) -> Array:
-        """Evaluate a matrix that depends on parameters only."""
+        """Evaluate a matrix that depends only on parameters."""
         return np.array([self.numbers(row) for row in a])
 
     def over_time(self, a: Vector) -> Array:
@@ -233,7 +233,7 @@ class MotionValues:
         return np.stack([self._over_time(value) for value in values], axis=-1)
 
     def _over_time(self, value: float | Array) -> Array:
-        # Values that depend on parameters only are one number for all times.
+        # A value that depends only on parameters is one number for all times.
         return np.broadcast_to(np.asarray(value, dtype=float), (self.n,))
 
     def poses(self) -> Poses:
