@@ -1,9 +1,9 @@
 """Across variables: prefix sums over the tree (paper, Eq. (2)).
 
-Vectors of a cluster are resolved in its own basis, vectors of a branch in the basis of its parent
-cluster. Gravity is subtracted from accelerations, so that weight needs no terminal equation. A
-sensitivity graph evaluates the same functions with dual numbers, and takes values that do not
-depend on its seed from the first graph.
+Vectors of a cluster are resolved in its own basis, vectors of a branch in its parent's basis.
+Gravity is subtracted from accelerations, so that weight needs no terminal equation. A sensitivity
+graph evaluates the same functions with dual numbers; values that do not depend on its seed are
+those of the first graph.
 """
 
 from __future__ import annotations
@@ -31,22 +31,23 @@ class Circuits:
     #: Topology and bases of the clusters.
     clusters: Clusters
     frames: Frames
-    #: Function that returns the across variable of a branch, in the basis of its parent.
+    #: Returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: For a sensitivity graph, the first graph's circuits, which supply values that do not change.
+    #: In a sensitivity graph: the first graph's circuits, which supply unchanged values.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
     def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
-        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis ([1] eq. 2)."""
+        """Return the sum between two origins, in the basis of the ancestor ([1] eq. 2)."""
         if self.known is not None and self.frames.is_kept(cluster):
             return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
-            # Paths from one ancestor share their beginnings: each sum adds one term to a known sum.
+            # Paths from one ancestor share their inner parts: each sum adds one term to a known
+            # sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are in the ancestor's basis, but each term is in the parent's.
+                # Sums are in the ancestor's basis, each term in its parent's basis.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -83,7 +84,7 @@ class Motion:
     frames: Frames
     geometry: tuple[Geometry, ...]  # geometry of every moving branch, parents before children
     omega: tuple[Vector, ...]  # angular velocity of each cluster, [rad/s]
-    first: Motion | None = None  # for a sensitivity graph: motion of the first graph
+    first: Motion | None = None  # in a sensitivity graph: motion of the first graph
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that leads to a cluster."""
@@ -92,7 +93,7 @@ class Motion:
 
     @cached_property
     def positions(self) -> Circuits:
-        """Position circuits, from cluster origin to cluster origin."""
+        """Position circuits between cluster origins."""
         known = None if self.first is None else self.first.positions
         return Circuits(
             self.clusters, self.frames, lambda branch: self.to(branch.child).offset, known
@@ -100,13 +101,13 @@ class Motion:
 
     @cached_property
     def velocities(self) -> Circuits:
-        """Velocity circuits, from cluster origin to cluster origin."""
+        """Velocity circuits between cluster origins."""
         known = None if self.first is None else self.first.velocities
         return Circuits(self.clusters, self.frames, self._branch_velocity, known)
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
-        # The offset moves with the parent; the motion space adds the motion relative to it.
+        # The offset moves with the parent; the motion space adds the relative motion.
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
             result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
@@ -135,19 +136,19 @@ class Accelerations:
     """Accelerations of all clusters, with gravity subtracted."""
 
     alpha: tuple[Vector, ...]  # angular acceleration of each cluster, [rad/s^2]
-    #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with a vector that is fixed in
-    #: the cluster is the relative acceleration of the vector's two ends.
+    #: ``[alpha]x + [omega]x[omega]x`` of each cluster. Its product with a vector fixed in the
+    #: cluster is the relative acceleration between the ends of the vector.
     matrix: tuple[Matrix, ...]
     origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
-    #: Vector of each moving branch, from the parent's origin to the child's, in the parent's basis.
+    #: Vector along each moving branch between the clusters' origins, in the parent's basis.
     across: tuple[Vector, ...]
     rates: tuple[Node, ...]  # accelerations: derivatives of the speeds
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Compute branch geometry and cluster spins ([1] eq. 2), with constant values of ``first``."""
+    """Compute branch geometry and cluster spins ([1] eq. 2); ``first`` supplies constant values."""
     geometry = []
-    # The ground comes first: it does not rotate. Each branch comes after the branches that carry
+    # The ground comes first and does not rotate. Each branch comes after the branches that carry
     # it, so that each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
@@ -159,14 +160,15 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            # Angular velocities add up along the rotation tree, positions along the other.
+            # Angular velocities add up along the rotation tree, positions along the translation
+            # tree.
             total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)
 
 
 def relative_spin(frames: Frames, geometry: Geometry) -> Vector:
-    """Compute the angular velocity of a branch's child relative to its parent."""
+    """Return the angular velocity of a branch's child relative to its parent."""
     return _moving(frames, geometry, geometry.turning)
 
 
@@ -197,15 +199,15 @@ def accelerate(
 ) -> Accelerations:
     """Compute the cluster accelerations from the time derivatives of the speeds.
 
-    A sensitivity graph passes ``first``, the first graph's accelerations, and keeps ``rates``
-    constant: their derivatives are its unknowns.
+    In a sensitivity graph, ``first`` contains the first graph's accelerations, and ``rates`` are
+    constant: their derivatives are the unknowns.
     """
     system, frames = motion.system, motion.frames
     zero = vector.zeros(system.dag)
     alpha = [zero]
     matrix = [vector.angular_acceleration_matrix(zero, zero)]
-    # The ground accelerates against gravity (d'Alembert's principle), so that weight is part of
-    # every inertial force and needs no edge of its own.
+    # The ground accelerates against gravity (d'Alembert's principle), so that inertial forces
+    # include weight, which needs no edge.
     origin = [vector.neg(frames.resolved(0, system.gravity))]
     steps = []
     for geometry in motion.geometry:
@@ -215,12 +217,12 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # The branch's term is unchanged, and the sum to the origin if that to the parent is.
+            # If the parent's sum is also unchanged, so is the sum at the origin.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
-            # Otherwise only the sum is computed again, from the first graph's term.
+            # Otherwise only the sum is computed again, with the first graph's term.
             if len(steps) < child:
                 own = [rates[v.index] for v in branch.speeds]
                 spin = carrier_spin(motion, branch)
@@ -249,14 +251,14 @@ def _shift(
 ) -> Vector:
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
-    # Tangential and centripetal acceleration of the arm that is fixed in the parent.
+    # tangential and centripetal acceleration of the arm that is fixed in the parent
     total = vector.times(matrix[branch.parent], geometry.from_parent)
     total = vector.add(total, weighted(zero, geometry.sliding, rates))
-    # Coriolis term 2 omega x v of translations along axes that rotate with the carrier.
+    # Coriolis term 2 omega x v of translations along axes that rotate with the carrier
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
-    # A joint that points inwards slides along axes of its child, so that this part of the arm is
-    # fixed in the child. The child's matrix is in the child's basis.
+    # A joint that points inwards slides along axes of its child, in which this part of the arm is
+    # fixed. The child's matrix is in the child's basis.
     if not vector.is_zero(geometry.from_child):
         outer = frames.down(branch.child, geometry.from_child)
         carried = vector.times(matrix[branch.child], outer)
@@ -270,12 +272,12 @@ class View:
 
     motion: Motion  # positions and velocities of the graph
     accelerations: Accelerations | None = None
-    first: View | None = None  # for a sensitivity graph: variables of the first graph
+    first: View | None = None  # in a sensitivity graph: variables of the first graph
 
     @property
     def across(self) -> Accelerations:
         """The accelerations."""
-        assert self.accelerations is not None  # only positions and velocities need no accelerations
+        assert self.accelerations is not None  # absent in views of positions and velocities
         return self.accelerations
 
     @cached_property
@@ -299,12 +301,12 @@ class View:
     def scalar(self, node: Node) -> Node:
         """Return a field, coordinate, speed or acceleration in this view."""
         if self.accelerations is not None:
-            # An acceleration's symbol is replaced by the value for which this view was computed.
+            # The symbol of an acceleration is replaced by its value in this view.
             node = self._rates.get(node, node)
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """Transform a vector fixed in a cluster, maybe time-dependent, to an ancestor's basis."""
+        """Transform a vector in cluster axes, maybe time-dependent, to an ancestor's basis."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
@@ -318,7 +320,7 @@ class View:
     def acceleration(self, point: Point, ancestor: int) -> Vector:
         """Return a point's acceleration relative to an ancestor's origin."""
         zero = vector.zeros(self.motion.system.dag)
-        # Gravity is included at the ground's origin only; sums from an ancestor do not contain it.
+        # Only the ground's origin accelerates against gravity: sums from an ancestor exclude it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
         return vector.add(self._accelerations.between(ancestor, point.cluster, zero), own)

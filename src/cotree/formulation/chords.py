@@ -1,4 +1,4 @@
-"""Constraints by chords: rows for joints that close loops, and for constraint components.
+"""Constraints by chords: rows of joints that close loops, and of constraint components.
 
 The across variable of a chord joint is zero along its reaction space, in which its multiplier acts.
 """
@@ -43,16 +43,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One scalar constraint: a measure that stays zero."""
+    """One scalar constraint: a measure that must be zero."""
 
-    name: str  # name of the measure, ``edge.place``, for reports
+    name: str  # name of the measure in reports, ``edge.place``
     edge: str  # name of the edge that causes the constraint
     unit: str  # unit of the measure
-    measure: Measure  # measure that stays zero
+    measure: Measure  # measure that must be zero
 
 
 def constraint_rows(motion: Motion) -> list[Row]:
-    """List the constraint rows of all chord joints, constraints and prescribed motions."""
+    """Return the constraint rows of all chord joints, constraints and prescribed motions."""
     rows: list[Row] = []
     for edge in motion.system.edges.values():
         role = edge.component.role
@@ -66,7 +66,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows that keep a chord joint's across variables zero along its reaction space."""
+    """Yield a chord joint's constraints: zero across variables along its reaction space."""
     trees = motion.system.trees
     if not trees.is_branch(edge.name, rotates=False):
         yield from _translation_rows(motion, edge)
@@ -79,7 +79,7 @@ def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Row:
 
 
 def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows that keep the two nodes together, except along the joint's translations."""
+    """Yield rows that keep the two nodes together, except along the joint's translations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     sliding = [s for s in edge.component.motion_space if isinstance(s, Freedom) and not s.rotates]
     if "vector" in edge.vectors:
@@ -104,14 +104,14 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     if screws:
         along = AxisLength(ends, carried_by(motion, ends, 0, axis))
         symbols = [dag.symbol("measure", i) for i in range(2)]
-        # A screw advances by its pitch for each radian of its total angle.
+        # A screw advances by its pitch per radian of its total angle.
         held = symbols[0] - edge.scalars[screws[0].pitch] * symbols[1]
         parts = (along, whole_angle(motion, edge))
         yield _named(edge, "along", "m", Composite(parts, held, motion.system.time))
 
 
 def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
-    """Return rows that keep the second node at the tip of a vector fixed in the first node."""
+    """Yield rows that keep the second node at the tip of a vector fixed in the first node."""
     dag = motion.system.dag
     for i, place in enumerate("xyz"):
         axis = carried_by(motion, ends, 0, vector.identity(dag)[i])
@@ -121,7 +121,7 @@ def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
 
 
 def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Return rows that keep the axes of both nodes aligned, except for the joint's rotations."""
+    """Yield rows that keep the axes of both nodes aligned, except for the joint's rotations."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     turning = [s for s in edge.component.motion_space if s.rotates]
     if any(isinstance(s, FreeRotation) for s in turning):
@@ -129,7 +129,8 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     units = vector.identity(dag)
     if not turning:
         for i, place in enumerate(("xy", "yz", "zx")):
-            # The axes agree if each axis of one node is perpendicular to the next of the other.
+            # The axes agree if each axis of one node is perpendicular to the next axis of the
+            # other.
             mark = units[(i + 1) % 3]
             if edge.rotation is not None:
                 mark = vector.transposed_times(edge.rotation, mark)
@@ -156,7 +157,7 @@ def _axis_of(edge: BoundEdge) -> Vector:
 
 
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Return the angle of a chord joint as a measure; raise if it would jump at half a turn."""
+    """Return a chord joint's angle as a measure; raise an error if it jumps at half a turn."""
     angle = joint_angle(motion, edge)
     if angle.sum is None:
         raise FormulationError(
@@ -205,7 +206,7 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
         along = vector.signed(branch.sign, branch.axes[0])[n]
         total = total + along * branch.position
     if point.turn is not None:
-        # The node itself may be rotated within its rigid cluster, by a weld or an arm.
+        # A weld or an arm may rotate the node within its rigid cluster.
         i, j = (n + 1) % 3, (n + 2) % 3
         total = total + motion.system.dag.function("atan2", point.turn[j][i], point.turn[i][i])
     return total
@@ -214,9 +215,9 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
 def chord_measure(
     motion: Motion, edge: BoundEdge, name: str, space: Sequence[MotionStep] = ()
 ) -> Measure | None:
-    """Return the measure of a chord's coordinate or rate by name, or None if it does not exist.
+    """Return the measure of a chord's coordinate or rate by name, or None if there is none.
 
-    ``space`` is the motion space of a body as a branch; joints have their own.
+    ``space`` is the motion space of a body as a branch; a joint has its own.
     """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
@@ -239,7 +240,7 @@ def chord_measure(
 
 
 def named_measure(motion: Motion, name: str) -> Measure | None:
-    """Return the measure of ``edge.coordinate`` or of a node's ``x``, ``y``, ``z``."""
+    """Return the measure of ``edge.coordinate`` or of a node's ``x``, ``y``, ``z``, or None."""
     system = motion.system
     for speed in system.speeds:
         if speed.coordinate is not None and speed.coordinate.name == name:
@@ -313,7 +314,7 @@ def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)
     x, y, z = (entry if square is dag.one else entry / length for entry in axis)
-    # If the axis lies in a coordinate plane, this choice needs the fewest operations.
+    # This choice needs the fewest operations if the axis lies in a coordinate plane.
     if not z.is_zero and y.is_zero:
         return (z, dag.zero, -x), (dag.zero, dag.one, dag.zero)
     if not z.is_zero and x.is_zero:

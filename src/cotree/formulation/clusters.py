@@ -2,8 +2,8 @@
 
 Circuit sums within a cluster depend on parameters only, and the inertias of all nodes of a cluster
 are lumped at its origin. Moving branches connect the clusters. The translation tree determines the
-positions of the cluster origins, the rotation tree the directions of the cluster axes. If the trees
-differ, different branches lead to both.
+positions of cluster origins, the rotation tree the directions of cluster axes. If the trees differ,
+different branches lead to both.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ class Point:
 
     def resolved(self, a: Vector) -> Vector:
         """Transform a vector from node axes to cluster axes."""
-        # Most nodes have the axes of their cluster, so that no product is needed.
+        # Most nodes have the axes of their cluster and need no product.
         return a if self.turn is None else vector.times(self.turn, a)
 
 
 @dataclass(frozen=True)
 class Branch:
-    """A branch with a motion space, which leads from a parent cluster to its child.
+    """A branch with a motion space, from a parent cluster to its child.
 
-    The child's origin is the branch's outer node. A joint with successive degrees of freedom
+    The child's origin is the branch's outer node. A joint with several degrees of freedom in series
     consists of several branches, with empty clusters between them.
     """
 
     edge: str  # joint to which the branch belongs
     sign: int  # +1 if the edge points away from the ground, else -1
     parent: int
-    #: The cluster relative to which the child's axes rotate: the parent, unless the trees differ.
+    #: Cluster relative to which the child's axes rotate: the parent, unless the trees differ.
     turn_parent: int
     child: int
     #: Cluster in whose axes the motion space is constant: the cluster of the edge's first node, or
@@ -82,13 +82,13 @@ class Branch:
 
     @property
     def position(self) -> Node:
-        """The single coordinate of a branch along one axis."""
-        # A free rotation has four coordinates, which are returned by `quaternion`.
+        """The coordinate of a branch with a single axis."""
+        # A free rotation has four coordinates; see `quaternion`.
         return self.coordinates[0].symbol
 
     @property
     def quaternion(self) -> tuple[Node, ...] | None:
-        """The coordinates of a free rotation."""
+        """The coordinates of a free rotation, else None."""
         if self.step is None or isinstance(self.step.kind, Freedom):
             return None
         return tuple(c.symbol for c in self.coordinates)
@@ -96,10 +96,10 @@ class Branch:
 
 @dataclass(frozen=True)
 class EdgeEntry:
-    """The branches that represent one edge of a tree between two clusters."""
+    """The branches that represent a tree edge between two clusters."""
 
     sign: int  # +1 if the edge points away from the ground, else -1
-    #: Clusters of the innermost and outermost branches of the edge.
+    #: Clusters of the edge's innermost and outermost branches.
     first: int
     last: int
 
@@ -118,14 +118,14 @@ class Clusters:
     """The rigid clusters of a system: number 0 is the ground, parents come before children."""
 
     points: dict[str, Point]  # points of all nodes
-    branches: tuple[Branch | None, ...]  # the branch that carries each cluster; None for the ground
-    #: Lumped inertia of each cluster; None if it has no inertia.
+    branches: tuple[Branch | None, ...]  # branch that leads to each cluster; None for the ground
+    #: Lumped inertia of each cluster; None if it has none.
     inertias: tuple[Inertia | None, ...]
-    #: For each graph, the branches of every edge with a motion space.
+    #: Branches of every edge with a motion space, for each graph.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
-        """List the branches of the translation tree from an ancestor out to a cluster."""
+        """Return the branches of the translation tree from an ancestor outwards to a cluster."""
         found: list[Branch] = []
         while cluster != ancestor:
             branch = self.branches[cluster]
@@ -135,7 +135,7 @@ class Clusters:
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
-        """List the rotation tree's branches that rotate a cluster, starting at the ground."""
+        """Return the branches that rotate a cluster, along the rotation tree from the ground."""
         found: list[Branch] = []
         while cluster:
             branch = self.branches[cluster]
@@ -151,7 +151,8 @@ class Clusters:
         while a != b:  # a parent has a smaller number than its children
             branch = self.branches[max(a, b)]
             assert branch is not None
-            # The cluster of the larger number is no ancestor of the other: move on to its parent.
+            # The cluster with the larger number is no ancestor of the other: replace it by its
+            # parent.
             a, b = min(a, b), branch.parent
         return a
 
@@ -159,16 +160,17 @@ class Clusters:
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
     """Move an inertia from its centre of mass to a cluster's origin (Steiner).
 
-    ``offset`` leads from the origin to the centre of mass, [m]; ``tensor`` is None for a particle.
+    ``offset`` is the vector from the origin to the centre of mass, [m]; ``tensor`` is None for a
+    particle.
     """
     moment = vector.scale(mass, offset)
-    # A particle has no inertia about its own centre of mass, only about the origin.
+    # A particle has no inertia about its own position.
     steiner = _steiner(moment, offset)
     return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
 
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
-    """Compute m (c.c 1 - c c^T) from m c and c."""
+    """Return m (c.c 1 - c c^T) from m c and c."""
     # Each product m c_i c_j is computed once and used in two entries of the tensor.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
@@ -200,15 +202,15 @@ class _Walks:
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch | None] = [None]
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
-        # For each node, the step of the rotation tree that leads to it, and the rotation from the
-        # node's axes to its cluster's axes (None if equal).
+        # The rotation tree's step to each node, and the rotation from the node's axes to its
+        # cluster's axes (None if equal).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
         """Traverse the translation tree; a node waits until the rotation tree has reached it."""
-        # Each round processes the nodes that both trees have reached. If a round processes none,
-        # the trees wait for each other, and no order of the clusters exists.
+        # Each round processes the nodes that both trees have reached. If there are none, the trees
+        # wait for each other, and no order of the clusters exists.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -252,7 +254,7 @@ class _Walks:
         return step
 
     def _turn(self, node: str) -> Matrix | None:
-        """Return the rotation from a node's axes to its cluster's axes, from the rotation tree."""
+        """Return the rotation from a node's axes to its cluster's axes, along the rotation tree."""
         # Walk inwards to a node whose axes are known, then compose the rotations outwards.
         unknown = []
         while node not in self._turns:
@@ -267,7 +269,8 @@ class _Walks:
     def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # The rotation of an arm or a weld expresses the second node's axes in the first's.
+            # The rotation of an arm or a weld resolves the second node's axes in the first node's
+            # axes.
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)
@@ -279,10 +282,10 @@ class _Walks:
     def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
         arm = edge.vectors.get("vector")
         if step.sign > 0:
-            # The arm is given in the axes of the edge's first node, which is the inner node here.
+            # The arm is in the axes of the edge's first node, here the inner node.
             local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
             return Point(inner.cluster, local, self._turn(step.child))
-        # The first node is the outer node here; its axes must be known to resolve the arm.
+        # The first node is here the outer node; its axes must be known to resolve the arm.
         first = replace(inner, turn=self._turn(step.child))
         if arm is None:
             return first
@@ -299,8 +302,8 @@ class _Walks:
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
             return place
-        # A joint slides in the axes of its first node. If that node is in the cluster to which the
-        # joint leads, the axes of that cluster are determined first.
+        # A joint slides in the axes of its first node. If that node is in the joint's child
+        # cluster, the axes of this cluster are determined first.
         place, turned = inner, self.points[turning.parent]
         if step.sign > 0:
             place = self._along(step, place, place)
@@ -339,7 +342,7 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
 def _branch(
     edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Build one branch from ``place``, and its outer node; its rotation begins at ``turned``."""
+    """Return a branch from ``place``, and its outer node; its rotation begins at ``turned``."""
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
     # At zero coordinates the child has the turn parent's axes, so the node rotation is the same.

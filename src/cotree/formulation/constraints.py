@@ -1,4 +1,4 @@
-"""Constraints: measures that must stay zero, with multipliers as dual through variables."""
+"""Constraints: measures that must be zero, with multipliers as dual through variables."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Constraints:
     applied: tuple[Applied, ...]  # generalised forces due to the multipliers
     #: Derivative of each rate with respect to each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]
-    #: Sums of the squared terms of the gradient, in which nothing cancels.
+    #: Sums of the squared terms of the gradient, without cancellation.
     sizes: tuple[tuple[Node, ...], ...]
-    values: tuple[Node | None, ...]  # values of the measures; None if a measure has only a rate
+    values: tuple[Node | None, ...]  # values of the measures; None for a measure with a rate only
     rates: tuple[Node, ...]  # rates of the measures
     #: Accelerations of the measures at zero coordinate accelerations, plus stabilisation terms.
     biases: tuple[Node, ...]
@@ -40,7 +40,7 @@ class Constraints:
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
-    """Form the constraints of a scene, and list the rows that no motion can change.
+    """Form the constraints of a scene; also return the rows that no motion can change.
 
     ``view`` has zero accelerations; ``baumgarte`` is the decay rate of violations, [1/s].
     """
@@ -50,14 +50,14 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
             # The power of the pull per unit of each speed is the derivative of the rate with
-            # respect to that speed: a row of G, without differentiating the value.
+            # respect to that speed. This yields a row of G without differentiating the value.
             gradient = tuple(along_speeds(motion, pull))
-        # If the row is zero, the multiplier acts on no speed, and the matrix would be singular.
+        # With a zero row, the multiplier acts on no speed, and the matrix would be singular.
         if all(entry.is_zero for entry in gradient):
             idle.append(row)
         else:
             kept.append((row, pull, gradient))
-    # Multipliers are numbered after the accelerations, since both are unknowns of one system.
+    # Multipliers and accelerations are unknowns of one system; multipliers are numbered last.
     symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
     values, rates, biases = [], [], []
     for row, _, _ in kept:
@@ -112,13 +112,13 @@ def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
 
 
 def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Sum the squared terms of :func:`along_speeds`, in which nothing cancels."""
+    """Return the sums of the squared terms in :func:`along_speeds`, without cancellation."""
     return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
 
 
 def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
     turning, shifting = geometry.turning[i], geometry.shifting[i]
-    # |e|^2 |T|^2 is an upper bound of (e.T)^2: entries far below the bound are rounding errors.
+    # |e|^2 |T|^2 bounds (e.T)^2: entries far below the bound are rounding errors.
     turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
     return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
 
@@ -137,7 +137,7 @@ def _along_speeds(
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
         # Each wrench is propagated separately, since the sizes add squares term by term. Parents
-        # have smaller numbers, so that clusters with larger numbers are not affected.
+        # have smaller numbers, so clusters with larger numbers are not affected.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):

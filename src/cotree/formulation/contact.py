@@ -1,4 +1,4 @@
-"""Contact measures: of a blade, of a rolling disc, and of bodies that may touch."""
+"""Contact measures of a blade, of a rolling disc, and of bodies that may touch."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class Slip:
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Return None, since no such coordinate exists."""
+        """Return None, since a slip has no coordinate."""
         return None
 
     def _velocity(self, view: View) -> Any:
         omega, _ = _against_first(self.ends, view)
-        # Rate of change of r in space, minus the part due to the rotation of the first body.
+        # Rate of r in space, minus the part due to the rotation of the first body.
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
@@ -57,25 +57,25 @@ class Slip:
         )
 
     def pull(self, view: View) -> Pull:
-        """Return a unit force across the blade, and its reaction."""
+        """Return a unit force along the axis, and its reaction."""
         return pull_in_place(view, self.ends, self.axis)
 
 
 class Facing(Protocol):
-    """A direction across a contact, from the first body to the second."""
+    """A direction at a contact, which may change with time."""
 
     def value(self, view: View) -> Any:
-        """Return the unit vector."""
+        """Return the vector."""
         ...
 
     def rate(self, view: View) -> Any:
-        """Return the time derivative of the unit vector."""
+        """Return the time derivative of the vector."""
         ...
 
 
 @dataclass(frozen=True)
 class Centres:
-    """The direction from one ball's centre to the other's, for the edge with the given name."""
+    """The direction from one ball's centre to the other's; ``edge`` is for messages."""
 
     ends: Ends
     edge: str
@@ -98,7 +98,7 @@ class Centres:
 
 @dataclass(frozen=True)
 class Tangent:
-    """The part of an axis of the ancestor that is perpendicular to a contact's direction."""
+    """The part of an axis, constant in the ancestor, that is perpendicular to the normal."""
 
     facing: Facing
     axis: Vector
@@ -109,7 +109,7 @@ class Tangent:
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
     def rate(self, view: View) -> Any:
-        """Return the time derivative if the axis is constant."""
+        """Return the time derivative for a constant axis."""
         n, n_rate = self.facing.value(view), self.facing.rate(view)
         turned = vector.add(
             vector.scale(vector.dot(n_rate, self.axis), n),
@@ -120,7 +120,7 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Across:
-    """The direction perpendicular to a contact's direction and to an axis of the ancestor."""
+    """The direction perpendicular to the normal and to an axis of the ancestor."""
 
     facing: Facing
     axis: Vector
@@ -136,7 +136,7 @@ class Across:
 
 @dataclass(frozen=True)
 class Tilted:
-    """An axis of the ancestor, turned by the shortest rotation from ``up`` to the normal.
+    """An axis of the ancestor after the shortest rotation from ``up`` to the normal.
 
     Axis and ``up`` are perpendicular unit vectors. No such rotation exists if the normal is -up.
     """
@@ -157,14 +157,15 @@ class Tilted:
         return vector.sub(self.axis, vector.scale(share, between))
 
     def rate(self, view: View) -> Any:
-        """Return the time derivative if both axes are constant."""
+        """Return the time derivative for constant axis and ``up``."""
         share, height, between = self._parts(view)
         n_rate = self.facing.rate(view)
         change = (vector.dot(n_rate, self.axis) - share * vector.dot(n_rate, self.up)) / height
         return vector.neg(vector.add(vector.scale(change, between), vector.scale(share, n_rate)))
 
 
-#: Perpendicular unit vectors, times seven. By symmetry, no body lies opposite to the last one.
+#: Perpendicular unit vectors, times seven. The last one is ``up``: its direction is so unusual that
+#: the normal is not opposite to it in symmetric mechanisms.
 _SKEW = ((3, -6, 2), (6, 2, -3), (2, 3, 6))
 
 
@@ -172,7 +173,7 @@ class Surface(Protocol):
     """The shape of the second body, and its lowest point."""
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return how far the lowest point is below the second node."""
+        """Return the depth of the lowest point below the second node."""
         ...
 
     def place(self, view: View, facing: Facing) -> Any:
@@ -180,7 +181,7 @@ class Surface(Protocol):
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the time derivative of ``place``, whose point moves over the body."""
+        """Return the time derivative of ``place``; the lowest point moves over the body."""
         ...
 
 
@@ -205,14 +206,14 @@ class Ball:
 
 @dataclass(frozen=True)
 class Rim:
-    """A circle about the second node, perpendicular to an axle that is fixed in the node."""
+    """A circle about the second node, perpendicular to an axle fixed in the node."""
 
     axle: Carried
     radius: Node
     edge: str
 
     def _down(self, view: View, facing: Facing) -> tuple[Any, Any, Any]:
-        """Return the part of the normal in the plane of the disc, its length, and its direction."""
+        """Return the normal's component in the plane of the disc, its length, and its direction."""
         n, d = facing.value(view), self.axle.value(view)
         # The contact is the lowest point of the rim, opposite to the projection of the normal on
         # the disc. If the disc lies flat, the projection vanishes, and there is no lowest point.
@@ -247,7 +248,7 @@ class Rim:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """An ellipsoid about the second node, along axes that are fixed in the node."""
+    """An ellipsoid about the second node, with axes fixed in the node."""
 
     axes: tuple[Carried, Carried, Carried]
     semiaxes: Vector
@@ -302,16 +303,16 @@ class Ellipsoid:
 class Touching:
     """Velocity of the second body at its contact with the first body, along a direction."""
 
-    ends: Ends  # node on the plane or centre of the ball, and the node of the second body
+    ends: Ends  # node on the plane or centre of the ball, and node of the second body
     facing: Facing  # normal direction of the contact
     surface: Surface  # shape of the second body
     direction: Facing  # direction in which the velocity is measured
-    #: For the normal direction: height of the first body's surface above its node, from which the
-    #: gap is computed. None for other directions.
+    #: Height of the first body's surface above its node, from which the gap in the normal direction
+    #: is computed; None for other directions.
     rise: Node | None
 
     def value(self, view: View) -> Any:
-        """Return the gap, or None along other directions than the normal."""
+        """Return the gap, or None for directions other than the normal."""
         if self.rise is None:
             return None
         height = vector.dot(self.facing.value(view), self.ends.reach(view))
@@ -322,7 +323,7 @@ class Touching:
         contact = self.surface.place(view, self.facing)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
-        # Velocity of the material point at the contact, which is zero in pure rolling.
+        # velocity of the material point at the contact, which is zero in pure rolling
         own = vector.add(self.ends.closing(view), vector.cross(spin, contact))
         carried = vector.cross(omega, vector.add(self.ends.reach(view), contact))
         return vector.sub(own, carried)
@@ -387,7 +388,7 @@ def _direction(
     """Return a slip direction: a tangent, or the tangential part of an axis of a ball.
 
     Both tangents and the normal are right-handed. In a planar system the first tangent is normal x
-    e, where e is the axis perpendicular to the plane of motion, and the second one is -e.
+    e, with the axis e perpendicular to the plane of motion, and the second one is -e.
     """
     dag, plane, index = motion.system.dag, motion.system.plane, int(quantity[-1]) - 1
     axes = vector.identity(dag)

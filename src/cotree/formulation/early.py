@@ -1,4 +1,4 @@
-"""Numerical checks of a scene and its first graph before sensitivities, C text and compilation."""
+"""Numerical checks of a scene and its first graph, before sensitivities, C text and compilation."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Singular values below this are rounding errors, for a matrix with rows and columns of length one.
+#: Singular values below this are rounding errors, if rows and columns have length one.
 _ROUNDING = 1e-15
-#: Number of random configurations; a motion without inertia must be without it in all of them.
+#: Number of random configurations in which a motion without inertia is sought.
 _N_TRIED = 3
 
 
 @contextmanager
 def within_range(scene: SceneDescription) -> Iterator[None]:
-    """Raise an error that names the scene value most likely to have made a constant overflow."""
+    """Raise an error that names the scene value that most likely caused an overflow."""
     try:
         yield
     except ArithmeticError as error:
-        # The value farthest from one is the most likely to exceed the range of doubles.
+        # The value farthest from one is the most likely cause of an overflow.
         rows = [(abs(math.log(abs(x))), x, where) for x, where in _numbers(scene) if x]
         _, number, where = max(rows, default=(0.0, 0.0, f"scene '{scene.name}'"))
         raise FormulationError(
@@ -74,14 +74,14 @@ def _constants(value: object) -> Iterator[float]:
 def check_numbers(first: FirstGraph) -> None:
     """Raise an error if the scene's values make the equations unsolvable in every state.
 
-    ParameterError if they violate a guard; SingularSystemError if the bordered mass matrix is
+    Raise ParameterError if they violate a guard, SingularSystemError if the bordered mass matrix is
     singular in every configuration.
     """
     system = first.system
     names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
-        # Infinity is an error, too; it is replaced by nan, which violates every guard.
+        # Infinity is also an error: it is replaced by nan, which violates every guard.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
     # Pivots known to be positive need no numerical test.
     if all(first.is_safe[: len(system.speeds)]):
@@ -97,7 +97,7 @@ def check_numbers(first: FirstGraph) -> None:
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
     i, what = speeds[0].index, "moves no inertia"
-    # The inertia is nonzero, but may be a rounding error of another body's or a long arm's inertia.
+    # The inertia may be a rounding error of another body's or a long arm's inertia.
     if len(speeds) == 1 and own[i] != 0.0:
         what += f" beyond rounding errors of the {carried[i]:.3g} that its joint carries"
     raise SingularSystemError(
@@ -116,8 +116,8 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
     Also return the inertia that each speed moves, and the inertia beyond its joint.
     """
     n = len(first.system.speeds)
-    # The rows of the mass matrix, followed by the constraint gradients: speeds in their common null
-    # space have neither inertia nor constraints.
+    # Mass matrix above the constraint gradients: speeds in their common null space have neither
+    # inertia nor constraints.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
     # The seed is fixed, so that a scene always has the same result.
@@ -129,7 +129,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # If all speeds have inertia or constraints in one configuration, no further one is tested.
+        # If all speeds have inertia or constraints in one configuration, the test ends.
         rows = found.reshape(-1, n)
         motion = _null_vector(rows, least)
         if motion is None:
@@ -155,7 +155,7 @@ def _random_state(
 
 
 def _carried(first: FirstGraph) -> Array:
-    """Sum the inertia that uncertain speeds may move, as a reference for rounding errors."""
+    """Return the inertia that uncertain speeds may move, as a reference for rounding errors."""
     n_clusters = len(first.motion.clusters.branches)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
@@ -178,7 +178,7 @@ def _null_vector(rows: Array, least: Array) -> Array | None:
     if not np.all(np.isfinite(rows)):
         return None
     n = len(least)
-    # Scale to a unit diagonal, so that the bound does not depend on units.
+    # Scaled to a unit diagonal, so that the bound does not depend on units.
     sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))
     sizes[sizes == 0.0] = 1.0
     scaled = rows / sizes

@@ -1,6 +1,6 @@
 """Terminal equations of force elements: chords whose law determines the through variable.
 
-All vectors of an element are in the basis of its nodes' nearest common ancestor, so that only the
+All vectors of an element are in the basis of its nodes' nearest common ancestor, so only the
 circuit between the nodes is summed.
 """
 
@@ -62,7 +62,7 @@ class Sums:
 
 @dataclass(frozen=True)
 class Action:
-    """Force and torque of an element on its second node; the first node gets the reaction."""
+    """Force and torque of an element on its second node; the first node receives the reaction."""
 
     edge: BoundEdge  # edge of the force element
     #: End points of the element.
@@ -92,7 +92,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
-    # Motion of the ancestor moves both nodes equally, so that it cancels in their circuit.
+    # Motion of the ancestor moves both nodes equally and cancels in their circuit.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (
@@ -144,7 +144,7 @@ def _line(
         length = vector.dot(direction, reach)
     seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
     arguments = {**seen, "length": length}
-    # The rate requires velocities: compute it only if the law depends on it.
+    # The rate requires velocities: it is computed only if the law depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
         # The rate of e.r is e.r' + e'.r; along the line between nodes, e' is perpendicular to r.
@@ -185,17 +185,17 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
     """Return the wrenches of an element on its nodes' clusters, except on the ground."""
     found = []
     moved = [(action.second, 1, action.arms[1])]
-    # The reaction acts at the same point as the force, so that the pair has no moment.
+    # Force and reaction act at the same point, so the pair has no moment.
     reaction_arm = action.arms[0]
     if not action.is_central:
-        # A force along an axis need not pass through the first node; a central one does.
+        # A force along an axis need not pass through the first node; a central force does.
         reaction_arm = vector.add(reaction_arm, action.reach)
     moved.append((action.first, -1, reaction_arm))
     for point, sign, arm in moved:
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # The wrenches of a cluster are summed at its origin: add the moment of the arm.
+        # A cluster's wrenches are summed at its origin: add the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
         found.append(
             (

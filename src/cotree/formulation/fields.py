@@ -48,7 +48,7 @@ class BoundEdge:
 
 @dataclass(frozen=True)
 class Resolvers:
-    """Functions from names to nodes, each with a larger scope: parameters; time; all variables."""
+    """Functions from names to nodes with increasing scope: parameters; time; all variables."""
 
     constant: Resolver
     timed: Resolver
@@ -108,7 +108,7 @@ def bind_edge(
 
 
 def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
-    """Return a triple of expressions as nodes."""
+    """Return the nodes of a triple of expressions."""
     x, y, z = (item.lower(dag, resolve) for item in value)  # type: ignore[union-attr]
     return (x, y, z)
 
@@ -116,7 +116,7 @@ def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
 def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     rows: list[Vector] = []
     for i, row in enumerate(cast("Sequence[Any]", value)):
-        if isinstance(row, Expression):  # a list contains the three principal moments
+        if isinstance(row, Expression):  # a list of the three principal moments
             entries = [dag.zero] * 3
             entries[i] = row.lower(dag, resolve)
             rows.append((entries[0], entries[1], entries[2]))
@@ -126,10 +126,10 @@ def _inertia(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def _unit(axis: Vector, square: Node, where: str) -> Vector:
-    """Scale an axis with the given squared length to unit length; numbers are folded."""
+    """Scale an axis with this squared length to unit length; numbers are folded."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
-    # A length that is one up to rounding needs no division, so that numerical axes remain as given.
+    # A length of one up to rounding needs no division, so that numerical axes are unchanged.
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
@@ -165,7 +165,7 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
 
 
 def is_varying(node: Node) -> bool:
-    """Return whether a value depends on more than parameters."""
+    """Return whether a value depends on anything but parameters."""
     return any(symbol.data[0] != "p" for symbol in symbols_in([node]))
 
 
@@ -179,7 +179,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
         if not tensor[i][j].is_zero:
             minor = (tensor[i][i] + room) * (tensor[j][j] + room) - tensor[i][j] * tensor[i][j]
             found.append(Guard(minor, f"minor of rows {i + 1} and {j + 1} of {what}", False))
-    # Omit guards that scene values violate, since they would reject the scene.
+    # Guards that scene values violate are omitted, since they would reject the scene.
     return found if all(_is_met(guard, at_scene) for guard in found) else []
 
 
@@ -215,7 +215,7 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     # The size of a symbolic entry is unknown; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt; the start axis, not that of the largest entry, is never parallel to the normal.
+    # Gram-Schmidt: the start axis follows the largest entry and is never parallel to the normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:
@@ -241,7 +241,7 @@ def resolver_of(
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        # Distinguish names that are not allowed here from misspelt ones.
+        # Names that are not allowed here have other messages than misspelt names.
         if allowed and (name == "t" or "." in name or name in others):
             own = others.get(name, advice)
             message = f"uses '{name}', but may depend on {allowed} only{own and ': '}{own}"
@@ -256,8 +256,9 @@ def resolver_of(
 class FieldNames:
     """The names that fields may use: parameters, inputs, states, outputs and across variables.
 
-    Across variables are computed after the first fields have been bound: until :meth:`gathered`, a
-    field gets a symbol for each. ``others`` are the nodes and edges of the scalar networks.
+    Across variables are computed after the first fields are bound: until :meth:`gathered` is
+    called, fields contain a symbol for each. ``others`` are the nodes and edges of the scalar
+    networks.
     """
 
     def __init__(
@@ -279,7 +280,7 @@ class FieldNames:
         # In expressions a parameter takes precedence over an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
-        # State names contain dots, too, but their symbols are already known.
+        # State names also contain dots, but their symbols are already known.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
@@ -291,7 +292,7 @@ class FieldNames:
     def _output(self, name: str, resolve: Resolver) -> Node:
         if name in self._pending:
             raise ExpressionError(f"uses output '{name}', which depends on itself")
-        # An output may use other outputs; if it is still pending, it depends on itself.
+        # An output may use other outputs; a pending output depends on itself.
         self._pending.append(name)
         found = self._scene.outputs[name].lower(self._dag, resolve)
         self._pending.remove(name)
@@ -317,14 +318,14 @@ def initial_values(
 ) -> dict[str, Node]:
     """Bind the initial values of a branch by short names of its coordinates and rates.
 
-    ``start`` contains the values that the scene does not give; all others are zero. Raise
-    SceneError if the branch does not have a coordinate that the scene gives.
+    ``start`` contains default values that the scene may replace; all others are zero. Raise
+    SceneError if the branch does not have a coordinate for which the scene has an initial value.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
     # The identity rotation is the quaternion (1, 0, 0, 0).
     if "q0" in values:
         values["q0"] = dag.one
-    # Initial values that the scene itself gives, set below, take precedence.
+    # Initial values of the scene, set below, take precedence.
     values |= start
     for name, given in edge.initial.items():
         if name == "rotation" and "q0" in values:
@@ -355,7 +356,7 @@ def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
 def guards_of(
     value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
 ) -> Iterator[Guard]:
-    """Raise if a value jumps when ``moving`` symbols change; return guards if parameters decide.
+    """Raise an error if a value jumps when ``moving`` symbols change; yield parameter guards.
 
     ``what`` and ``breach`` are the subject and the predicate of the error message.
     """
@@ -372,7 +373,7 @@ def guards_of(
 
 
 def is_timed(value: Node, time: Node) -> bool:
-    """Return whether parameters and time alone determine where a value may jump."""
+    """Return whether only parameters and time determine the jumps of a value."""
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
     return of_time and have_time_events(time.dag, value, [time])
 
@@ -384,7 +385,7 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Return guards against jumps of prescribed motions and constraints, and of their rates."""
+    """Yield guards against jumps of prescribed motions and constraints, and of their rates."""
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return
     for name, value in edge.scalars.items():

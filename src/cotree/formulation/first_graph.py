@@ -59,12 +59,12 @@ if TYPE_CHECKING:
 def bind_events(
     scene: SceneDescription, system: System, states: Sequence[State]
 ) -> tuple[EventRow, ...]:
-    """Bind the events of a scene to the states that they change: modes and states with a rate."""
+    """Bind the events of a scene to the modes and states that they change."""
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
-    # Results are ordered like the expressions in ``event_expressions``: after the outputs the
-    # condition of each event, then the new values and the restitution of each event.
+    # The order is that of ``event_expressions``: outputs, the condition of each event, then the new
+    # values and the restitution of each event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
         _check(event, system, states, places, speeds)
@@ -72,7 +72,7 @@ def bind_events(
         targets = tuple(places[target] for target in event.set)
         new_values = range(place, place + len(targets))
         if has_impact:
-            # An impact may change all speeds of the mechanism, because of its constraints.
+            # Constraints transmit an impact, which may change all speeds of the mechanism.
             targets += tuple(speeds.values())
         rows.append(
             EventRow(
@@ -154,7 +154,7 @@ def started(
 def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, Node]) -> Node:
     try:
         (found,) = substitute(substitute([value], of_time), known)
-    except (ArithmeticError, ValueError):  # undefined constant: later checks report the error
+    except (ArithmeticError, ValueError):  # later checks report the error
         return value.dag.zero
     is_known = kinds_in([found]) <= {PARAMETER}
     return found if is_known else value.dag.zero
@@ -176,8 +176,8 @@ class FirstGraph:
     holdings: tuple[HoldingRow, ...]  # equations for the multipliers of dry friction and stops
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
     measured: Mapping[Node, Node]  # values of the symbols that represent across variables in fields
-    reactions: frozenset[Node]  # those symbols that represent accelerations or reactions
-    unknowns: tuple[Node, ...]  # symbols of accelerations, followed by those of multipliers
+    reactions: frozenset[Node]  # symbols in ``measured`` that represent accelerations or reactions
+    unknowns: tuple[Node, ...]  # symbols of accelerations, then of multipliers
     matrix: Sequence[Sequence[Node]]  # mass matrix, bordered by the constraint Jacobian
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
     is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive at every state
@@ -187,7 +187,7 @@ class FirstGraph:
     outputs: Outputs
     network: Network | None = None  # scalar networks; their states follow the speeds
     couplings: tuple[Coupling, ...] = ()  # ports through which networks act on the multibody system
-    #: Whether storages of the networks are coupled to joints, and so contribute to the mass matrix.
+    #: Whether storages of the networks, coupled to joints, contribute to the mass matrix.
     has_far_inertia: bool = False
     #: Tree links if the unknowns are eliminated along the tree; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
@@ -210,7 +210,7 @@ def form_first_graph(
     Vectors of the clusters ``own_axes`` are resolved in their own axes
     (:mod:`cotree.formulation.frames`). With ``baumgarte``, b [1/s], c'' + 2 b c' + b^2 c = 0
     replaces c'' = 0 (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); with zero, only
-    projection keeps c small.
+    projection limits c.
 
     Raise ModelError for invalid expressions and fields, ParameterError if a constraint that no
     motion can affect is violated, SingularSystemError if a coordinate moves no inertia.
@@ -234,7 +234,7 @@ def form_first_graph(
     # Terminal equations (Eq. (3)): these laws depend on positions and velocities only.
     laws = [*applied_laws(motion, still), *attached.loads]
     loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
-    # Each chord closes an f-circuit: across variables along its reaction space remain zero.
+    # Each chord closes an f-circuit: across variables along its reaction space are zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
     holdings = form_holdings(motion, still, attached)
@@ -249,7 +249,7 @@ def form_first_graph(
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
     # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
-    # lambda. At zero accelerations and multipliers it is -f.
+    # lambda, and -f at zero accelerations and multipliers.
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     is_safe, pivot_guards = safe_pivots(system, clusters)
@@ -326,14 +326,14 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
 def _measured(
     observer: Observer, reacting: Collection[str], scene: SceneDescription
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Form the across variables that fields use; also return those that need accelerations."""
+    """Return the across variables that fields use; also those that need accelerations."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A name that does not belong to a network denotes a variable of the mechanism. It
-            # affects the motion, so that an angle must not jump at half a turn.
+            # A name outside the networks denotes a variable of the mechanism. It affects the
+            # motion, so an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value
@@ -359,7 +359,7 @@ def _place(name: str, scene: SceneDescription) -> str:
 
 
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
-    """Return the links of the tree; none if pivots may vanish or if the trees differ."""
+    """Return the links of the tree; none if pivots may vanish or the trees differ."""
     n = len(first.system.speeds)
     # Articulated inertias require one parent for each body, and all inertia within the tree.
     if first.has_far_inertia or not first.system.trees.is_one:
@@ -390,8 +390,8 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
 class HoldingRow:
     """The equation for the multiplier of a unilateral constraint on the mechanism.
 
-    With the share s of the edge, the equation is s (J v' + b) - jump = (1 - s) multiplier: while
-    the edge holds, the relative acceleration is zero; in all other modes, the multiplier is zero.
+    With the edge's share s, the equation is s (J v' + b) - jump = (1 - s) multiplier: while the
+    edge holds, the relative acceleration is zero; in all other modes, the multiplier is zero.
     """
 
     name: str  # name of the force
@@ -401,9 +401,9 @@ class HoldingRow:
     measure: Measure  # measure along which the force acts
     gradient: tuple[Node, ...]  # J: derivatives of the measure's rate with respect to the speeds
     column: tuple[Node, ...]  # generalised forces per unit of the multiplier
-    #: Sums of the squared terms of the gradient, in which nothing cancels, while the edge holds.
+    #: Sums of the squared terms of the gradient, without cancellation, while the edge holds.
     sizes: tuple[Node, ...]
-    bias: Node  # b: acceleration of the measure if all coordinate accelerations are zero
+    bias: Node  # b: acceleration of the measure at zero coordinate accelerations
 
 
 def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[HoldingRow, ...]:
@@ -486,7 +486,7 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 def _is_given(scene: SceneDescription, name: str) -> bool:
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
-    # The four entries of a quaternion are given together, or none is.
+    # A scene sets all four entries of a quaternion, or none.
     turn = {"q0", "q1", "q2", "q3"}
     if short in turn:
         return not (turn | {"rotation"}).isdisjoint(initial)

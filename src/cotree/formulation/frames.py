@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frames:
-    """The axes of all clusters, and functions that transform vectors and tensors between them.
+    """The axes of all clusters, and transformations of vectors and tensors between them.
 
     In a sensitivity graph the axes rotate with the seed, and values are dual numbers
     (:class:`cotree.sensitivity.turning.Turning`).
     """
 
-    #: Rotation from each cluster's axes to its basis, the axes in which its vectors are resolved.
+    #: Rotation from each cluster's axes to its basis, in which its vectors are resolved.
     rotations: tuple[Rotation, ...]
     #: Rotation from each cluster's basis to its parent's basis; None if they are equal.
     steps: tuple[Matrix | None, ...]
@@ -54,7 +54,7 @@ class Frames:
     def down(self, cluster: int, a: Vector) -> Vector:
         """Transform a vector from the parent's basis to the cluster's basis."""
         step = self.steps[cluster]
-        # The steps are rotations, and the inverse of a rotation is its transpose.
+        # The inverse of a rotation is its transpose.
         return a if step is None else vector.transposed_times(step, a)
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
@@ -62,7 +62,7 @@ class Frames:
         return vector.times(self.rotations[cluster].matrix, local)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
-        """Return a vector whose components in the cluster's basis are constant."""
+        """Return a vector with constant components in the cluster's basis."""
         return a
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
@@ -124,7 +124,7 @@ def _turned(parent: Rotation, branch: Branch) -> Rotation:
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
-    # The quaternion rotates from the second node's axes to the first's; inwards, use its inverse.
+    # The quaternion rotates from the second node's axes to the first's; inwards, its inverse does.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
         # A weld or an arm may have rotated the inner node within its cluster.
@@ -138,10 +138,10 @@ class Geometry:
 
     branch: Branch
     axes: tuple[Vector, ...]  # unit axes of the motion space, from first to second node
-    #: The parts of the vector between the origins that are fixed in the parent and in the child.
+    #: Parts of the vector between the origins that are fixed in the parent and in the child.
     from_parent: Vector
     from_child: Vector
-    #: Motion space: the child's angular velocity and its origin's velocity, per unit of each speed.
+    #: Motion space: the child's angular velocity and its origin's velocity per unit of each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
     sliding: tuple[Vector, ...]  # part of ``shifting`` that is a translation along the axes
@@ -166,7 +166,8 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
-        # The edge begins at the outer node: the displacement (positive inwards) is the child's.
+        # The edge begins at the outer node: the displacement, positive inwards, is fixed in the
+        # child.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []

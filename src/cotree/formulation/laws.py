@@ -48,7 +48,7 @@ class Applied:
     pull: Pull  # wrenches and efforts per unit of the through variable
     magnitude: Node  # value of the through variable
     formula: Node | None = None  # law in the symbols of ``arguments``; None for a multiplier
-    #: For each symbol: the measure that it represents; True if it represents its rate.
+    #: Measure of each symbol, and whether the symbol is the rate of the measure.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
     potential: Node | None = None  # stored energy of a linear spring; None for other laws
 
@@ -119,7 +119,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
     formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
     if formula.is_zero:
         return
-    # A law that depends on the angle itself, not only on its rate, would jump at half a turn.
+    # A law of the angle, and not only of its rate, would jump at half a turn.
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
     stored = stored_energy(scalars, value) if "stiffness" in scalars else None
@@ -142,8 +142,8 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     value, rate = _symbols(motion)
     dag = motion.system.dag
     first, second, third = (dag.symbol("measure", i) for i in range(3))
-    # 2 q_i^2, with the relative quaternion q: 1 - cos for a rotation about axis i. This is smooth
-    # at every orientation, in contrast to three successive angles.
+    # 2 q_i^2, with the relative quaternion q: 1 - cos for a rotation about axis i. Unlike three
+    # successive angles, this is smooth at every orientation.
     bend = 0.5 * (1.0 + first - second - third)
     along = tuple(Cosine(ends, a[i], b[i]) for i in range(3))
     for i, letter in enumerate("xyz"):
@@ -195,7 +195,7 @@ def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
-    """Return a resolver of names in which the edge's own names take precedence over the scene's."""
+    """Return a resolver of names in which the edge's own names take precedence."""
 
     def resolve(name: str) -> Node:
         return own[name] if name in own else motion.system.signals.node(name)
@@ -208,13 +208,13 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
     dag, ends = motion.system.dag, chord_ends(motion, edge)
     law = edge.component.law
     assert law is not None
-    # In the axes of the nodes' common ancestor: three through variables with one common factor.
+    # In axes of the nodes' common ancestor: three through variables with a common factor.
     parts = [Coincidence(ends, unit) for unit in vector.identity(dag)]
     rates = [dag.symbol("measure rate", i) for i in range(3)]
     arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
     square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
     known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
-    # The division by the speed is symbolic, so that no 0 / 0 occurs at rest if the limit exists.
+    # The division by the speed is symbolic, which avoids 0 / 0 at rest if the limit exists.
     factor = law.over("speed").value(dag, known)
     for letter, part, rate in zip("xyz", parts, rates, strict=True):
         yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)
@@ -248,7 +248,7 @@ class PrescribedRate:
         return self.measure.rate(view) - view.formula(self.speed, {})
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of the actual rate minus the prescribed rate."""
+        """Return the time derivative of :meth:`rate`."""
         (change,) = tangents([self.speed], {self.time: self.time.dag.one})
         return self.measure.acceleration(view) - view.formula(change, {})
 
@@ -258,7 +258,7 @@ class PrescribedRate:
 
 
 def prescribed_rate_rows(motion: Motion) -> Iterator[Row]:
-    """List the constraint rows of velocity sources that act on joints."""
+    """Yield the constraint rows of velocity sources that act on joints."""
     for edge in motion.system.edges.values():
         if edge.component.role is Role.CONSTRAINT and edge.component.name in VELOCITY_SOURCES:
             turns, field = VELOCITY_SOURCES[edge.component.name]
@@ -297,7 +297,7 @@ def joint_measure(element: JointElement, place: str, motion: Motion) -> Measure:
 def _joint_message(
     element: JointElement, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
-    """Return an error message: why a component cannot act on a joint, and which ones can."""
+    """Return the reason why a component cannot act on a joint, and the joints on which it can."""
     own = f"edge '{element.edge}'"
     does, what = ("turns", "angle") if element.turns else ("slides", "length")
     on = f"joint '{joint.name}' of type '{joint.component.name}'"

@@ -1,16 +1,16 @@
 """The mass matrix: singularity checks, augmented bodies, and pivots that are certainly positive.
 
-Suppose that each joint moves the inertia of the cluster that it carries while all other joints are
-locked. If that inertia is positive definite for every joint, so is the mass matrix in every
-configuration, and each of its Schur complements: the cluster velocities are a linear map of the
-coordinate velocities; from the ground outwards its matrix is block triangular, and its diagonal
-blocks are injective. This requires that the kinetic energy of a cluster is never negative, else the
-pivots of all joints that move it are unsafe.
+Suppose that each joint moves the inertia of its child cluster while all other joints are locked. If
+this inertia is positive definite for every joint, so are the mass matrix in every configuration and
+all its Schur complements: the cluster velocities are a linear map of the coordinate velocities,
+whose matrix is block triangular from the ground outwards, with injective diagonal blocks. This
+requires that no cluster has negative kinetic energy; otherwise the pivots of all joints that move
+it are unsafe.
 
-If the trees differ, the clusters beyond a branch do not move as one body, so that they have no
-composite inertia. But all mass that the translation tree carries beyond a branch moves with the
-branch's outer node, and acts as a point mass of the inner cluster at that node (augmented body: J.
-Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). Then the equations of a cluster's rotation
+If the trees differ, the clusters beyond a branch do not move as one body and have no composite
+inertia. But all mass that the translation tree carries beyond a branch moves with the branch's
+outer node, and acts as a point mass of the inner cluster at that node (augmented body: J.
+Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). The equations of a cluster's rotation then
 contain only its augmented first moment and inertia.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Gap between two nodes, [m] or [rad], up to which it is a rounding error if no motion closes it.
+#: Largest gap between nodes, [m] or [rad], that counts as a rounding error if no motion closes it.
 _LARGEST_GAP = 1e-9
 
 
@@ -62,7 +62,7 @@ def check_inertia(
 
 
 def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
-    """Return guards for constraints that no motion changes; raise if one is always violated."""
+    """Return guards for constraints that no motion changes; raise an error if one is violated."""
     guards = []
     for row in rows:
         gap = row.measure.value(view)
@@ -80,7 +80,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
                 "joint that moves in this direction"
             ),
         )
-        # A guard is a function of parameters only, so there is none for a gap that depends on time.
+        # Guards are functions of parameters only, so a gap that depends on time has none.
         if "t" in kinds:
             raise ParameterError(guard.demand)
         if guard.value.value is None:
@@ -91,7 +91,7 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Return for each coordinate whether its own cluster gives it inertia, and the guards."""
+    """Return whether each coordinate moves inertia of its own cluster, and the guards."""
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
     # A tensor with negative energy reduces the inertia of every joint that moves it.
@@ -112,7 +112,7 @@ def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], l
 
 
 def _unreal(system: System, clusters: Clusters) -> list[int]:
-    """List the clusters whose kinetic energy may be negative."""
+    """Return the clusters whose kinetic energy may be negative."""
     found = []
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
@@ -181,7 +181,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 
 
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
-    """List values that are positive if all motions of a joint move inertia of its own cluster."""
+    """Return values that are positive if all motions of a joint move inertia of its own cluster."""
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]
     if inertia is None or inertia.mass.is_zero or not branches:
@@ -194,8 +194,8 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if not turning:
             return sliding
         central = _central(inertia)
-        # Several axes may span all directions, so that the central tensor must be positive
-        # definite; this holds if its leading minors are positive.
+        # Several axes may span all directions, so the central tensor must be positive definite: its
+        # leading minors must be positive.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
@@ -210,7 +210,7 @@ def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
     axis, zero = branch.axes[0], vector.zeros(system.dag)
     turning = axis if branch.turns else zero
     shifting = vector.scale(branch.slides[0], axis)
-    # This is about an axis through the cluster's origin, which is the joint's outer node.
+    # About an axis through the cluster's origin, which is the joint's outer node.
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
 
@@ -257,7 +257,7 @@ def _augmented(motion: Motion) -> list[Inertia | None]:
         branch = geometry.branch
         own = bodies[branch.child]
         if own is not None:
-            # This sum is in the cluster's own axes, in which the arms are constant.
+            # The sum is in the cluster's own axes, in which the arms are constant.
             mass = shifted(own.mass, _arm(branch), None)
             bodies[branch.parent] = combined(bodies[branch.parent], mass)
     axes = motion.frames.rotations
@@ -314,7 +314,7 @@ def _own(
     geometry: Geometry,
     i: int,
 ) -> dict[int, Node]:
-    """Return a speed's matrix entries for its own branch and rotations that carry it."""
+    """Return a speed's matrix entries for its own branch and the rotations that carry it."""
     branch = geometry.branch
     found: dict[int, Node] = {}
     tensor, body = tensors[branch.child], bodies[branch.child]
@@ -335,8 +335,8 @@ def _own(
     return found
 
 
-# Limit of the mean squared depth of the speeds. Elimination with the matrix needs that many
-# operations per speed; elimination along the tree needs 90 (planar) to 600.
+# Limit of the mean squared depth of the speeds, the number of operations per speed with the matrix.
+# Elimination along the tree needs 90 (planar) to 600.
 _DEEP = 1000.0
 
 
@@ -355,7 +355,7 @@ def is_deep(motion: Motion) -> bool:
 class LateMatrix(Sequence[Sequence["Node"]]):
     """A bordered mass matrix whose first ``n`` rows, above the border, are formed on first use.
 
-    Elimination along the tree needs O(n) operations and no mass matrix, which has n^2 entries for a
+    Elimination along the tree takes O(n) operations and no mass matrix, which has n^2 entries for a
     chain.
     """
 

@@ -1,9 +1,9 @@
 """Measures: scalar across variables with their rates, and the dual through variables.
 
 The pull of a measure consists of the forces and torques on clusters and coordinates per unit of the
-dual through variable; its power is the rate of the measure. A constraint keeps a measure zero, and
-its multiplier acts along the pull. Laws of chord joints, couplings, prescribed motions and outputs
-use measures, too.
+dual through variable; its power is the rate of the measure. A constraint keeps a measure at zero,
+and its multiplier acts along the pull. Laws of chord joints, couplings, prescribed motions and
+outputs also use measures.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 class Pull:
     """Wrenches on clusters, and efforts along speeds, per unit of a through variable."""
 
-    #: Wrenches on clusters at their origins and in their bases; those on the ground are omitted.
+    #: Wrenches on clusters, at their origins and in their bases, except on the ground.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
     efforts: Mapping[int, Any] = field(default_factory=dict)  # effort by index of its speed
 
     @property
     def entries(self) -> list[Any]:
-        """All components of the wrenches, followed by all efforts."""
+        """All components of the wrenches, then all efforts."""
         of_wrenches = (entry for _, *parts in self.wrenches for part in parts for entry in part)
         return [*of_wrenches, *self.efforts.values()]
 
@@ -70,8 +70,8 @@ class Ends:
 
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
-        """Combine two nodes with their nearest common ancestor."""
-        # The ancestor moves both nodes equally, so that its motion cancels and is omitted.
+        """Return two nodes with their nearest common ancestor."""
+        # The ancestor moves both nodes equally, so its motion cancels and is omitted.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -164,8 +164,8 @@ def pair_pull(
 ) -> Pull:
     """Return a force and a torque on the second node, and their opposites on the first node.
 
-    Both are in the basis of the nodes' common ancestor. ``arms`` lead from the clusters' origins to
-    the points of action, by default the nodes.
+    Both are in the basis of the nodes' common ancestor. ``arms`` are the vectors from the clusters'
+    origins to the points of action, by default the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -173,7 +173,7 @@ def pair_pull(
         # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
-        # The cluster's wrenches are summed at its origin, so this is the moment about the origin.
+        # A cluster's wrenches are summed at its origin, so this is the moment about the origin.
         whole = torque if force is None else vector.cross(arm, force)
         if force is not None and torque is not None:
             whole = vector.add(whole, torque)
@@ -192,7 +192,7 @@ def pair_pull(
 def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
     """Return a force along ``axis`` on the second node, and its opposite on the first body.
 
-    Both act at the same point, ``beyond`` the second node.
+    Both act at the same point, the second node or a point at the vector ``beyond`` from it.
     """
     # The arms lead from the origins of both clusters to the second node.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
@@ -208,7 +208,7 @@ def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
 
 
 def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
-    """Attach a vector in node axes to a node."""
+    """Return a vector that is fixed in a node, from its components in node axes."""
     point = (ends.first, ends.second)[end]
     return Carried(point, local, ends.ancestor, motion.system.time)
 
@@ -217,7 +217,7 @@ class Measure(Protocol):
     """A scalar across variable; nonholonomic measures have a rate but no value."""
 
     def value(self, view: View) -> Any:
-        """Return the value, or None if there is only a rate."""
+        """Return the value, or None for a nonholonomic measure."""
         ...
 
     def rate(self, view: View) -> Any:
@@ -241,7 +241,7 @@ class CoordinateMeasure:
 
     def value(self, view: View) -> Any:
         """Return the coordinate."""
-        # Angular velocities of a free rotation are speeds, but have no coordinates of their own.
+        # Angular velocities of a free rotation are speeds without coordinates.
         return None if self.speed.coordinate is None else view.scalar(self.speed.coordinate.symbol)
 
     def rate(self, view: View) -> Any:
@@ -262,7 +262,7 @@ class CoordinateMeasure:
 class Coincidence:
     """A component of the vector between two nodes that a constraint keeps at one point.
 
-    The component is along any axis of the ancestor's basis: vector and rates are zero.
+    Since the vector and its rates are zero, any axis of the ancestor's basis may be used.
     """
 
     ends: Ends
@@ -285,7 +285,7 @@ class Coincidence:
 
     def pull(self, view: View) -> Pull:
         """Return a unit force along the direction, and its reaction."""
-        # The nodes coincide if the constraint is satisfied: opposite forces have no moment.
+        # The nodes coincide if the constraint is satisfied, so opposite forces have no moment.
         return pair_pull(view, self.ends, self._along(view), None)
 
 
@@ -320,8 +320,8 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Return a force along the axis on the second node, and its reaction at the same point."""
-        # The axis rotates with its node. The power of e'.r is that of the moment of the reaction,
-        # which acts on the first body at the position of the second node.
+        # The axis rotates with its node. The power of e'.r is that of the reaction's moment, since
+        # the reaction acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -347,13 +347,13 @@ class Distance:
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
         # Centripetal part: the squared velocity perpendicular to the line, divided by the length.
-        # It grows without bound as the nodes approach each other.
+        # It is singular if the nodes coincide.
         across = (vector.dot(closing, closing) - rate * rate) / length
         return vector.dot(direction, self.ends.opening(view)) + across
 
     def pull(self, view: View) -> Pull:
         """Return opposite forces that push the nodes apart."""
-        # Both nodes are on the line, so that opposite forces along it have no moment.
+        # Both nodes are on the line, so opposite forces along it have no moment.
         return pair_pull(view, self.ends, self._polar(view)[1], None)
 
 
@@ -444,7 +444,7 @@ class Composite:
     """A function of other measures, time and parameters."""
 
     parts: Sequence[Measure]  # measures on which the function depends
-    expression: Node  # the function, in which measure i is the symbol ``("measure", i)``
+    expression: Node  # function of the symbols ``("measure", i)``
     time: Node  # symbol of time in the function
 
     @cached_property

@@ -51,8 +51,8 @@ DRIVE = "drive"
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
     """Return the position or velocity ``node.variable`` or ``edge.coordinate``, or None.
 
-    If ``is_acting``, the value affects the motion, and FormulationError is raised for an angle that
-    is known only between -pi and pi.
+    If ``is_acting``, the value affects the motion; FormulationError is then raised for an angle
+    that is known only between -pi and pi.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -109,7 +109,7 @@ def _orientation(axes: Matrix, name: str) -> Node:
         return roll
     if name == "yaw":
         # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), even if
-        # the pitch is a right angle. Then every roll has a corresponding yaw.
+        # the pitch is a right angle and the roll is arbitrary.
         sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
         return dag.function(
             "atan2",
@@ -159,7 +159,7 @@ class Observer:
 
     def _unknown(self, name: str) -> str:
         system = self.motion.system
-        # A variable of one of several ports contains a dot that does not follow the owner's name.
+        # The variable name of one of several ports contains a dot after the owner's name.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
         last = name[len(first) + 1 :] if first else ""
         if first in self.motion.clusters.points:
@@ -254,7 +254,7 @@ class Observer:
         return total
 
     def _pulled(self, edge: BoundEdge, second: Point) -> Wrench:
-        """Sum an edge's through variables along measures, as a wrench on its second node."""
+        """Return the wrench on an edge's second node due to through variables along measures."""
         zero = vector.zeros(self.motion.system.dag)
         total = Wrench(zero, zero)
         for row in self.applied:
@@ -284,7 +284,8 @@ class Observer:
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node is at the outer end of an edge that points outwards, else at the inner.
+        # The second node is at the outer end of an edge that points outwards, else at the inner
+        # end.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
@@ -458,7 +459,7 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each name comes after those that it needs: recursion could exceed Python's limit.
+    # Each name comes after its arguments: recursion could exceed Python's limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value
@@ -476,7 +477,7 @@ def _is_celsius(tree: ast.expr) -> bool:
 
 
 def _terms(tree: ast.expr) -> list[str]:
-    """List the names in a sum, with "" for each term that is not a name."""
+    """Return the names in a sum, with "" for each term that is not a name."""
     match tree:
         case ast.UnaryOp(operand=operand):
             return _terms(operand)

@@ -1,8 +1,8 @@
 """Initial states: absolute coordinates from forward kinematics, and conditions on chords.
 
-The across variables of the joints' own tree at its initial coordinates are the initial states of
-bodies in the tree. The consistent start must satisfy initial values of coordinates that are not
-states.
+The initial states of bodies in the tree are the across variables along the tree of the joints, at
+the joints' initial coordinates. The consistent start must satisfy initial values of coordinates
+that are not states.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
 
-#: Names of the initial values that a scene may give for a free rotation.
+#: Names of a scene's initial values for a free rotation.
 _TURN = ("rotation", "q0", "q1", "q2", "q3")
 
 
 def body_starts(
     scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
-    """Return the initial states of all bodies in the tree that joints reach, by short names."""
-    # Bodies in the tree have absolute coordinates, whose initial values a scene need not give.
+    """Return the initial states, by short names, of all bodies in the tree that joints reach."""
+    # Bodies in the tree have absolute coordinates, whose initial values may be absent.
     placed = [name for name in trees.branches if scene.edges[name].component.role is Role.BODY]
     if not placed:
         return {}
-    # Bodies that are branches of the joints' own tree are not reached by joints.
+    # Bodies that are branches in the tree of the joints are not reached by joints.
     reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
-    # Use the traversals of the formulation, with initial values in place of coordinates.
+    # The traversals of the formulation are used, with initial values as coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
@@ -84,7 +84,7 @@ def _start(
         axes = frames.rotations[point.cluster].matrix
         if point.turn is not None:
             axes = vector.matmul(axes, point.turn)
-        # Which entry is largest is decided numerically; the values remain functions of parameters.
+        # Numbers decide which entry is largest; the values remain functions of parameters.
         quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
         found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
         # The speeds of a free rotation are in axes of the body's node.
@@ -106,7 +106,7 @@ class Condition:
 
 
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
-    """List the initial values that the scene gives for chords: joints and bodies."""
+    """Return the scene's initial values for chords: joints and bodies."""
     system = motion.system
     given = [
         (edge, name, value)
@@ -120,8 +120,8 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     found = []
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
-            continue  # the given initial values determine the bodies' positions
-        # Chords have the same coordinates that they would have as branches.
+            continue  # the joints' initial values determine the bodies' positions
+        # Chords have the same coordinates as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)
         if measure is None or name in _TURN or not isinstance(value, Expression):
@@ -141,7 +141,7 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
 
 
 def given_names(scene: SceneDescription) -> tuple[str, ...]:
-    """List the initial values that a scene gives, by the names of states, in the scene's order."""
+    """Return the states with an initial value in the scene, in the scene's order."""
     found: list[str] = []
     for edge in scene.edges.values():
         for name in edge.initial:
@@ -151,7 +151,7 @@ def given_names(scene: SceneDescription) -> tuple[str, ...]:
 
 
 def _is_state(system: System, edge: str, name: str) -> bool:
-    """Return whether an initial value is that of a state, or of a rotation, which has four."""
-    # A rotation is given as one field, which determines all four entries of the quaternion.
+    """Return whether an initial value belongs to a state, or to a rotation with four states."""
+    # One field sets a rotation, and determines all four entries of the quaternion.
     state = "q0" if name == "rotation" else name
     return f"{edge}.{state}" in system.names

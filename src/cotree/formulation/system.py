@@ -57,7 +57,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Speed:
-    """A generalised speed: the rate of motion along one direction of a branch's motion space."""
+    """A generalised speed along one direction of a branch's motion space."""
 
     #: Name of the speed, usually ``edge.coordinate_dot``, and its unit.
     name: str
@@ -86,18 +86,18 @@ class Step:
 class System:
     """A scene whose symbols and fields are nodes of one program."""
 
-    dag: Dag  # arena that holds all nodes
+    dag: Dag  # arena of all nodes
     time: Node  # symbol of time in the program
     #: Symbols of the parameters that a run may change, by name; they are arguments of the program.
     tunable: Mapping[str, Node]
     #: Nodes of all parameters, and symbols of the inputs, by name. Parameters that are not tunable
-    #: are numbers; derived ones are expressions of other parameters.
+    #: are numbers; derived parameters are expressions of others.
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
     #: Quantities that only events change; they follow the speeds, as states without a rate.
     modes: tuple[State, ...]
-    #: Motion space of each branch that has one, in the order of the scene's edges. If an edge is a
-    #: branch of one tree only, these are only its translations or only its rotations.
+    #: Motion space of each branch that has one, in the order of the scene's edges. For an edge that
+    #: is a branch of one tree only, these are its translations or its rotations.
     steps: Mapping[str, tuple[Step, ...]]
     plane: str  # normal of the plane of motion: ``x``, ``y`` or ``z``; empty for spatial motion
     edges: Mapping[str, BoundEdge]  # bound edges by name
@@ -142,10 +142,9 @@ def bind(
 ) -> System:
     """Bind a scene to nodes of an arena.
 
-    ``starts`` contains initial values of branches that the scene does not give, ``names`` the names
-    of nodes and edges in the scalar networks. With ``is_start``, initial values replace coordinates
-    and speeds. Raise ExpressionError if a name is unknown or not allowed, ParameterError if an axis
-    has no direction.
+    ``starts`` contains default initial values of branches, ``names`` the names of nodes and edges
+    in the scalar networks. With ``is_start``, initial values replace coordinates and speeds. Raise
+    ExpressionError if a name is unknown or not allowed, ParameterError if an axis has no direction.
     """
     time = dag.symbol(TIME, 0)
     tunable, parameters = _parameters(scene, dag)
@@ -264,7 +263,7 @@ def _steps(
     resolve: Resolver,
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
-    """Create the coordinates and speeds of all branches, numbered, with their initial values."""
+    """Create the numbered coordinates and speeds of all branches, with their initial values."""
     # If the trees differ, an edge has coordinates only in trees of which it is a branch.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
@@ -276,7 +275,7 @@ def _steps(
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
-        # Use the whole motion space, so that initial values of its chord part are accepted.
+        # The whole motion space is used, so that initial values of its chord part are accepted.
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
         for kind in kept[edge.name]:

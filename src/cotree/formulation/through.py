@@ -1,8 +1,8 @@
 """f-cutsets: through variables of branches as suffix sums, projected on motion spaces.
 
-The through variable of a branch is the sum of those of all chords beyond it (paper, Eq. (1)). The
-chords are force elements and inertias; only the terminal equations of inertias contain
-accelerations. Projection on the motion space yields one equation per coordinate (Eq. (5)).
+The through variable of a branch is the sum over all chords beyond it (paper, Eq. (1)). The chords
+are force elements and inertias; only the terminal equations of inertias contain accelerations.
+Projection on the motion space yields one equation per coordinate (Eq. (5)).
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ class Loads:
 class Balance:
     """The f-cutset equations, projected on the motion spaces."""
 
-    residual: tuple[Node, ...]  # one residual per speed; zero on a motion
+    residual: tuple[Node, ...]  # one residual per speed, zero if the equations of motion hold
     #: Inertial forces minus loads over each cluster and all beyond it, at its origin in its basis.
     totals: tuple[Wrench, ...]
-    #: For each moving branch, the wrench that it transmits: its child's sum in the parent's basis.
+    #: Wrench that each moving branch transmits: its child's sum in the parent's basis.
     beyond: tuple[Wrench, ...]
 
 
@@ -195,7 +195,7 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
         total = sums.at(branch.child)
         if total is None:
             continue
-        # The child's sum is complete here, since outer branches come first in this loop.
+        # Outer branches come first in this loop, so the child's sum is complete here.
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
             wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
@@ -232,8 +232,8 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
         if branch.parent:  # forces on the ground are not used
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
-    # If the trees differ, the torque follows the rotation graph and the force follows the
-    # translation graph. The arm is fixed in the translation parent, on which the moment acts.
+    # If the trees differ, the torque follows the rotation graph and the force the translation
+    # graph. The arm is fixed in the translation parent, on which the moment acts.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
@@ -285,7 +285,7 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
 
 
 def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
-    """Return the wrench that gives an inertia a unit acceleration along a direction.
+    """Return the wrench of an inertia for a unit acceleration along a direction.
 
     Per unit of the speed's rate, ``turning`` is the angular acceleration e, and ``shifting`` the
     acceleration a of the origin: the force is ``m a + e x h``, the torque ``h x a + J e``.

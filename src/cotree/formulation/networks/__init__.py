@@ -1,1 +1,1 @@
-"""The scalar networks of a scene: rules, their order, and the values that follow."""
+"""The scalar networks of a scene: rules of variables, their order, and their values."""

@@ -39,7 +39,7 @@ class Coupling:
 
     port: Port
     measure: Measure  # measure along which the port acts
-    #: Across variable, with its time integral and its time derivative.
+    #: Time integral of the across variable, the across variable, and its time derivative.
     value: Node
     rate: Node
     acceleration: Node

@@ -28,14 +28,14 @@ class Names:
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
-        """Return the variables of all ports by name, both with and without the name of the port."""
+        """Return the variables of all ports by name, with and without the port's name."""
         found: dict[str, Variable] = {}
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
                 # The name without the port is included if it is unambiguous.
                 found[state_name(port, symbol)] = (quantity, port.name)
-            # A total of several contents has its own name, besides those of the contents.
+            # A sum of several contents has its own name in addition to the contents.
             store = self.stores.get(port.name)
             if store is not None and not store.is_alone:
                 found[state_name(port, store.symbol[0])] = ("total", port.name)
@@ -44,7 +44,7 @@ class Names:
         return found
 
     def of_edge(self, edge: str) -> list[str]:
-        """List the names of an edge's variables without the edge's name."""
+        """Return the names of an edge's variables without the edge's name."""
         start = f"{edge}."
         return [name.removeprefix(start) for name in self._of_ports if name.startswith(start)]
 
@@ -52,9 +52,9 @@ class Names:
         """Return the variable ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``, or None."""
         if name in self._of_ports:
             return self._of_ports[name]
-        # Names of ports contain a dot, so that the symbol comes after the last dot.
+        # Names of ports contain a dot, so the symbol comes after the last dot.
         first, _, symbol = name.rpartition(".")
-        # A node may belong to several domains; the symbol determines which one is meant.
+        # A node may belong to several domains; the symbol determines the domain.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
@@ -84,7 +84,7 @@ def state_name(port: Port, symbol: str) -> str:
     """Return a port's variable name, without the port if no other port has the same symbol."""
     own = port.edge.component.ports
     domains = [terminal.domain for terminal in own]
-    # An open edge parallel to a source is not one of its component's ports.
+    # An open edge parallel to a source is not a port of the source's component.
     is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
 

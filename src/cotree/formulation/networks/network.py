@@ -63,18 +63,18 @@ class Network:
     #: The graphs and their normal trees, by domain.
     graphs: Mapping[str, LinearGraph]
     trees: Mapping[str, NormalTree]
-    states: tuple[State, ...]  # states of storages and springs, followed by algebraic unknowns
+    states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
     solved: Solved  # values of all variables that states and outputs require
     #: Variables that are the rates of the states, or the residuals of algebraic unknowns.
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
-    observed: Mapping[str, Variable]  # variables that outputs and other fields use, by name
+    observed: Mapping[str, Variable]  # variables used by outputs and other fields, by name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
     #: Fields whose rates jump at unknown times, with the symbols on which these times depend.
     kinks: Mapping[str, frozenset[Node]]
-    #: Symbols of the mechanism that are used only in fields of friction and dampers acting on it.
-    #: They may be reactions, since such a field is solved for together with the accelerations.
+    #: Symbols of the mechanism used only in fields of friction and dampers acting on it. They may
+    #: be reactions, since such a field is solved for together with the accelerations.
     of_friction: frozenset[Node]
     names: Names  # names of network variables in the scene
     holding: tuple[Holding, ...]  # friction and stops on the mechanism whose forces are multipliers
@@ -91,7 +91,7 @@ class Network:
 
     @property
     def rate_values(self) -> tuple[Node, ...]:
-        """Rates of the states, followed by the residuals of the algebraic unknowns."""
+        """Rates of the states, then residuals of the algebraic unknowns."""
         return tuple(self.solved.values[variable] for variable in self.rates)
 
 
@@ -115,13 +115,13 @@ def form_network(
 ) -> tuple[Network, dict[str, Node]]:
     """Form the equations of a scene's scalar networks, and the nodes of the ``wanted`` names.
 
-    The states of ``system`` come before those of the networks. ``is_motion`` returns whether a name
-    of the mechanism is that of a position or velocity. With ``has_multipliers``, the forces of
-    friction and stops on the mechanism are multipliers, and their fields that name forces or
-    accelerations are algebraic unknowns; otherwise their forces are.
+    The states of ``system`` precede the states of the networks. ``is_motion`` returns whether a
+    name denotes a position or velocity of the mechanism. With ``has_multipliers``, the forces of
+    friction and stops on the mechanism are multipliers, and their fields that depend on forces or
+    accelerations are algebraic unknowns; otherwise the forces are algebraic unknowns.
 
-    Raise TopologyError if a graph has no normal tree, FormulationError if dry friction acts where
-    no inertia determines whether it sticks, ParameterError or ExpressionError for invalid fields.
+    Raise TopologyError if a graph has no normal tree, FormulationError if no inertia determines
+    whether dry friction sticks, ParameterError or ExpressionError for invalid fields.
     """
     ports, graphs, trees = draw_networks(scene)
     topologies = {domain: Topology(domain, tree.across) for domain, tree in trees.items()}
@@ -144,7 +144,7 @@ def form_network(
     fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
     held_ports = holding_ports(ports) if has_multipliers else []
-    # These are numbered downwards, all other multipliers upwards, after the accelerations.
+    # Numbered downwards; all other multipliers are numbered upwards, after the accelerations.
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
@@ -167,7 +167,7 @@ def form_network(
         multipliers,
         reacting,
     )
-    # Only what is required: rates of states, names in use, and redundant initial values.
+    # Only required variables: rates of states, names in use, and redundant initial values.
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = dag, system.of_parameters
@@ -271,7 +271,7 @@ def _bind_fields(
         if variable in symbols:
             return symbols[variable]
         if variable not in symbol_of:
-            # The value is not known yet: until the plan is evaluated, a symbol represents it.
+            # A symbol represents the value until the plan is evaluated.
             symbol_of[variable] = system.dag.symbol("network", len(symbol_of))
         return symbol_of[variable]
 
@@ -291,7 +291,7 @@ def _bind_fields(
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
             system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
-            # If the value of a source depends on another variable, the source is controlled.
+            # A source whose value depends on another variable is a controlled source.
             if not row.sign and not set(symbol_of.values()).isdisjoint(symbols_in([node])):
                 active.add(edge.name)
             if row.sign and not is_varying(node):
@@ -324,13 +324,13 @@ class Attached:
     """Networks and their couplings to a multibody system."""
 
     network: Network | None  # the networks; None if the scene has none
-    observed: Mapping[str, Node]  # values of network variables that are named in outputs and fields
+    observed: Mapping[str, Node]  # values of network variables used in outputs and fields
     couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
     throughs: Mapping[str, Node]  # symbols of the through variables of these ports
-    #: Derivatives of these through variables with respect to accelerations, by index of the
-    #: acceleration: the inertia of storages coupled to joints.
+    #: Derivatives of these through variables with respect to accelerations, by index: the inertia
+    #: of storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
-    #: Names that only fields of friction and dampers on the mechanism use; they may be reactions.
+    #: Names used only in fields of friction and dampers on the mechanism; they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property
@@ -370,7 +370,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
-    # Networks are only formed as far as outputs, events and fields of the mechanism require.
+    # Networks are formed only as far as outputs, events and fields of the mechanism require.
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
@@ -387,7 +387,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         has_multipliers=True,
     )
     if network.holding and not _is_linear(network, couplings, observed, named):
-        # In this case the forces are algebraic unknowns.
+        # The forces are then algebraic unknowns.
         network, observed = form_network(
             scene,
             system,

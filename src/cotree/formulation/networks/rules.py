@@ -1,9 +1,9 @@
 """Rules: how each variable of a network is computed from others, and its derivatives.
 
 A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
-of a sum is a sum; that of a law is a sum with its partial derivatives as factors. Therefore a
-sensitivity graph has the same topology (paper, Eq. (4)). The partial derivatives of a SymPy law,
-also of one solved for a rate or differentiated with respect to time, are computed only once.
+of a sum is a sum, and the derivative of a law is a sum with partial derivatives as factors.
+Therefore a sensitivity graph has the same topology (paper, Eq. (4)). The partial derivatives of a
+SymPy law are computed only once, also if it was solved for a rate or differentiated in time.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ Tangent = dict["Hashable", "Node"]
 
 
 class Given(Protocol):
-    """Function that differentiates nodes of states, parameters, inputs and fields."""
+    """Differentiates nodes of states, parameters, inputs and fields."""
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node in which the values in ``replacements`` replace symbols."""
+        """Differentiate a node after replacing symbols by the values in ``replacements``."""
         ...
 
 
@@ -54,7 +54,7 @@ class Rule:
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Return the partial derivatives with respect to the ``changing`` variables."""
+        """Yield the partial derivatives with respect to the ``changing`` variables."""
         raise NotImplementedError
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
@@ -112,7 +112,7 @@ class Sum(Rule):
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
         """Return the signs of the ``changing`` variables."""
-        # The topology has no parameters, so that the sensitivity graph has the same signs.
+        # The topology has no parameters, so the sensitivity graph has the same signs.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)
 
@@ -149,9 +149,9 @@ class Lawful(Rule):
 
 @dataclass(frozen=True)
 class FieldRule(Rule):
-    """A field of a component, or a state: a node that depends on symbols."""
+    """A component's field or a state: a node that depends on symbols."""
 
-    node: Node  # value of the field, with symbols for the variables on which it depends
+    node: Node  # value of the field; symbols represent variables
     variables: tuple[tuple[Node, Variable], ...] = ()  # symbols, and variables that they represent
 
     @property
@@ -191,7 +191,7 @@ class FieldRule(Rule):
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown, which the equation ``residual`` = 0 in a block of equations determines."""
+    """An unknown, determined by the equation ``residual`` = 0 of a block."""
 
     residual: Variable
 
@@ -233,10 +233,10 @@ def stored_residual(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def linear_content(terminal: Terminal) -> Law | None:
-    """Return the content of a storage of constant capacity; None if its loss stores energy, too."""
+    """Return a storage's content at constant capacity; None if its loss also stores energy."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
-    # A loss that contains rates stores energy itself, so that the content would be incomplete.
+    # A loss that contains rates stores energy itself, so the content would be incomplete.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
@@ -310,7 +310,7 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
 
     The share is one while the edge sticks or is closed, otherwise zero. The force is the multiplier
     times the share, plus the law of the mode. In an impact, the jump is the change of the across
-    variable and replaces its rate; then the rates of all states are their changes by the impact.
+    variable and replaces its rate; the rates of all states are then their changes by the impact.
     """
     import sympy
 
@@ -339,7 +339,7 @@ def stop_residual(terminal: Terminal) -> Law:
     """Return the equation of a rigid stop: no force, no relative acceleration, or an impact.
 
     In an impact the mode is doubled, and the required change of the across variable replaces the
-    relative acceleration; then the rates of all states are their changes by the impact.
+    relative acceleration; the rates of all states are then their changes by the impact.
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
@@ -377,7 +377,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return weights like :func:`mode_weights` for friction that the force of a stop presses.
+    """Return weights like :func:`mode_weights` for friction whose normal force is that of a stop.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """
@@ -411,7 +411,7 @@ def spring_stretch(terminal: Terminal) -> Law:
     """Return the law of a linear spring, solved for the stretch."""
     assert terminal.through is not None
     assert terminal.storage is not None
-    # The law is affine in the stretch s: f = f0 + k s, where k is ``storage``.
+    # The law is affine in the stretch s: f = f0 + k s, with k = ``storage``.
     unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
     return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
 
@@ -443,7 +443,7 @@ def rate_name(name: str) -> str:
 
 
 def higher_index(port: Port) -> FormulationError:
-    """Return the error for an edge if no equation determines its rate of change."""
+    """Return the error for an edge whose rate of change no equation determines."""
     if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
         why = (
             "sources, gyrators or other storages determine its rate of change, which would have to"

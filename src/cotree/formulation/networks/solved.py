@@ -1,8 +1,8 @@
 """Plans: the order in which variables are computed, blocks of equations, and derivatives.
 
 Variables that depend on themselves (resistive meshes, loops of storages) form a strongly connected
-component of the dependency graph. Some of its variables are torn: they become unknowns with one
-equation each, so that all other variables can be computed one after the other.
+component of the dependency graph. Tearing makes some of them unknowns with one equation each, so
+that all other variables can be computed in sequence.
 
 Unknown branches divide their tree into parts; the across variable of each branch is the difference
 between the potentials of two parts. If these potentials are the unknowns, and the balances of the
@@ -10,7 +10,7 @@ parts replace the f-cutset equations, a chord couples only the two parts that it
 branches along its f-circuit.
 
 Linear blocks are solved by elimination. Unknowns that occur nonlinearly become algebraic unknowns,
-and their equations residuals. A sensitivity graph has the same matrices of blocks, which are
+and their equations residuals. Block matrices of a sensitivity graph are the same, and are
 factorised only once.
 """
 
@@ -56,7 +56,7 @@ class Plan:
 
 
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
-    """Return the order in which the variables for ``roots`` are computed."""
+    """Return the order in which ``roots`` and the variables that they need are computed."""
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
@@ -87,7 +87,7 @@ def _gather(
     roots: Iterable[Variable],
     known: Container[Variable] = (),
 ) -> dict[Variable, Rule]:
-    """Collect the rules of all variables that the roots require, except those already known."""
+    """Return the rules of all variables that the roots require, except those already known."""
     rules: dict[Variable, Rule] = {}
     waiting = list(dict.fromkeys(roots))[::-1]
     while waiting:
@@ -99,7 +99,7 @@ def _gather(
 
 
 def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]:
-    """List the strongly connected components, each after those on which it depends."""
+    """Return the strongly connected components, each after those on which it depends."""
     import networkx
 
     graph = networkx.DiGraph()
@@ -116,8 +116,8 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 def _rank(variable: Variable, terminals: Terminals) -> int:
     """Return the priority of a variable for tearing: symmetric equations precede couplings."""
     quantity, name = variable
-    # The equations for rates of states have the matrix of capacities or inertances, which is
-    # symmetric, and so is the conductance matrix of resistive branches.
+    # The equations for rates of states have the symmetric matrix of capacities or inertances; the
+    # conductance matrix of resistive branches is also symmetric.
     if quantity.endswith("_rate") and (quantity.removesuffix("_rate"), name) in terminals.states:
         return 0
     if not terminals.is_branch(name):
@@ -152,7 +152,7 @@ class _Nodal:
 
     dag: Dag
     factors: LinearSolver  # solves the balances of the parts for their potentials
-    #: For each branch, its sign and the branch that leads to it, or -1 if there is none.
+    #: Sign of each branch, and the branch that leads to it, or -1 if there is none.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
@@ -183,10 +183,9 @@ def factorise_nodal(
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of parts of the tree.
 
-    Return the solver and the nonlinear unknowns, whose values it takes as known. Return None unless
-    the block consists of one-port resistances whose unknowns are branches and whose chords are
-    linear, and unless potentials have fewer entries than the ``n_nonzeros`` of the branch
-    equations.
+    Return the solver and the nonlinear unknowns, which it treats as known. Return None unless the
+    block consists of one-port resistances, the unknowns are branches, the chords are linear, and
+    potentials need fewer entries than the ``n_nonzeros`` of the branch equations.
     """
     conductances = _conductances(terminals, block, rules, values)
     if conductances is None:
@@ -222,7 +221,7 @@ def _conductances(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
-    """List the conductances of a block's resistances except nonlinear branches, or None."""
+    """Return the conductances of a block's resistances except nonlinear branches, or None."""
     unknowns = set(block.unknowns)
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
@@ -236,7 +235,7 @@ def _conductances(
         if quantity == "through":
             continue
         is_unknown = (quantity, name) in unknowns
-        # Potentials determine only across variables of branches; other unknowns exclude them.
+        # Potentials determine only across variables of branches, so other unknowns exclude them.
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
@@ -285,7 +284,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
     """Divide rows, then columns, by the sums of their magnitudes, so that pivots are comparable."""
     n = range(len(matrix))
     # Rows have different units (volts, amperes, newtons): without scaling, the largest pivot and
-    # the rank would depend on the choice of units.
+    # the rank would depend on the units.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
@@ -299,7 +298,7 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    # Because of TINY, a row of zeros remains zero and lowers the rank, instead of becoming nan.
+    # TINY keeps a row of zeros at zero, which lowers the rank; otherwise it would become nan.
     total = dag.constant(TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
@@ -334,13 +333,12 @@ def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
 #: An unknown and the residual of the equation that determines it.
 _Pair = tuple["Variable", "Variable"]
 
-#: Number of unknowns from which blocks of resistances are solved in potentials without counting the
-#: entries of the branch equations, since the cost of their derivatives grows with the square of
-#: this number.
+#: Number of unknowns from which resistance blocks use potentials without counting the entries of
+#: the branch equations, since the cost of their derivatives is quadratic in this number.
 _MANY = 64
 
-#: Number of nonlinear unknowns from which linear unknowns also remain algebraic unknowns, if no
-#: method benefits from their elimination: then each equation has few unknowns, and no full matrix
+#: Number of nonlinear unknowns from which linear unknowns also remain algebraic unknowns, unless a
+#: method benefits from their elimination. Each equation then has few unknowns, and no full matrix
 #: is formed.
 _MANY_BENT = 24
 
@@ -349,7 +347,7 @@ _MANY_BENT = 24
 class SolvedBlock:
     """A block whose linear unknowns have been eliminated."""
 
-    #: Linear unknowns, and the equations from which they are computed.
+    #: Linear unknowns and their equations; nonlinear unknowns and their equations.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
     factors: LinearSolver  # factors of the linear equations in the linear unknowns
@@ -359,7 +357,7 @@ class SolvedBlock:
 class Solved:
     """The values of all variables in a network."""
 
-    dag: Dag  # arena that holds the nodes
+    dag: Dag  # arena of the nodes
     plan: Plan  # order in which variables are computed
     values: dict[Variable, Node]  # values of the variables computed so far
     blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
@@ -407,10 +405,11 @@ def _solve_block(
     is_safe: bool,
     is_static: bool,
 ) -> None:
-    """Determine which unknowns of a block are linear, and solve for them."""
+    """Determine the linear unknowns of a block, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # Derivatives by symbols of the unknowns show which equations are linear, and in which.
+    # Derivatives with respect to the unknowns show which equations are linear, and in which
+    # unknowns.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -447,7 +446,7 @@ def _solve_block(
         n_nonzeros = sum(map(len, matrix))
         entries = iter(substitute([e for row in matrix for e in row.values()], known))
         matrix = [{j: next(entries) for j in row} for row in matrix]
-        # If potentials are fewer unknowns than branch variables, the cheaper form is used.
+        # If there are fewer potentials than branch variables, the cheaper form is used.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
     factors = (
@@ -467,15 +466,15 @@ def _solve_block(
 
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Return whether an unknown may be indeterminate, as a force shared by sticking edges is."""
-    # Brakes on both sides of a gear make their torques and that of the teeth indeterminate.
+    """Return whether an unknown may be indeterminate, like a force shared by sticking edges."""
+    # If brakes on both sides of a gear stick, their torques and the tooth force are indeterminate.
     return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
     """Return whether an unknown is not eliminated: of contents, or of friction on a joint."""
     quantity, name = variable
-    # A mechanism's accelerations are eliminated later, for given forces on the mechanism.
+    # A mechanism's accelerations are eliminated later, with the forces on it as given values.
     if quantity == "field":
         return True
     if name in terminals.couplings and is_holding(terminals.ports, variable):
@@ -501,7 +500,7 @@ def _linearise(
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
     _differentiate(solved.plan, block.inner, trial, d, _nothing)
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
-    # If a derivative with respect to the unknowns contains an unknown, this is a nonlinear one.
+    # An unknown that occurs in a derivative with respect to the unknowns is nonlinear.
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
@@ -546,11 +545,11 @@ def _differentiate_block(
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown], {}))
-    # If the derivatives of linear unknowns are zero, the residuals are the right-hand sides.
+    # With zero derivatives of linear unknowns, the residuals are the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)
-    # If all unknowns are nonlinear, their tangents are given and nothing is solved for.
+    # If all unknowns are nonlinear, their tangents are known and nothing is solved for.
     if not own.linear:
         return
     zero = solved.dag.zero

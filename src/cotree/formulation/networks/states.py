@@ -44,12 +44,12 @@ class Held:
 
     @property
     def variable(self) -> Variable:
-        """Variable that is the state."""
+        """The variable that is the state."""
         return self.quantity, self.port.name
 
     @property
     def rate(self) -> Variable:
-        """Variable that is the rate of the state."""
+        """The variable that is the rate of the state."""
         return f"{self.quantity}_rate", self.port.name
 
 
@@ -59,7 +59,7 @@ class _Use(IntEnum):
     BALANCE = 0  # determined by a balance of springs
     GIVEN = 1  # has an initial value
     LAW = 2  # the terminal equation depends on the variable
-    NAMED = 3  # named in a field, an output or an event
+    NAMED = 3  # used in a field, an output or an event
     NONE = 4
 
 
@@ -72,8 +72,8 @@ def position_trees(
     """Choose the trees of positions, whose branches are states if they are needed.
 
     Branches are first the springs whose stretch a balance of springs determines, then edges with an
-    initial value, then edges whose laws depend on their position, then edges named in ``used``, in
-    the scene's order. Positions of chords follow from f-circuits ([1] eq. 2).
+    initial value, then edges whose laws depend on their position, then edges in ``used``, in the
+    scene's order. Positions of chords follow from f-circuits ([1] eq. 2).
     """
     found = {}
     for domain, graph in graphs.items():
@@ -104,7 +104,7 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """List the states of the networks; integrals are states if ``used`` or given initially."""
+    """Return the states of the networks; integrals are states if used or initialised."""
     found = []
     for port in ports.values():
         if port.is_coupling:
@@ -143,14 +143,14 @@ def summed_positions(
     used: AbstractSet[str],
     places: Mapping[Variable, int],
 ) -> tuple[PositionRow, ...]:
-    """List the positions that are sums of states and that fields or outputs use."""
+    """Return the positions that are sums of states and that fields or outputs use."""
     rows = []
     for domain, topology in positions.items():
         for name in topology.tree.chords:
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # A stretch that a balance of springs determines is no state: omit sums with it.
+            # A stretch that a balance of springs determines is no state: sums with it are omitted.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -159,7 +159,7 @@ def summed_positions(
 
 
 def _check_content(port: Port, store: Store | None) -> None:
-    """Raise if an initial value is given for a content that depends on others."""
+    """Raise an error if a content has an initial value but depends on others."""
     content = content_of(port.terminal)
     # The content of a single storage is a state, which uses its initial value directly.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
@@ -199,7 +199,7 @@ def _names(terminal: Terminal, argument: str) -> bool:
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
-    """Return the entry of a state; raise if two initial values determine each other."""
+    """Return the entry of a state; raise an error if two initial values determine each other."""
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
     # All other states have only one name.
@@ -207,7 +207,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
     follows = _held(item.port, quantity)
-    # A charge and its voltage determine each other, so that only one of them may be given.
+    # A charge and its voltage determine each other, so only one may have an initial value.
     if is_given and follows.short in item.port.initial:
         raise ParameterError(
             f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "
@@ -220,7 +220,7 @@ def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
     """Return the entry of a port's algebraic unknown; its initial value is only a guess."""
-    # A rate has no name and unit in scenes, so it gets those of its variable.
+    # A rate has no name and unit in scenes, so it has those of its variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
@@ -243,7 +243,7 @@ class Redundant:
 def redundant_values(
     ports: Mapping[str, Port], held: Iterable[Held], dag: Dag, of_parameters: Resolver
 ) -> list[Redundant]:
-    """List the initial values, except guesses, of variables that follow from the states."""
+    """Return the initial values, except guesses, of variables that follow from the states."""
     # States use their initial values directly; other initial values must agree with them.
     known = {item.variable for item in held}
     return [

@@ -1,9 +1,9 @@
 """Totals of contents (charges, flux linkages) as states, which need no rates of storages.
 
-The charge of a branch's capacitor plus that of all capacitors in its f-cutset changes only by the
-currents of the cutset's other chords. This total is the state, and an equation determines the
-voltages from it. Integration methods conserve linear invariants up to rounding, so that no charge
-is lost at any tolerance. The dual case is the flux linkage along the f-circuit of an inductor.
+Only the currents of other chords change the total charge of a branch capacitor and of the
+capacitors in its f-cutset. This total is the state, and an equation determines the voltages from
+it. Integration methods conserve linear invariants up to rounding, so no charge is lost at any
+tolerance. The dual case is the flux linkage along the f-circuit of an inductor.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
 
-#: For each kind of storage: its state variable, and the variable that is its content's rate.
+#: State variable of each kind of storage, and the variable that is its content's rate.
 _VARIABLES = {
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("through", "across"),
@@ -54,16 +54,16 @@ class Store:
 
     @property
     def unknown(self) -> Variable:
-        """The storage's variable that the total determines."""
+        """The storage variable determined by the total."""
         return _VARIABLES[self.port.kind][0], self.port.name
 
 
 def contents_of(
     ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
 ) -> dict[str, Law]:
-    """Return the laws of storage contents, including those of constant capacity or inertance."""
+    """Return the laws of storage contents, including constant capacities and inertances."""
     found = {}
-    # Unless some storage is defined by its content, voltages and currents are the states.
+    # Unless a storage is defined by its content, voltages and currents are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
         return {}
     for port in ports.values():
@@ -118,7 +118,7 @@ def _store(
     flows: list[tuple[int, Variable]] = [
         (sign, ("loss" if n in within else flow, n))
         for n, sign in around.items()
-        # Charge flows between storages of the total leave it unchanged; only their leakage counts.
+        # Charge that flows between storages of the total leaves it unchanged; only leakage counts.
         if n not in within or _has_loss(ports[n])
     ]
     if _has_loss(port):

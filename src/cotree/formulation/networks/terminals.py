@@ -62,7 +62,7 @@ class Terminals:
     positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]  # symbols of the variables that are states
     fields: Mapping[tuple[str, str], Node]  # values of the components' fields, by edge and field
-    measured: Mapping[Node, Variable]  # variables that symbols in fields represent
+    measured: Mapping[Node, Variable]  # variables represented by symbols in fields
     time: Node  # symbol of time in the program
     couplings: Mapping[str, Coupling]  # motion of ports that act on a multibody system
     #: Totals of contents that are states, by port.
@@ -75,7 +75,7 @@ class Terminals:
     multipliers: Mapping[str, Node]
     #: Fields of friction and stops that depend on forces or accelerations: algebraic unknowns.
     reacting: frozenset[tuple[str, str]]
-    #: Conditions on parameters under which values whose rates are used do not jump.
+    #: Conditions on parameters for values whose rates are used to be free of jumps.
     guards: dict[Node, Guard] = field(default_factory=dict)
     #: Values whose rates jump at unknown times (kinks), and symbols on which the times depend.
     kinks: dict[str, frozenset[Node]] = field(default_factory=dict)
@@ -91,7 +91,7 @@ class Terminals:
         return self.cutsets[self.ports[name].terminal.domain]
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return the sign of each branch and the branch that leads to it; see :class:`Topology`."""
+        """Return each branch's sign, and the branch that leads to it; see :class:`Topology`."""
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
@@ -161,7 +161,7 @@ class Terminals:
             return Sum(())  # a circuit without other edges
         positions = self.positions[port.terminal.domain]
         if name not in positions.branches:
-            # Positions are across variables, so that the f-circuit determines that of a chord.
+            # Positions are across variables, so f-circuits determine positions of chords.
             return positions.circuit(name, "")
         if port.terminal.storage is None:
             return Unknown(("residual_stretch", name))
@@ -171,7 +171,7 @@ class Terminals:
         """Return the rule of a content, of a total of contents, or of the remainder of its rate."""
         port, store = self.ports[name], self.stores.get(name)
         if base == "content":
-            # A state is read directly, and is not computed from variables that depend on it.
+            # A state is read directly, not computed from variables that depend on it.
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
@@ -195,7 +195,8 @@ class Terminals:
         if self._is_swapped(name, "across"):
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
-            # For a chord, the f-circuit determines the across and the law the through variable.
+            # For a chord, the f-circuit determines the across variable and the law the through
+            # variable.
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
@@ -316,7 +317,7 @@ class Terminals:
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:
-        """Return the variables of all symbols in fields that change, also of network states."""
+        """Return the variables of all changing symbols in fields, including network states."""
         return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
 
     def _rate_of_field(
@@ -352,7 +353,7 @@ class Terminals:
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
-        """Raise if a value jumps; add a guard if only parameters determine whether it does."""
+        """Raise an error if a value jumps; if only parameters decide, add a guard."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
@@ -361,7 +362,7 @@ class Terminals:
             self.kinks[what] = looked_at
 
     def _rate_of_law(self, port: Port, law: Law) -> Law:
-        """Return a law's time derivative; raise if a waveform in it jumps."""
+        """Return a law's time derivative; raise an error if a waveform in it jumps."""
         known = {
             name: self.time if name == "t" else self.fields.get((port.edge.name, name))
             for name in law.arguments

@@ -1,8 +1,8 @@
 """f-circuits and f-cutsets of scalar graphs as sums of variables.
 
-Circuits are differences of prefix sums that start at the nearest common ancestor. Cutsets are
-suffix sums over the cutsets of outer branches, unless a chord of these ends at the node in between.
-Common parts are computed once, and no term is added and subtracted again.
+Circuits are differences of prefix sums from the nearest common ancestor. Cutsets are suffix sums
+over the cutsets of outer branches, unless a chord of these ends at the node in between. Common
+parts are computed once, and no term is added and subtracted again.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Topology:
     def _places(self) -> dict[str, _Place]:
         places = {self.tree.graph.reference: _Place(0, "", "", 1)}
         for step in tree_walk(self.tree):
-            # The traversal runs outwards from the reference, so that the parent's depth is known.
+            # The traversal runs outwards from the reference, so the parent's depth is known.
             depth = places[step.parent].depth + 1
             places[step.child] = _Place(depth, step.parent, step.edge, step.sign)
         return places
@@ -82,13 +82,13 @@ class Topology:
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
-        # If both nodes are on one path, the one nearer to the reference is the ancestor.
+        # On a common path, the node nearer to the reference is the ancestor.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
         """Return the first branch on the way from an ancestor to another node."""
         tops, following = self._tops
-        # Move inwards until the ancestor's path is reached; remember the last node that was left.
+        # Move inwards until the ancestor's path is reached; remember the last node.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -110,7 +110,7 @@ class Topology:
         return Sum(tuple(self._along(self.tree.graph.reference, node, rate)))
 
     def _along(self, ancestor: str, node: str, rate: str) -> list[tuple[int, Variable]]:
-        """Return the sum from an ancestor to a node: nothing, one branch, or a prefix sum."""
+        """Return the terms from an ancestor to a node: none, one branch, or a prefix sum."""
         if node == ancestor:
             return []
         place = self._places[node]
@@ -119,7 +119,7 @@ class Topology:
         return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Return the prefix sum from an ancestor to a node, extending its parent's ([1] eq. 2).
+        """Return the prefix sum from an ancestor to a node, which extends its parent's ([1] eq. 2).
 
         ``rate`` is the suffix of the quantity: "", or "_rate" for the rate of the across variable.
         """
@@ -130,7 +130,7 @@ class Topology:
 
     @cached_property
     def _ends(self) -> dict[str, list[tuple[int, int]]]:
-        """List the chords that end at each node, as number and direction outwards."""
+        """Chords that end at each node, as number and direction outwards."""
         ends: defaultdict[str, list[tuple[int, int]]] = defaultdict(list)
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
@@ -140,12 +140,12 @@ class Topology:
 
     @cached_property
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
-        """Return count, sum of numbers and sum of directions of each cutset's chords, by branch.
+        """For each branch: count, sum of numbers and sum of directions of its cutset's chords.
 
-        Also return the branches whose cutset contains a chord that is not in the cutset of the next
-        inner branch, because the chord's circuit closes at the node between both branches.
+        Also the branches with a chord in their cutset that is not in the cutset of the next inner
+        branch, because the chord's circuit closes at the node between both branches.
         """
-        # For each node: number of chord ends, sum of chord numbers, sum of directions; suffix sums
+        # For each node: number of chord ends, sum of chord numbers, sum of directions. Suffix sums
         # turn them into totals over the part beyond a branch.
         totals = {node: (0, 0, 0) for node in self._places}
         open_branches: set[str] = set()
@@ -174,7 +174,7 @@ class Topology:
         return found, open_branches
 
     def _crossing(self, branch: str) -> list[tuple[int, int]]:
-        """List the chords with exactly one end beyond a branch."""
+        """Return the chords with exactly one end beyond a branch."""
         found, waiting = [], [branch]
         while waiting:
             name = waiting.pop()
@@ -187,12 +187,12 @@ class Topology:
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
-        """Return signs of the chords whose sum is a branch's through variable."""
+        """Return the chords, with signs, whose sum is a branch's through variable."""
         chords, sign = self.tree.chords, -self._signs[branch]
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
-        """Return signs of the branches whose sum is a chord's across variable."""
+        """Return the branches, with signs, whose sum is a chord's across variable."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         found = {}
@@ -217,7 +217,7 @@ class Topology:
         return {place.branch: place.sign for place in self._places.values()}
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return for each branch its sign and the index of the branch that leads to it, or -1."""
+        """Return each branch's sign and the index of the branch that leads to it, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         parents = {place.branch: self._places[place.parent] for place in self._places.values()
                    if place.branch}  # fmt: skip
@@ -230,7 +230,7 @@ class Topology:
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Divide the tree at branches; return for each node the branch's index, or -1."""
+        """Divide the tree at branches; return the branch index of each node's part, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
         for node, place in self._places.items():  # parents before children
@@ -255,7 +255,7 @@ class Topology:
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
-            # The sum of an outer branch is used only if all of its chords cross this branch, too.
+            # The sum of an outer branch is used only if all of its chords also cross this branch.
             # Otherwise a chord whose circuit closes at this node would be added and subtracted
             # again.
             if n > 1 and other not in open_branches:
@@ -269,7 +269,7 @@ class Topology:
 
 
 def _once(ends: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
-    """List the chords that occur exactly once, in order."""
+    """Return the chords that occur exactly once, in order."""
     found: dict[int, int] = {}
     for number, sign in ends:
         # A chord with both ends beyond the branch does not cross it: remove it again.

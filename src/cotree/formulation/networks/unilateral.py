@@ -73,7 +73,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
-    """List the mechanism's symbols that only fields of friction and dampers acting on it use."""
+    """Return the mechanism's symbols used only in fields of friction and dampers acting on it."""
     frictional = _edges(ports, Kind.FRICTION, Kind.DISSIPATOR)
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
@@ -101,7 +101,7 @@ class Holding:
 
 
 def holding_ports(ports: Mapping[str, Port]) -> list[str]:
-    """List the ports of friction and stops that act on the mechanism."""
+    """Return the ports of friction and stops that act on the mechanism."""
     return [
         name
         for name, port in ports.items()
@@ -118,7 +118,7 @@ def reacting_fields(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> frozenset[tuple[str, str]]:
-    """List the fields of holding ports and dampers that depend on forces or accelerations."""
+    """Return the fields of holding ports and dampers that depend on forces or accelerations."""
     edges = {ports[name].edge.name for name in holding}
     dampers = _edges(ports, Kind.DISSIPATOR)
 
@@ -141,7 +141,7 @@ def reacting_fields(
 def holding_of(
     port: Port, name: str, multiplier: Node, fields: Mapping[tuple[str, str], Node]
 ) -> Holding:
-    """Return the holding of a port: share and jump of its unilateral constraint."""
+    """Return share and jump of a port's unilateral constraint, with its multiplier."""
 
     def value(law: Law) -> Node:
         own = {field: fields[port.edge.name, field] for field in law.arguments}
