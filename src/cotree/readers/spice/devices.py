@@ -75,7 +75,8 @@ def add_polynomial(place: Instance, line: Line) -> None:
         coefficients.append(value)
     nodes = [place.node(word) for word in line.words[1:3]]
     kind = "voltage" if letter in "eh" else "current"
-    place.add(line.words[0], f"{kind}_source", nodes, {kind: _law(coefficients, arguments)})
+    law = place.multiplied(kind, _law(coefficients, arguments))
+    place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
 def _law(coefficients: list[Value], arguments: list[str]) -> str:
@@ -106,14 +107,14 @@ def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> s
 
 
 def current_of(place: Instance, line: Line, name: str) -> str:
-    """Return the expression for the current of a voltage source."""
+    """Return the expression for the current of a voltage source in one copy of the circuit."""
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
         raise line.at.error(
             f"{line.name} takes the current of '{brief(name)}', which is not a voltage source of "
             "this circuit"
         )
-    return f"{source}.i"
+    return f"{source}.i" if place.count == 1.0 else f"({source}.i/{text_of(place.count)})"
 
 
 #: Name, two nodes, kind and law of a source; the equals sign before the law is optional.
@@ -166,7 +167,8 @@ def add_law(place: Instance, line: Line) -> None:
         raise line.at.error(f"{line.name} needs two nodes, and V= or I= with an expression")
     kind = gives[match[1].lower()]
     nodes = [place.node(word) for word in line.words[1:3]]
-    place.add(line.words[0], f"{kind}_source", nodes, {kind: law_of(place, line, match[2])})
+    law = place.multiplied(kind, law_of(place, line, match[2]))
+    place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
 def add_switch(place: Instance, line: Line) -> None:
@@ -205,7 +207,8 @@ def add_switch(place: Instance, line: Line) -> None:
         scene.event(f"{name}_begin", "t", direction=1, set={name: first})
     law = f"where({given} > {threshold}, {text_of(values['ron'])}, {text_of(values['roff'])})"
     nodes = [place.node(word) for word in words[:2]]
-    place.add(line.words[0], "resistor", nodes, {"resistance": law})
+    resistance = scaled(law, place.count, "/")
+    place.add(line.words[0], "resistor", nodes, {"resistance": resistance})
 
 
 _Key = TypeVar("_Key")
@@ -374,10 +377,9 @@ def _one_port(place: Instance, line: Line) -> None:
 
 
 def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
-    count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
-    if isinstance(count, float) and not count > 0.0:
-        raise line.at.error("m must be positive: it is the number of parallel elements")
-    return count
+    """Return the number of parallel elements in all copies of the circuit."""
+    own = place.multiplier(given["m"], line.at) if "m" in given else 1.0
+    return scaled(place.count, own)
 
 
 def _initial_value(
@@ -389,7 +391,8 @@ def _initial_value(
         return {}
     symbol = "v" if key == "c" else "i"
     if "ic" in given:
-        return {symbol: place.scope.value(given["ic"], line.at)}
+        value = place.scope.value(given["ic"], line.at)
+        return {symbol: value if key == "c" else scaled(value, place.count)}
     if key != "c":
         return {}
     voltage = _given_voltage(place, words[0], words[1])
@@ -425,7 +428,8 @@ def _coupling(place: Instance, line: Line) -> None:
             raise inductor.at.error(
                 f"{inductor.name} has no inductance, so it cannot be coupled: remove K"
             )
-        windings[name] = [place.node(node) for node in words[:2]], value
+        whole = scaled(value, place.count, "/")
+        windings[name] = [place.node(node) for node in words[:2]], whole
         start = _initial_value(place, inductor, words, given)
         if start:
             initial[name] = start
@@ -478,7 +482,8 @@ def _independent(place: Instance, line: Line) -> None:
     if source.is_constant:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
         fields["value"] = place.sheet.own_parameter(label, fields["value"], line.at, unit)
-    kind, given = edge_of(Source(source.shape, fields), is_voltage)
+    count = 1.0 if is_voltage else place.count
+    kind, given = edge_of(Source(source.shape, fields), is_voltage, count)
     place.add(line.words[0], kind, nodes, given)
 
 
@@ -513,6 +518,8 @@ def _by_voltage(place: Instance, line: Line) -> None:
     )
     nodes = [place.node(word) for word in words[:4]]
     factor = place.principal(line, words[4], unit)
+    if line.key[0] == "g":
+        factor = scaled(factor, place.count)
     ports = {"output": nodes[:2], "control": nodes[2:]}
     place.add(line.words[0], type, (), {**ports, field: factor})
 
@@ -523,7 +530,7 @@ def _by_current(place: Instance, line: Line) -> None:
     nodes = [place.node(word) for word in words[:2]]
     kind, unit = ("voltage", "ohm") if line.key[0] == "h" else ("current", "1")
     # The controlling current flows through a voltage source.
-    law = f"{text_of(place.principal(line, words[3], unit))}*{current}"
+    law = place.multiplied(kind, f"{text_of(place.principal(line, words[3], unit))}*{current}")
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
@@ -541,7 +548,7 @@ def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, 
 def _diode(place: Instance, line: Line) -> None:
     words, given = _parts(line, {"area", "m", "ic"}, range(3, 6))
     model = place.model(words[2], "d", line)
-    fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
+    fields = device_fields(model, _area(place, line, words[3:], given), place.gmin)
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
@@ -596,7 +603,7 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
         wanted.append("bc_capacitance")
     missing = [capacity for capacity in wanted if capacity not in fields]
     if missing:
-        fields |= dict.fromkeys(missing, least)
+        fields |= dict.fromkeys(missing, scaled(least, place.count))
         place.scope.remark(
             f"{line.at}: {brief(line.words[0])} has transit times and no capacitance of "
             f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is "
@@ -627,7 +634,7 @@ def _field_effect(place: Instance, line: Line) -> None:
         if bulk != end:
             # Diodes conduct from the bulk for an n-channel, and into the bulk for a p-channel.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
-            own = side_fields(model, side, place.sheet.gmin, count)
+            own = side_fields(model, side, place.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:

@@ -19,7 +19,7 @@ from cotree.readers.spice.netlist import (
 )
 from cotree.readers.spice.scope import Instance, Sheet
 from cotree.readers.spice.sources import Times
-from cotree.readers.spice.values import ParameterRow, Scope, Value, ordered
+from cotree.readers.spice.values import ParameterRow, Scope, Value, ordered, scaled
 from cotree.scene.description import Origin, SceneDescription
 
 if TYPE_CHECKING:
@@ -207,10 +207,13 @@ class Writer(Sheet[_Scene]):
             self.nodes[path, pin.lower()] = outer.node(node)
         # Other names refer to the circuit in which the subcircuit is defined.
         inner = Scope({}, home.scope, circuit.functions)
-        place = Instance(self, circuit, inner, path, home)
+        place = Instance(self, circuit, inner, path, home, outer.count)
         # As in ngspice, the order is: instance, ``.param`` in the subcircuit, defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
+        # As in ngspice, ``m`` is an ordinary parameter if the subcircuit declares it.
+        if "m" in values and "m" not in rows:
+            place.count = scaled(place.count, outer.multiplier(values.pop("m"), line.at))
         check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
         # Names in values of the instance refer to the enclosing circuit, others to the subcircuit.
         seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}

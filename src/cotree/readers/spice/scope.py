@@ -11,6 +11,7 @@ from cotree.errors import ExpressionError, ParameterError, brief, nearest
 from cotree.readers.names import Namer, SourceLine, located
 from cotree.readers.spice.models import DeviceModel, read_model
 from cotree.readers.spice.sources import Times
+from cotree.readers.spice.values import scaled
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression, parse
 
@@ -122,6 +123,7 @@ class Instance:
     path: str = ""  # names of the instances that lead here, each followed by a dot
     #: Instance of the circuit in which this one is defined, where undefined names are looked up.
     defined_in: Instance | None = None
+    count: Value = 1.0  # number of parallel copies (``m=``), which are merged to one
     #: Edges by element name in lower case.
     edges: dict[str, str] = field(default_factory=dict)
     #: Groups of coupled inductors by inductor name in lower case.
@@ -132,6 +134,23 @@ class Instance:
     def label(self, name: str) -> str:
         """Return the name in the scene for a name in this instance."""
         return f"{self.path}{name}".replace(".", "_")
+
+    @property
+    def gmin(self) -> Value:
+        """The conductance parallel to a junction in all copies of the circuit, [S]."""
+        return scaled(self.sheet.gmin, self.count) if self.sheet.gmin else 0.0
+
+    def multiplied(self, kind: str, value: Value) -> Value:
+        """Return the value of a source; currents are those of all copies of the circuit."""
+        return scaled(value, self.count) if kind == "current" else value
+
+    def multiplier(self, word: str, at: SourceLine) -> Value:
+        """Return a number of parallel elements; raise an error unless it is positive."""
+        value = self.scope.value(word, at)
+        number = self.sheet.amount(value)
+        if number is not None and not number > 0.0:
+            raise at.error("m must be positive: it is the number of parallel elements")
+        return value
 
     def check_name(self, line: Line) -> None:
         """Raise an error if another element has the same name; SPICE ignores case."""

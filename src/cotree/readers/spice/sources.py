@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import brief
-from cotree.readers.spice.values import Scope, Value, is_zero, read_number, text_of
+from cotree.readers.spice.values import Scope, Value, is_zero, read_number, scaled, text_of
 
 if TYPE_CHECKING:
     from cotree.readers.names import SourceLine
@@ -230,9 +230,24 @@ _MADE = {
 }
 
 
-def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
-    """Return the component type and the fields for a source."""
+#: Fields of a source that are voltages or currents.
+_SIZES = frozenset(("value", "offset", "amplitude", "low", "high", "values"))
+
+
+def edge_of(source: Source, is_voltage: bool, count: Value = 1.0) -> tuple[str, dict[str, Any]]:
+    """Return the component type and the fields for ``count`` parallel sources."""
     kind = "voltage" if is_voltage else "current"
+    fields = source.fields
+    if count != 1.0:
+        fields = {
+            name: _multiplied(value, count) if name in _SIZES else value
+            for name, value in fields.items()
+        }
     if source.shape:
-        return f"{source.shape}_{kind}", source.fields
-    return f"{kind}_source", {kind: source.fields["value"]}
+        return f"{source.shape}_{kind}", fields
+    return f"{kind}_source", {kind: fields["value"]}
+
+
+def _multiplied(value: Any, count: Value) -> Any:
+    """Return the multiple of a value, or of each value of a list."""
+    return [scaled(v, count) for v in value] if isinstance(value, list) else scaled(value, count)
