@@ -1,5 +1,5 @@
-/* cotree_real.h: the floating-point type with its literals, functions and limits; the compiled
- * features; compiler-specific qualifiers.
+/* cotree_real.h: floating-point type with its literals, functions and limits; compiled features;
+ * compiler-specific qualifiers.
  *
  * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
@@ -9,8 +9,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* COTREE_F(x): a literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
- * in single precision; tolerances scale with the number of digits. */
+/* COTREE_F(x): literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
+ * in single precision. */
 typedef double cotree_real;
 #define COTREE_F(x) x
 #define COTREE_SELECT(in_double, in_single) in_double
@@ -47,8 +47,8 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels are not inlined, because a single function would take too long to
- * compile. */
+/* Long kernels are divided into blocks that are not inlined: a single function would take too long
+ * to compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)

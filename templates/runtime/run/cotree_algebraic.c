@@ -1,19 +1,20 @@
-/* cotree_algebraic.c: algebraic unknowns, their sensitivities, and the reduced Jacobian. */
+/* cotree_algebraic.c: algebraic unknowns z of g(x, z, t) = 0, by Newton's method or an inverse
+ * series; their sensitivities; the Jacobian of the rates with z eliminated. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_ALGEBRAIC
-/* Limits of Newton's method for algebraic unknowns. Step sizes are relative to max(|unknown|,
- * atol). Convergence is quadratic: after a step below CONVERGED_STEP only rounding errors
- * remain. */
+/* Limits of Newton's method for algebraic unknowns. Step sizes are relative to |unknown| + atol.
+ * After a step below CONVERGED_STEP, quadratic convergence leaves only rounding errors. */
 #define MAX_NEWTON_STEPS 50
 #define MIN_DAMPING COTREE_F(1e-6)
 #define CONVERGED_STEP COTREE_SELECT(1e-8, 3.5e-04f)
 #define STALLED_STEP COTREE_SELECT(1e-4, 2.3e-02f)
 
-/* Number of stored solutions that serve as guesses: the last one, then those nearest in time. */
+/* Maximum number of stored solutions that are tried as initial guesses: the last one, then those
+ * nearest in time. */
 #define MAX_GUESSES 4
 
-/* Compute -g_z^-1 g. */
+/* Solve g_z step = -g with the factorised matrix g_z. */
 int cotree_solve_linearised(const cotree_run *run, const cotree_real *g, cotree_real *step)
 {
     const cotree_elimination *const own = &run->elimination;
@@ -52,8 +53,8 @@ int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
                                   : factorise_algebraic(run, t, x);
 }
 
-/* Compute a Newton step of the algebraic unknowns, and its largest entry relative to the unknown.
- * Estimate from two successive steps how nonlinear the equations are. */
+/* Compute a Newton step of the algebraic unknowns and its largest relative entry. The ratio of two
+ * successive steps estimates the nonlinearity of the equations. */
 static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *size)
 {
     cotree_run *const run = (cotree_run *)a->context;
@@ -107,12 +108,12 @@ void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x)
     int i;
     for (i = 0; i < N_ALGEBRAIC; ++i) run->found[place * N_ALGEBRAIC + i] = x[N_RATES + i];
     run->times[place] = t;
-    /* The ring buffer wraps around; the count stays within the range of int. */
+    /* Once the ring buffer is full, only the remainder of the count matters; limit the count. */
     if (++run->n_found == 2 * COTREE_RUN_REMEMBERED) run->n_found = COTREE_RUN_REMEMBERED;
 }
 
-/* Return the index of the stored solution of the given rank, or -1: rank 0 is the last one, the
- * others are those nearest in time. */
+/* Return the index of a stored solution, or -1 if there is none. Rank 0 is the last solution; the
+ * next ranks are those nearest in time. */
 int cotree_guess_place(const cotree_run *run, cotree_real t, int rank)
 {
     const int is_full = run->n_found >= COTREE_RUN_REMEMBERED;
@@ -179,20 +180,22 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 }
 #endif
 
-/* Series steps, computed by straight-line kernels, for small systems. Unknowns are extrapolated in
- * time; then one step of the model's inverse series nearly always suffices. */
+/* Small systems have the kernel algebraic_step, a step of the inverse series of their equations.
+ * From extrapolated unknowns, one such step nearly always suffices. */
 
-/* Largest error of unknowns, as a fraction of the tolerance, at which rates are accurate. */
+/* Error of the unknowns in rates, as a fraction of the tolerance. */
 #define UNKNOWN_TOLERANCE COTREE_F(1e-3)
 
-/* Fraction of the radius of convergence within which the error of a series is estimated. */
+/* The remainder of a series is estimated for steps below this fraction of the radius of
+ * convergence. */
 #define MAX_ESTIMATED_REACH COTREE_F(0.5)
 
-/* Multiple of the radius beyond which the damped iteration replaces series steps. */
+/* Steps longer than this multiple of the radius of convergence are left to the damped
+ * iteration. */
 #define MAX_REACH COTREE_F(4.0)
 #define MAX_SERIES_STEPS 4
 
-/* Largest acceptable error growth of planned pivots, at which half of the digits are lost. */
+/* Maximum growth of rounding errors by planned pivots: half of the digits are lost. */
 #define MAX_PIVOT_GROWTH COTREE_SELECT(1e8, 2.9e+03f)
 
 /* Integrated unknowns are far from their solution if a projection changes them by more than
@@ -202,7 +205,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20
 
-/* Largest extrapolation distance, as a multiple of the distance between both known solutions. */
+/* Maximum extrapolation distance, as a multiple of the time between the two solutions. */
 #define MAX_EXTRAPOLATION COTREE_F(100.0)
 
 /* Extrapolate the unknowns linearly in time from the two nearest of the last three solutions. */
@@ -241,8 +244,8 @@ static int has_lost_digits(const cotree_run *run)
     return !(run->pivot_growth <= MAX_PIVOT_GROWTH); /* also true for nan */
 }
 
-/* Solve for the algebraic unknowns of x by series steps in place, up to a fraction of their size or
- * of near_zero; leave the rates. Return a positive number if the series fails. */
+/* Solve for the algebraic unknowns of x in place by series steps, up to an error of goal *
+ * (|unknown| + near_zero). Return a positive number if the series fails. */
 static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotree_real goal,
                            cotree_real near_zero)
 {
@@ -266,8 +269,7 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
         }
         left = size + rest; /* far from the solution, terms may cancel each other */
         if (left <= CONVERGED_STEP) left = COTREE_F(0.0);
-        /* The remainder is bounded by the ratio of the first two terms, or by that of a convergent
-         * series. */
+        /* Estimate the remainder from the last term and the ratio of successive terms. */
         if (*reach < MAX_ESTIMATED_REACH)
             left = rest * (*reach + COTREE_F(2.0) * rest / (size + COTREE_MIN));
         run->pivot_growth = *doubt;
@@ -330,7 +332,7 @@ int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t, const cot
 }
 #endif
 
-/* Compute rates while solving for the unknowns at each point. Unknowns in w get zero rates. */
+/* Compute rates while solving for the unknowns at each point; unknowns in w have zero rates. */
 int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w, cotree_real *dw)
 {
 #if COTREE_HAS_SENSITIVITIES
@@ -400,9 +402,9 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* A solution ends at a fold, where it meets another one; beyond it Newton's method may find a third
- * one. Therefore unknowns are followed through a step if they change by more than this fraction of
- * their size and by more than this many tolerances. */
+/* A branch of solutions ends at a fold, where it meets another branch. Beyond the fold, Newton's
+ * method may find a third branch. Unknowns are therefore tracked through a step if they change by
+ * more than the fraction NEAR of their size and by more than NEAR_TOLERANCES tolerances. */
 #define NEAR COTREE_F(0.1)
 #define NEAR_TOLERANCES COTREE_F(1e3)
 
@@ -410,8 +412,8 @@ int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w)
  * long. */
 #define MAX_STEP_RATIO COTREE_F(6.0)
 
-/* Largest number of bisections of a step: the voltage of a junction that begins to conduct changes
- * as a logarithm. */
+/* Maximum number of bisections of a step. A junction that begins to conduct needs many, since its
+ * voltage changes logarithmically. */
 #define MAX_BISECTIONS 50
 
 static cotree_real size_of_unknown(const cotree_run *run, cotree_real before, cotree_real after)
@@ -466,8 +468,8 @@ void cotree_forget_far_guesses(cotree_run *run)
         cotree_run_return(run, run->t_branch, run->branch);
 }
 
-/* Return whether unknowns that are far from the last accepted ones continue their last change:
- * their distance from a linear extrapolation is at most half of their change. */
+/* Return whether the unknowns continue their last change: entries that are far from the last
+ * accepted ones differ from a linear extrapolation by at most half of their change. */
 static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real *z)
 {
     const cotree_real ratio = (t - run->t_branch) / (run->t_branch - run->t_before);
@@ -482,7 +484,7 @@ static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real
     return 1;
 }
 
-/* Return the largest difference between two solutions, in units of sizes. */
+/* Return the largest difference between two solutions, relative to sizes. */
 static cotree_real solution_distance(int m, const cotree_real *a, const cotree_real *b,
                                      const cotree_real *sizes)
 {
@@ -492,7 +494,7 @@ static cotree_real solution_distance(int m, const cotree_real *a, const cotree_r
     return largest;
 }
 
-/* Compute the solution at a fraction s of a step, starting from the solution at low. */
+/* Solve for the unknowns at the fraction s of a step, starting from `low`. */
 static int solve_within(cotree_run *run, cotree_real t, const cotree_real *before,
                         const cotree_real *after, cotree_real s, const cotree_real *low)
 {
@@ -515,12 +517,12 @@ static int sign_of_determinant(cotree_run *run, cotree_real t, const cotree_real
     return sign;
 }
 
-/* Number of distances from a fold, each half of the one before, at which determinants are
- * computed. */
+/* Number of points at which is_folded computes the determinant, each at half the distance of the
+ * previous one. */
 #define MAX_HALVINGS 30
 
-/* Return whether the determinant of g_z changes its sign on the line from one solution to another,
- * as it does close to the first one if a fold is there. */
+/* Return whether the determinant of g_z changes sign on the line between two solutions. If the
+ * first one is at a fold, it does so nearby. */
 static int is_folded(cotree_run *run, cotree_real t, const cotree_real *low,
                      const cotree_real *high)
 {
@@ -546,7 +548,7 @@ int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree
     cotree_real from = COTREE_F(0.0), to = COTREE_F(1.0), all, rest;
     int i, k;
 #if COTREE_HAS_INPUTS
-    if (run->input_function != NULL) return 1; /* the solution may jump */
+    if (run->input_function != NULL) return 1; /* inputs of the caller may be discontinuous */
 #endif
     if (are_predicted(run, t, end)) return 1;
     for (i = 0; i < m; ++i) {

@@ -1,4 +1,5 @@
-/* cotree_breakpoint_sensitivity.c: jumps of sensitivities at times that depend on parameters. */
+/* cotree_breakpoint_sensitivity.c: jumps of sensitivities at time events that depend on
+ * parameters. */
 #include "cotree_run_internal.h"
 
 #if COTREE_HAS_MOVING_BREAKPOINTS || COTREE_HAS_EVENTS
@@ -29,8 +30,8 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 #endif
 
 #if COTREE_HAS_MOVING_BREAKPOINTS
-/* Compute the rates on one side of a time event by extrapolation from two times on that side, since
- * sources with steep edges may change within the rounding error of t. */
+/* Compute the rates on one side of a time event by extrapolation from two times on that side:
+ * steep sources may change within the rounding error of t. */
 static int rates_on_side(cotree_run *run, cotree_real t, cotree_real way,
                          cotree_breakpoint_sensitivity *crossing, cotree_real *rates)
 {
@@ -52,8 +53,8 @@ int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *poi
     return rates_on_side(run, t, -crossing->margin, crossing, crossing->left);
 }
 
-/* Find a sensitivity whose jump is undefined, because parameters separate events that coincide.
- * Return its index in z, or 0. */
+/* Find a sensitivity whose jump is undefined: rates jump at coinciding events that the parameter
+ * would separate. Return its index in z, or 0. */
 static int find_undefined(const cotree_run *run, const cotree_breakpoint_sensitivity *crossing)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -95,8 +96,8 @@ int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *p
 {
     int status = 0;
     cotree_run_from_point(run, t, n, point, crossing->w);
-    /* On both sides the states satisfy the constraints; the sensitivities do so only after their
-     * jump. Integrated unknowns may jump with the rates. */
+    /* The states satisfy the constraints on both sides, the sensitivities only after their jump.
+     * Integrated unknowns may jump with the rates. */
 #if COTREE_HAS_ALGEBRAIC
     if (run->is_extended) status = cotree_run_project(t, crossing->w, run);
 #endif

@@ -1,17 +1,17 @@
-/* cotree_classical.h: the classical Runge-Kutta method. */
+/* cotree_classical.h: the classical Runge-Kutta method of order four. */
 #ifndef COTREE_CLASSICAL_H
 #define COTREE_CLASSICAL_H
 
 #include "cotree_integrator.h"
 
-/* Take a step of the classical Runge-Kutta method of order four. It writes three arrays, of which
- * the first is the solution at the end; all must differ from each other and from `before`. */
+/* Take a step from `before` to `after`. trial and slope are work space; the four arrays must not
+ * overlap. */
 static inline int cotree_take_classical_step(cotree_rate_function rate, void *context, int n,
                                              cotree_real t, cotree_real t_next, cotree_real h,
                                              const cotree_real *before, cotree_real *after,
                                              cotree_real *trial, cotree_real *slope)
 {
-    /* Time fractions of the next stages, and weights of the stages. */
+    /* Fraction of the step at the next stage, and weight of each stage. */
     static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
                                          COTREE_F(0.0)},
                              weight[4] = {COTREE_F(1.0), COTREE_F(2.0), COTREE_F(2.0),

@@ -2,12 +2,12 @@
 #ifndef COTREE_EVENT_KINDS_H
 #define COTREE_EVENT_KINDS_H
 
-/* Kinds of events. A jump selects a mode of a discontinuous expression; its event function is the
- * condition. The event functions of dry friction are the slip rate times the mode, the distances of
- * the force from its limits, a value that is positive while a clutch is engaged, and a load times
- * the sign that its laws assume. Friction on a plane in space has two slip directions but one mode.
- * Its event functions are the angle by which the direction of sliding may still turn, and the
- * components of the friction impulse. */
+/* Kinds of events. JUMP selects a mode of a discontinuous expression; its event function is the
+ * condition. Event functions of dry friction are the slip speed times the mode (SLIP), the
+ * distances of the force from its limits (FORWARD, BACKWARD), a value that is positive while a
+ * clutch is engaged (ENGAGED), and a load times the sign that its laws assume (LOAD). Friction on
+ * a plane in space has two slip directions and one mode; its event functions are the angle by
+ * which the slip direction may still turn (TURN) and the components of the friction impulse. */
 #define COTREE_JUMP 1
 #define COTREE_FRICTION_SLIP 2
 #define COTREE_FRICTION_FORWARD 3
@@ -26,16 +26,15 @@
 #define COTREE_STOP_FORCE 12
 #define COTREE_STOP_REBOUND 13
 
-/* A kink of the rates. The event only ends the branch that is frozen during a step. */
+/* A kink of the rates. Its event only releases the branch that is frozen during a step. */
 #define COTREE_KINK 14
 
-/* A kink at which the slope of a root is infinite on both sides. Its branch value is the half-width
- * of the band around zero within which the root is regularised; it is not positive if there is no
- * band. */
+/* A kink at which a root has infinite slope on both sides. Its branch value is the half-width of
+ * the band around zero in which the root is regularised; 0 or less: no band. */
 #define COTREE_STEEP_KINK 15
 
 /* Modes of dry friction other than 1 and -1, which are for sliding. */
 #define COTREE_FRICTION_STICKS COTREE_F(0.0)
-#define COTREE_FRICTION_FREE COTREE_F(2.0) /* the surfaces are not pressed together */
+#define COTREE_FRICTION_FREE COTREE_F(2.0) /* no normal force acts */
 
 #endif

@@ -1,7 +1,8 @@
-/* cotree_iteration.c: Newton's method with damping. */
+/* cotree_iteration.c: damped Newton iteration. */
 #include "cotree_iteration.h"
 
-/* Move by the largest accepted fraction of a step. is_last: 1 if the step is at rounding level. */
+/* Take the largest fraction of a Newton step that passes the monotonicity test. *is_last: 1 if the
+ * step is at rounding level. */
 static int take_damped(const cotree_iteration *a, int *is_last)
 {
     const cotree_newton_limits *const limits = a->limits;

@@ -10,15 +10,14 @@
 
 COTREE_BEGIN_DECLS
 
-/* Status, in addition to those of the callbacks, if no step can be computed or no damped step is
- * accepted. */
+/* Additional status: no step can be computed, or no damped step is accepted. */
 #define COTREE_NO_STEP 61
 
-/* Limits of step sizes, and of the number of steps. */
+/* Limits of the size and number of steps. */
 typedef struct cotree_newton_limits {
     int max_steps;
     cotree_real rounding; /* a step shorter than this is the last one */
-    cotree_real small;    /* so is a step below this that is over half the previous one */
+    cotree_real small;    /* so is a step below this and above half the previous one */
     /* stalled: steps below this size that cannot be reduced are rounding errors. min_share:
      * smallest damping factor. */
     cotree_real stalled, min_share;
@@ -28,8 +27,8 @@ typedef struct cotree_iteration {
     /* Compute the Newton step at x and its size; size 0 ends the iteration. is_new: 1 to form the
      * matrix at this point, 0 to use the previous one. */
     int (*step)(const struct cotree_iteration *a, int is_new, cotree_real *size);
-    /* Move x from the last point with a new matrix by a fraction of its step. NULL: no damping;
-     * then step itself moves x. */
+    /* Set x to the last point with a new matrix plus a fraction of its step. NULL: no damping;
+     * step itself updates x. */
     int (*move)(const struct cotree_iteration *a, cotree_real share);
     void *context;     /* argument that is passed to the callbacks */
     cotree_real t, *x; /* time; unknowns, updated at each step */

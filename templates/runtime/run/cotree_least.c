@@ -1,11 +1,11 @@
-/* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process. */
+/* cotree_least.c: complete orthogonal factorisation by modified Gram-Schmidt. */
 #include "cotree_least.h"
 
-/* Maximum number of inverse iterations. Each reduces the error by the squared ratio of the smallest
+/* Number of inverse iterations. Each reduces the error by the squared ratio of the smallest
  * singular value to the next one. */
 #define MOST_INVERSE 40
 
-/* Each projection is applied this many times, which makes the remainder orthogonal up to
+/* Number of passes of each projection; the second pass makes the remainder orthogonal up to
  * rounding. */
 #define PASSES 2
 
@@ -29,8 +29,8 @@ static cotree_real product(const cotree_real *x, const cotree_real *y, int n, in
     return sum;
 }
 
-/* A = L Q: normalise the longest remaining row as the next row of Q, and subtract its component
- * from all rows. */
+/* Factorise A = L Q. Each step normalises the longest remaining row as the next row of Q and
+ * subtracts its component from all rows. */
 static void factorise_rows(cotree_least *a, cotree_real size)
 {
     const int n = a->n_columns, stride = a->stride;
@@ -64,7 +64,7 @@ static void factorise_rows(cotree_least *a, cotree_real size)
     }
 }
 
-/* L = U R in place; the columns of L are independent. */
+/* Factorise L = U R in place; the columns of L are independent. */
 static void factorise_columns(cotree_least *a)
 {
     const int stride = a->stride;
@@ -116,7 +116,7 @@ cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x)
     if (a->rank < n) return COTREE_F(0.0);
     for (i = 0; i < n; ++i) x[i] = COTREE_F(1.0) + COTREE_F(0.1) * (cotree_real)(i % 7);
     for (step = 0; step < MOST_INVERSE; ++step) {
-        /* x / |x|, then R^-1 R^-T times it: the singular values are those of R. */
+        /* Inverse iteration x <- R^-1 R^-T x / |x|; A and R have the same singular values. */
         size = COTREE_SQRT(product(x, x, n, 1));
         for (k = 0; k < n; ++k) {
             cotree_real sum = x[k] / size;

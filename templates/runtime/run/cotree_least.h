@@ -1,7 +1,7 @@
 /* cotree_least.h: minimum-norm least-squares solutions for dense matrices of any rank.
  *
- * A = U R Q, in which U has orthonormal columns, R is triangular and Q has orthonormal rows. Rows
- * whose remainder is below the fraction COTREE_RANK count as dependent.
+ * A = U R Q, in which U has orthonormal columns, R is triangular and Q has orthonormal rows. A row
+ * is dependent if its remainder is below COTREE_RANK times the longest row.
  *
  *     for each row r, a.rows[r * a.n_columns + i] = entries
  *     cotree_least_factorise(&a, n_rows, size)
@@ -20,7 +20,7 @@ typedef struct cotree_least {
     int n_rows, rank;  /* size and rank of the matrix factorised last */
     int stride;        /* length of the rows of U and R, at least the largest number of rows */
     cotree_real *rows; /* the matrix, rows of n_columns numbers; overwritten by the factorisation */
-    cotree_real *basis;   /* Q: orthonormal rows of n_columns numbers, as many as the rank */
+    cotree_real *basis;   /* Q: `rank` orthonormal rows of n_columns numbers */
     cotree_real *lower;   /* U: n_rows rows of stride numbers */
     cotree_real *upper;   /* R: upper triangle, rank rows of stride numbers */
     cotree_real *weights; /* work space of stride numbers */

@@ -1,4 +1,4 @@
-/* cotree_lu.c: LU factorisation with row exchanges. */
+/* cotree_lu.c: LU factorisation with partial pivoting. */
 #include "cotree_lu.h"
 
 static int is_dense(int n, int lower, int upper) { return 2 * lower + upper + 1 >= n; }

@@ -1,5 +1,5 @@
-/* cotree_lu.h: linear systems with a dense or banded matrix, by LU factorisation with row
- * exchanges. */
+/* cotree_lu.h: solution of linear systems with dense or banded matrices by LU factorisation with
+ * partial pivoting. */
 #ifndef COTREE_LU_H
 #define COTREE_LU_H
 

@@ -1,5 +1,5 @@
-/* cotree_numbers.h: scalar version of the arithmetic that methods use. Files that compute with
- * vectors, one run in each lane, define the same names for vectors. */
+/* cotree_numbers.h: scalar arithmetic of the integration methods. Ensembles, which run one member
+ * in each lane of a vector, define the same names for vectors. */
 #ifndef COTREE_NUMBERS_H
 #define COTREE_NUMBERS_H
 
@@ -11,7 +11,7 @@ typedef int MASK; /* result of a comparison */
 #define HOLDS 1
 #define NOT(mask) (!(mask))
 #define LANE(numbers, lane) (numbers)
-#define ALL(number) (number) /* vector that contains the number in each lane; here the number */
+#define ALL(number) (number) /* broadcasts a number to all lanes */
 #define ZERO COTREE_F(0.0)
 
 #define cotree_any(mask) (mask)

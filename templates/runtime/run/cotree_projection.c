@@ -14,8 +14,9 @@ int cotree_run_is_constrained(const cotree_run *run)
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
-/* After more than MAX_FAILURES failed steps in a row, or a correction of MAX_DRIFT relative
- * tolerances, rates are evaluated at projected points for the next STRICT_POINTS points. */
+/* After more than MAX_FAILURES failed steps in a row, or a correction of more than MAX_DRIFT
+ * relative tolerances, rates are evaluated at projected points until STRICT_POINTS steps are
+ * projected. */
 #define STRICT_POINTS 100
 #define MAX_FAILURES 3
 #define MAX_DRIFT COTREE_F(1e3)
@@ -40,8 +41,8 @@ static int step_of_states(const cotree_iteration *a, int is_new, cotree_real *si
 }
 
 /* Take Newton steps of the states until they are at rounding level; speeds converge one step after
- * the coordinates. Residuals are no criterion, since near a singular configuration they are
- * proportional to the square of the remaining distance. */
+ * the coordinates. Residuals are not tested: near a singular configuration they are proportional
+ * to the square of the distance. */
 static int project_states(cotree_run *run, cotree_real t, cotree_real *x)
 {
     static const cotree_newton_limits limits = {
@@ -59,7 +60,7 @@ static int check_constraints(cotree_run *run, cotree_real t, const cotree_real *
     const int status = run->model->constraints(t, x, run->u, run->p, run->k, run->residual);
     if (status != 0) return status;
     for (i = 0; i < N_STATES; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(x[i]));
-    if (largest > COTREE_MAX) return 1; /* an infinite state would accept every residual */
+    if (largest > COTREE_MAX) return 1; /* with an infinite state, every residual would pass */
     for (i = 0; i < run->model->n_constraints; ++i) {
         if (!(COTREE_FABS(run->residual[i]) <= COTREE_LARGEST_RESIDUAL * largest)) return 1;
     }
@@ -121,9 +122,9 @@ void cotree_count_failure(cotree_run *run)
     if (++run->n_failed > MAX_FAILURES) run->n_strict = STRICT_POINTS;
 }
 
-/* Return whether rates are evaluated at projected points. Away from the constraints, rates grow
- * without bound towards a singular configuration, and steps fail. If the projection fails, the
- * point itself is used. In other cases the projection costs more than it saves. */
+/* Return whether rates are evaluated at projected points. Near singular configurations, rates off
+ * the constraints grow without bound and steps fail; elsewhere projection costs more than it
+ * saves. */
 int cotree_are_rates_projected(const cotree_run *run)
 {
     if (!cotree_run_is_constrained(run) || run->model->gradient == NULL) return 0;

@@ -1,5 +1,5 @@
-/* cotree_real.h: the floating-point type with its literals, functions and limits; the compiled
- * features; compiler-specific qualifiers.
+/* cotree_real.h: floating-point type with its literals, functions and limits; compiled features;
+ * compiler-specific qualifiers.
  *
  * Files whose names begin with cotree_ are the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
@@ -37,13 +37,13 @@
 #define COTREE_HAS_DISCS 1 /* the model has friction on planes in space */
 #endif
 #ifndef COTREE_HAS_MOVING_BREAKPOINTS
-#define COTREE_HAS_MOVING_BREAKPOINTS 1 /* time events depend on parameters of sensitivity */
+#define COTREE_HAS_MOVING_BREAKPOINTS 1 /* time events depend on parameters with sensitivities */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
 #define COTREE_HAS_IMPLICIT 1 /* an implicit method is compiled */
 #endif
 #ifndef COTREE_HAS_HELPER
-#define COTREE_HAS_HELPER 1 /* the caller may provide a solver, used if iterations fail */
+#define COTREE_HAS_HELPER 1 /* the caller may provide a solver for algebraic unknowns */
 #endif
 #ifndef COTREE_HAS_MENDING
 #define COTREE_HAS_MENDING 1 /* prescribed initial values may change to satisfy constraints */
@@ -52,10 +52,10 @@
 #define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS are used */
 #endif
 #ifndef COTREE_HAS_START
-#define COTREE_HAS_START 1 /* FMU: the start must satisfy conditions (constraints, modes) */
+#define COTREE_HAS_START 1 /* FMU: constraints or modes restrict the start */
 #endif
 #ifndef COTREE_HAS_BREAKPOINTS
-#define COTREE_HAS_BREAKPOINTS 1 /* FMU: the model has time events, or upper bounds of steps */
+#define COTREE_HAS_BREAKPOINTS 1 /* FMU: the model has time events, or bounds of the step size */
 #endif
 #ifndef COTREE_HAS_EXCHANGE
 #define COTREE_HAS_EXCHANGE 1 /* FMU: offers Model Exchange */
@@ -64,8 +64,8 @@
 #define COTREE_HAS_STEPS 1 /* FMU: offers Co-Simulation */
 #endif
 
-/* COTREE_F(x): a literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
- * in single precision; tolerances scale with the number of digits. */
+/* COTREE_F(x): literal of the floating-point type. COTREE_SELECT(a, b): a in double precision, b
+ * in single precision. */
 #if COTREE_SINGLE
 typedef float cotree_real;
 #define COTREE_F(x) x##f
@@ -125,8 +125,8 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels are not inlined, because a single function would take too long to
- * compile. */
+/* Long kernels are divided into blocks that are not inlined: a single function would take too long
+ * to compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)

@@ -1,5 +1,5 @@
-/* cotree_run.c: the rates of a model for integrators, with inputs, constraints and algebraic
- * unknowns. */
+/* cotree_run.c: right-hand side for integrators, with inputs, projection onto the constraints and
+ * algebraic unknowns. */
 #include "cotree_run_internal.h"
 
 #include <string.h>
@@ -7,7 +7,7 @@
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
     void *const place = arena->base == NULL ? spare : arena->base + arena->used;
-    /* The next allocation may contain pointers. */
+    /* Keep the arena aligned for numbers and pointers. */
     const size_t unit = sizeof(void *) > sizeof(cotree_real) ? sizeof(void *) : sizeof(cotree_real);
     arena->used += (size + unit - 1) / unit * unit;
     return place;
@@ -124,8 +124,7 @@ int cotree_run_inputs(cotree_run *run, cotree_real t)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Copy to adjacent entries the sensitivities of the first n states, except those that are
- * identically zero. */
+/* Copy the sensitivities of the first n states, without those that are identically zero. */
 void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -180,7 +179,7 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 #endif
 }
 
-/* Expand w to run->full, with the algebraic unknowns found last if w has none. */
+/* Expand w to run->full. Algebraic unknowns that w lacks are taken from the last solution. */
 static void expand(cotree_run *run, const cotree_real *w)
 {
     const int lead = run->n_lead;

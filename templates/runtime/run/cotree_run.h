@@ -1,8 +1,8 @@
 /* cotree_run.h: a model in the form w' = f(t, w) for integrators.
  *
  * w holds the states, then their sensitivities by parameter without those that always vanish.
- * Algebraic unknowns are solved for at each point. If the model has rates for them, they may be
- * part of w (call cotree_run_extend between init and narrow). Constraints hold by projection.
+ * Algebraic unknowns are solved for at each point, or are part of w if the model has rates for
+ * them (call cotree_run_extend between init and narrow). Projection satisfies constraints.
  *
  *     cotree_run run;
  *     cotree_arena arena = {NULL, 0};
@@ -13,7 +13,7 @@
  *     ... an integrator with cotree_run_rate, the context &run, and d.project = cotree_run_project
  *     cotree_run_complete(&run, t, w);      (run.full: all states and sensitivities)
  *
- * Nothing is allocated. Only one integration at a time may use a run. */
+ * No memory is allocated. Only one integration at a time may use a run. */
 #ifndef COTREE_RUN_H
 #define COTREE_RUN_H
 
@@ -25,7 +25,7 @@
 
 COTREE_BEGIN_DECLS
 
-/* Number of stored solutions of the algebraic equations, which serve as initial guesses; a power of
+/* Number of stored solutions of the algebraic equations, used as initial guesses; a power of
  * two. */
 #define COTREE_RUN_REMEMBERED 256
 
@@ -83,7 +83,7 @@ typedef struct cotree_run {
 #endif
     cotree_real rtol;      /* relative tolerance of algebraic unknowns; 0: up to rounding */
     cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
-    cotree_real low, high; /* bounds of evaluation times, inside the jumps of the segment */
+    cotree_real low, high; /* bounds of evaluation times, just inside the time events */
     cotree_real *full;     /* all states and sensitivities at the last completed point */
     int n;                 /* number of entries of w */
     int n_full;            /* number of entries of z, all states and sensitivities */
@@ -101,11 +101,11 @@ typedef struct cotree_run {
     int is_solving;  /* 1: unknowns are solved for at each point, even if w contains them */
     int n_far; /* number of points far from the algebraic solution minus number of other points */
     cotree_real pivot_growth; /* growth of rounding errors by the planned pivot order */
-    cotree_real bend;         /* last correction over the radius of near-linearity */
+    cotree_real bend;         /* last correction over the radius of convergence */
     cotree_real *newton, *found, *times;
     cotree_real *branch;  /* unknowns at the end of the last accepted step, then work */
     cotree_real t_branch; /* its time */
-    cotree_real *branch_before, t_before; /* the same for the step before it */
+    cotree_real *branch_before, t_before; /* the same one step earlier */
     cotree_lu matrix;                     /* matrix of the algebraic equations */
     int n_found;
 #endif
