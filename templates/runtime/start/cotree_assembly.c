@@ -12,13 +12,13 @@
 #define STEP_ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
 #define MAX_ROTATION COTREE_F(0.5)
 
-/* Number of further starting points after a failure, and their distance. At the first point
- * gradients may vanish, as for a component perpendicular to a length. */
+/* Number of further starting points after a failure, and their distance from the first point,
+ * where gradients may vanish (as that of a length with respect to a perpendicular component). */
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 
 /* The change of a residual also counts as cancelled if its remainder is below this fraction of the
- * terms that it sums up. */
+ * largest term of its sum. */
 #define SUM_ROUNDING COTREE_SELECT(1e-13, 1.2e-05f)
 
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
@@ -119,7 +119,7 @@ static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int l
     return COTREE_F(1.0) + largest;
 }
 
-/* List the rows of a level: its constraints, then its conditions. */
+/* List the rows of a level (0: coordinates, 1: speeds): its constraints, then its conditions. */
 void cotree_assembly_list_rows(cotree_assembly *a, int level, int has_conditions)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -155,7 +155,7 @@ static int mark_free_directions(cotree_assembly *a, int level)
     return n_free;
 }
 
-/* Return the entry of a row in the results of one of two kernels. */
+/* Return the result of a row: of a constraint or of a condition at the start. */
 cotree_real cotree_assembly_pick(const cotree_assembly *a, int row, const cotree_real *constraints,
                                  const cotree_real *conditions)
 {
@@ -178,7 +178,7 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
         const int row = a->places[r];
         a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
                        cotree_assembly_unit_of_row(a, row);
-        /* The condition also holds for nan. */
+        /* Also true for nan. */
         if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]);
     }
     return status;
@@ -196,8 +196,8 @@ int cotree_assembly_compute_gradients(cotree_assembly *a, cotree_real t, const c
     return status;
 }
 
-/* Return the gradient of a row. The gradient of a constraint on coordinates is that of its time
- * derivative. */
+/* Return the gradient of a row with respect to the speeds. A constraint on coordinates has the
+ * gradient of its time derivative. */
 const cotree_real *cotree_assembly_gradient_of(const cotree_assembly *a, int row)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -222,7 +222,7 @@ int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
             const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
-            /* The condition also holds for nan. */
+            /* Also true for nan. */
             if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]);
         }
         a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
@@ -271,7 +271,7 @@ static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotr
 }
 
 /* Move the coordinates (level 0) or speeds (level 1) of x by a step. */
-static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_real *x)
+static int apply_step(cotree_assembly *a, int level, const cotree_real *step, cotree_real *x)
 {
     int i;
     if (level == 1) {
@@ -301,8 +301,8 @@ void cotree_assembly_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Take a Gauss-Newton step of the coordinates or speeds x, whose residuals are a->values, the
- * largest of size a->left. Store the point with the smallest residuals. */
+/* Take a Gauss-Newton step of the coordinates or speeds x, whose residuals are a->values with
+ * maximum a->left. Store the point with the smallest residual in a->best. */
 static int take_step(const cotree_iteration *iteration, int is_new, cotree_real *length)
 {
     cotree_assembly *const a = (cotree_assembly *)iteration->context;
@@ -330,7 +330,7 @@ static int take_step(const cotree_iteration *iteration, int is_new, cotree_real 
         for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= MAX_ROTATION / *length;
     }
     *length /= size;
-    status = move(a, a->level, a->step, iteration->x);
+    status = apply_step(a, a->level, a->step, iteration->x);
     if (status == 0) status = cotree_assembly_compute_residuals(a, t, iteration->x, &a->left);
     if (status != 0 || !(a->left < a->smallest)) return status;
     cotree_assembly_copy(N_STATES, iteration->x, a->best);
@@ -383,7 +383,7 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
         for (i = 0; i < N_SPEEDS; ++i)
             a->step[i] = a->is_free[i] ? RESTART_DISTANCE * cotree_pseudo_random(n * N_SPEEDS + i)
                                        : COTREE_F(0.0);
-        status = move(a, 0, a->step, a->trial);
+        status = apply_step(a, 0, a->step, a->trial);
         if (status == 0) status = cotree_assembly_iterate(a, t, a->trial, 0, &other);
         if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
             cotree_assembly_copy(N_STATES, a->trial, x);
@@ -472,8 +472,7 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
         direction[N_COORDINATES + i] += a->step[i] * cotree_assembly_unit_of_speed(a, i);
 }
 
-/* Return the rounding error of a row's change along a direction of the states, a sum that should be
- * zero. */
+/* Return a bound on the rounding error of a row's change along a direction of the states. */
 static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
 {
     const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);

@@ -93,8 +93,8 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x);
 /* Project the states that are not prescribed onto the constraints. */
 int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x);
 
-/* Return whether the projection is ambiguous somewhere between two points, so that one of several
- * was chosen. */
+/* Return whether the projection from one point to another is ambiguous, since free directions
+ * outnumber independent rows. */
 int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
                               const cotree_real *to);
 
@@ -105,7 +105,8 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
 int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const cotree_real *x,
                                        const int *seeds, cotree_real *s);
 
-/* Remove the changes of quaternion norms from a direction of the states at x. */
+/* Remove the components along quaternions, which would change norms, from a direction of the
+ * states at x. */
 void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree_real *direction);
 
 /* Compute the entries of a direction of the states at x that are not prescribed, at one level: 0

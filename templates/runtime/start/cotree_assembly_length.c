@@ -9,8 +9,9 @@
 #define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
-/* Constraints are nearly dependent if the smallest singular value of their gradients is below this
- * fraction of its value in other positions, or below LEAST_GAP. */
+/* Constraints are nearly dependent if the smallest singular value of their gradients is below
+ * NEARLY times its value in other positions, or below LEAST_GAP. Rows below ROUNDED_ROW times
+ * max(1, largest entry) are rounding errors. */
 #define NEARLY COTREE_F(0.1)
 #define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
 #define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
@@ -34,10 +35,10 @@ static void add_squares(const cotree_assembly *a, cotree_real *turned, cotree_re
     }
 }
 
-/* Return the median ratio of the rotational to the translational part of gradients, or 0 if there
- * is none. */
-static cotree_real median_of(int n, const cotree_real *turned, const cotree_real *shifted,
-                             cotree_real *sorted)
+/* Return the median ratio of the rotational to the translational part of the gradients, or 0 if
+ * there is no such ratio. */
+static cotree_real median_ratio(int n, const cotree_real *turned, const cotree_real *shifted,
+                                cotree_real *sorted)
 {
     const cotree_real least_turned =
         MIN_SQUARE_SHARE * MIN_SQUARE_SHARE * cotree_assembly_largest_of(turned, n);
@@ -54,8 +55,8 @@ static cotree_real median_of(int n, const cotree_real *turned, const cotree_real
     return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
 }
 
-/* Write the position with the given number to `trial`: x with all joints rotated. */
-static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
+/* Write x with all joints rotated to a->trial. Each position has its own rotations. */
+static int rotate_joints(cotree_assembly *a, const cotree_real *x, int position)
 {
     int i;
     cotree_assembly_copy(N_STATES, x, a->trial);
@@ -118,7 +119,7 @@ static int find_weakest(cotree_assembly *a, cotree_real t, const cotree_real *x,
     int k, status = 0;
     *weakest = LEAST_GAP;
     for (k = 0; k < POSITIONS && status == 0; ++k) {
-        status = turn_joints(a, x, k);
+        status = rotate_joints(a, x, k);
         if (status == 0) status = find_smallest(a, t, a->trial, &other);
         if (status == 0) *weakest = COTREE_FMAX(*weakest, NEARLY * other);
     }
@@ -132,7 +133,7 @@ int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
     if (status == 0) status = find_smallest(a, t, x, &here);
-    if (here > NEARLY) return 0; /* no singular value exceeds 1 */
+    if (here > NEARLY) return 0; /* the bound on weak singular values is at most NEARLY */
     if (status == 0) status = find_weakest(a, t, x, &weakest);
     return status != 0 || here <= weakest;
 }
@@ -168,12 +169,12 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
         if (cotree_assembly_is_shift(a, i)) far = COTREE_FMAX(far, COTREE_FABS(x[i]));
     }
     for (k = 0; k < POSITIONS && status == 0; ++k) {
-        status = turn_joints(a, x, k);
+        status = rotate_joints(a, x, k);
         if (status == 0) status = cotree_assembly_compute_gradients(a, t, a->trial);
         if (status != 0) break;
         add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups, &lever);
     }
-    found = median_of(n, turned, shifted, sorted);
+    found = median_ratio(n, turned, shifted, sorted);
     if (!(found > MIN_SQUARE_SHARE * far)) {
         found = COTREE_FMAX(lever, far);
         if (!(found > MIN_LENGTH)) found = COTREE_F(1.0);

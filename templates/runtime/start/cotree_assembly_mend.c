@@ -13,8 +13,8 @@
 #define FARTHEST COTREE_F(0.1)
 #define NOTICED COTREE_F(1e-4)
 
-/* A value is not chosen if its direction differs by less than this from the directions of the
- * values already chosen, since its change would be large. */
+/* A value is chosen first if its direction differs by at least this from the directions of the
+ * values already chosen; otherwise its change would be large. */
 #define APART COTREE_F(1e-2)
 
 #define N_CONDITIONS (a->tables->n_conditions)
@@ -73,18 +73,18 @@ static void list_values(cotree_assembly *a, int level)
     }
 }
 
-/* Insert a value into the n candidates, which are sorted by descending rank. The value `ahead`
- * comes last. */
-static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
+/* Insert a value into the n candidates, which are sorted by descending rank. The value `last`
+ * comes last. Return the new number of candidates. */
+static int add_candidate(cotree_assembly *a, int n, int value, int last)
 {
     const int *const ranks = a->report->ranks;
     int i;
     for (i = 0; i < n; ++i) {
         if (a->candidates[i] == value) return n;
     }
-    for (i = n; i > 0 && value != ahead; --i) {
+    for (i = n; i > 0 && value != last; --i) {
         const int other = a->candidates[i - 1];
-        if (other != ahead && ranks[other] >= ranks[value]) break;
+        if (other != last && ranks[other] >= ranks[value]) break;
         a->candidates[i] = other;
     }
     a->candidates[i] = value;
@@ -92,35 +92,34 @@ static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
 }
 
 /* List the candidates of a level; return their number. */
-static int list_candidates(cotree_assembly *a, int level, int ahead)
+static int list_candidates(cotree_assembly *a, int level, int last)
 {
     int i, n = 0;
     list_values(a, level);
     for (i = 0; i < N_SPEEDS; ++i) {
-        if (a->value_of[i] >= 0) n = add_candidate(a, n, a->value_of[i], ahead);
+        if (a->value_of[i] >= 0) n = add_candidate(a, n, a->value_of[i], last);
     }
     for (i = 0; i < a->n_own; ++i) {
         const int condition = a->places[i] - FIRST_CONDITION;
-        if (condition >= 0) n = add_candidate(a, n, N_STATES + condition, ahead);
+        if (condition >= 0) n = add_candidate(a, n, N_STATES + condition, last);
     }
     return n;
 }
 
-/* Return the part of the changes of the residuals that free directions cannot cancel, for one
- * prescribed motion direction; indices after the directions are conditions. */
+/* Return the change of the residuals by motion direction i, without the part that free directions
+ * can cancel. Indices from N_SPEEDS on are conditions. */
 static cotree_real *move_of(const cotree_assembly *a, int i)
 {
     return a->moves + i * (a->tables->n_rows + N_CONDITIONS);
 }
 
-/* Return whether a change belongs to a prescribed value. */
-static int is_of(const cotree_assembly *a, int i, int value)
+/* Return whether direction or condition i belongs to a prescribed value. */
+static int belongs_to(const cotree_assembly *a, int i, int value)
 {
     return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
 }
 
-/* Compute the parts that move_of returns for all directions and conditions. Return the largest norm
- * among the candidates' parts. */
+/* Compute the changes that move_of returns. Return the largest norm of a candidate's changes. */
 static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -136,7 +135,7 @@ static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
     for (k = 0; k < n_candidates; ++k) {
         cotree_real sum = COTREE_F(0.0);
         for (i = 0; i < N_SPEEDS + N_CONDITIONS; ++i) {
-            if (!is_of(a, i, a->candidates[k])) continue;
+            if (!belongs_to(a, i, a->candidates[k])) continue;
             for (r = 0; r < a->n_own; ++r) sum += move_of(a, i)[r] * move_of(a, i)[r];
         }
         largest = COTREE_FMAX(largest, COTREE_SQRT(sum));
@@ -144,9 +143,9 @@ static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
     return largest;
 }
 
-/* Extend the span of the n_spanned directions by the parts of a value that are outside it by more
- * than `least`. Return whether there are any. */
-static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
+/* Extend the orthonormal basis a->spanned by the changes of a value that are outside its span by
+ * more than `least`. Return whether there are any. */
+static int extend_basis(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
 {
     int i, k, r, longest, n_added = 0;
     do {
@@ -156,7 +155,7 @@ static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned
         for (i = 0; i < N_SPEEDS + N_CONDITIONS && *n_spanned < a->n_own; ++i) {
             cotree_real *const move = move_of(a, i);
             cotree_real sum = COTREE_F(0.0);
-            if (!is_of(a, i, value)) continue;
+            if (!belongs_to(a, i, value)) continue;
             for (k = 0; k < 2 * *n_spanned; ++k) { /* orthogonalises twice, see cotree_least.c */
                 const cotree_real *const q = a->spanned + k % *n_spanned * a->n_own;
                 cotree_real along = COTREE_F(0.0);
@@ -177,25 +176,25 @@ static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned
     return n_added > 0;
 }
 
-static void give(cotree_assembly *a, int value)
+static void change_value(cotree_assembly *a, int value)
 {
     int i;
     if (value >= N_STATES) a->is_dropped[value - N_STATES] = 1;
     for (i = 0; i < N_SPEEDS; ++i) a->is_giving[i] = a->is_giving[i] || a->value_of[i] == value;
 }
 
-static void keep_all(cotree_assembly *a)
+static void fix_all_values(cotree_assembly *a)
 {
     int i;
     for (i = 0; i < N_SPEEDS; ++i) a->is_giving[i] = 0;
     for (i = 0; i < N_CONDITIONS; ++i) a->is_dropped[i] = 0;
 }
 
-/* Choose the values to change, given the factorised gradients of the listed rows. Return whether
- * there are any. */
-static int choose(cotree_assembly *a, int level, int ahead)
+/* Choose the prescribed values that change; the gradients of the listed rows must be factorised.
+ * Return whether a value was chosen. */
+static int choose_values(cotree_assembly *a, int level, int last)
 {
-    const int n = list_candidates(a, level, ahead);
+    const int n = list_candidates(a, level, last);
     cotree_real least = COTREE_RANK * a->longest, largest;
     int i, pass, n_spanned = 0, n_chosen = 0;
     if (a->least.rank == a->n_own) return 0;
@@ -204,9 +203,9 @@ static int choose(cotree_assembly *a, int level, int ahead)
     for (pass = 0; pass < 2; ++pass) {
         const cotree_real size = pass == 0 ? COTREE_FMAX(least, APART * largest) : least;
         for (i = 0; i < n; ++i) {
-            if (a->is_chosen[i] || !span(a, a->candidates[i], size, &n_spanned)) continue;
+            if (a->is_chosen[i] || !extend_basis(a, a->candidates[i], size, &n_spanned)) continue;
             a->is_chosen[i] = 1;
-            give(a, a->candidates[i]);
+            change_value(a, a->candidates[i]);
             ++n_chosen;
         }
     }
@@ -246,8 +245,8 @@ void cotree_assembly_solve_given(cotree_assembly *a)
     for (i = 0; i < N_SPEEDS; ++i) a->step[i] += a->extra[i];
 }
 
-/* Store the residuals at x of a level with conditions that cannot be satisfied. */
-static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
+/* Reset x to the point before the changes, and report the residuals that cannot be cancelled. */
+static int report_violation(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
     cotree_real largest;
     int r, status;
@@ -264,8 +263,8 @@ static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
     return COTREE_ASSEMBLY_VIOLATED;
 }
 
-/* Store the changes of the prescribed values up to x, and the residuals of dropped conditions.
- * Return whether one of them is too large. */
+/* Report the changes of the prescribed values at x and the residuals of dropped conditions.
+ * *is_far: 1 if one of them exceeds FARTHEST. */
 static int report_changes(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                           int *is_far)
 {
@@ -310,8 +309,8 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
             status = cotree_assembly_compute_gradients(a, t, x);
             if (status != 0) break;
             cotree_assembly_factorise(a, &largest);
-            has_way = choose(a, level, -1);
-        } else { /* all conditions are satisfied without a change of prescribed values */
+            has_way = choose_values(a, level, -1);
+        } else { /* second attempt: any prescribed state may change; no condition is dropped */
             for (i = 0; i < N_SPEEDS; ++i) {
                 a->is_giving[i] = a->value_of[i] >= 0;
                 has_way = has_way || a->is_giving[i];
@@ -322,18 +321,18 @@ int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int 
         a->has_way = 1;
         status = cotree_assembly_iterate(a, t, x, level, &residual);
         a->has_way = 0;
-        keep_all(a);
+        fix_all_values(a);
     }
     if (status != 0) return status;
-    if (!(residual <= met)) return refuse(a, t, x, level);
+    if (!(residual <= met)) return report_violation(a, t, x, level);
     a->is_mended[level] = 1;
     if (a->is_probe) return 0;
     status = report_changes(a, t, x, level, &is_far);
-    return status == 0 && is_far ? refuse(a, t, x, level) : status;
+    return status == 0 && is_far ? report_violation(a, t, x, level) : status;
 }
 
 /* Return the part of a row's change along a sensitivity that the step does not cancel. */
-static cotree_real left_of(const cotree_assembly *a, int row, int column)
+static cotree_real remainder_of(const cotree_assembly *a, int row, int column)
 {
     cotree_real left = cotree_assembly_change_of(a, row, column);
     int i;
@@ -341,7 +340,7 @@ static cotree_real left_of(const cotree_assembly *a, int row, int column)
     return left;
 }
 
-/* Store which prescribed values change with a parameter. */
+/* Report which prescribed values change with a parameter. */
 static void report_following(cotree_assembly *a, int column, cotree_real allowed)
 {
     int *const follows = a->report->follows + column * (N_STATES + N_CONDITIONS);
@@ -352,7 +351,7 @@ static void report_following(cotree_assembly *a, int column, cotree_real allowed
         if (a->is_giving[i] && COTREE_FABS(a->step[i]) > least) follows[a->value_of[i]] = 1;
     }
     for (i = 0; i < N_CONDITIONS; ++i) {
-        if (a->is_dropped[i] && COTREE_FABS(left_of(a, FIRST_CONDITION + i, column)) > allowed)
+        if (a->is_dropped[i] && COTREE_FABS(remainder_of(a, FIRST_CONDITION + i, column)) > allowed)
             follows[N_STATES + i] = 1;
     }
 }
@@ -365,7 +364,7 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     cotree_real largest;
     int r, is_left = 0;
     allowed += REMAINDER_SHARE * cotree_assembly_largest_of(a->values, a->n_own);
-    (void)choose(a, level, seed < 0 ? -1 - seed : -1);
+    (void)choose_values(a, level, seed < 0 ? -1 - seed : -1);
     cotree_assembly_list_rows(a, level, has_conditions);
     for (r = 0; r < a->n_own; ++r)
         a->values[r] = cotree_assembly_change_of(a, a->places[r], column);
@@ -373,13 +372,13 @@ int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
     cotree_assembly_factorise_given(a, &largest);
     cotree_assembly_solve_given(a);
     for (r = 0; r < a->n_own; ++r) {
-        report->left[a->places[r]] = left_of(a, a->places[r], column);
+        report->left[a->places[r]] = remainder_of(a, a->places[r], column);
         if (!(COTREE_FABS(report->left[a->places[r]]) <= allowed)) is_left = 1;
     }
     report->level = level;
     report->column = column;
     if (seed >= 0 && !is_left) report_following(a, column, allowed);
-    keep_all(a);
+    fix_all_values(a);
     cotree_assembly_list_rows(a, level, has_conditions);
     cotree_assembly_factorise(a, &largest); /* restores the factors of the gradients */
     return is_left;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* A redundant value agrees with the value that the states determine if their difference is at most
- * this fraction of these states, or is a rounding error. */
+ * AGREED times the largest of these states, or is a rounding error. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
@@ -77,8 +77,8 @@ static int write_states(const cotree_start *start, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Write the sensitivities of the initial values. A value that is set for the run depends only on
- * itself. */
+/* Write the sensitivities of the initial values. A value that is set for the run depends on no
+ * parameter but itself. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
@@ -118,9 +118,9 @@ static void mark_kept(cotree_start *start)
     cotree_assembly_hold(&start->assembly, start->is_set);
 }
 
-/* Project states onto the constraints. The constraints depend on inputs of the model or of an input
+/* Project the states onto the constraints, which depend on inputs of the model or of an input
  * function, but not on inputs replaced by tables. */
-static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
+static int project_states(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_assembly *const a = &start->assembly;
     const cotree_run *const run = start->run;
@@ -137,10 +137,10 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Compute the projected states after the parameter of a sensitivity, or its state, is increased by
- * a step. */
-static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree_real value,
-                          cotree_real step, cotree_real *x)
+/* Compute the projected states with the parameter or initial value of a sensitivity increased by a
+ * step. */
+static int project_perturbed(cotree_start *start, cotree_real t, int column, cotree_real value,
+                             cotree_real step, cotree_real *x)
 {
     cotree_run *const run = start->run;
     const cotree_real *const p = run->p, *const k = run->k;
@@ -160,7 +160,7 @@ static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree
 #if COTREE_HAS_MENDING
     start->assembly.is_probe = 1;
 #endif
-    if (status == 0) status = assemble(start, t, x);
+    if (status == 0) status = project_states(start, t, x);
 #if COTREE_HAS_MENDING
     start->assembly.is_probe = 0;
 #endif
@@ -169,8 +169,8 @@ static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree
     return status;
 }
 
-/* Differentiate a projection that is not unique by five-point differences. It depends on the
- * parameters through gradients, whose derivatives no kernel computes. */
+/* Differentiate an ambiguous projection by five-point differences: it depends on the parameters
+ * through gradients, whose derivatives no kernel computes. */
 static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
 {
     static const cotree_real weights[] = {COTREE_F(1.0), -COTREE_F(8.0), COTREE_F(8.0),
@@ -187,7 +187,7 @@ static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
         cotree_real *const s = z + (1 + j) * N_STATES;
         for (i = 0; i < N_STATES; ++i) total[i] = s[i] = COTREE_F(0.0);
         for (k = 0; k < 4 && status == 0; ++k) {
-            status = assemble_aside(start, t, j, value, (cotree_real)places[k] * step, x);
+            status = project_perturbed(start, t, j, value, (cotree_real)places[k] * step, x);
             for (i = 0; i < N_STATES; ++i) total[i] += weights[k] * x[i];
         }
         for (i = starts[j]; i < starts[j + 1]; ++i)
@@ -202,7 +202,7 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
     cotree_assembly *const a = &start->assembly;
     int i, status;
     for (i = 0; i < N_STATES; ++i) start->given[i] = z[i];
-    status = assemble(start, t, z);
+    status = project_states(start, t, z);
 #if COTREE_HAS_SENSITIVITIES
     if (status == 0 && N_SENSITIVITIES > 0)
         status = cotree_assembly_move_sensitivities(a, t, z, start->tables->seeds, z + N_STATES);
@@ -253,8 +253,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
                                           start->assembly.start_slopes);
     for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
         const int seed = j > 0 ? tables->seeds[j - 1] : -1;
-        /* Magnitude of the parameter. It is zero if the parameter is an initial value, since
-         * redundant values follow initial values. */
+        /* Magnitude of the parameter; zero for initial values, which redundant values follow. */
         const cotree_real size = j == 0     ? COTREE_F(1.0)
                                  : seed < 0 ? COTREE_F(0.0)
                                             : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);
@@ -336,7 +335,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     start->values = call->values;
 }
 
-/* Return whether no equations determine initial values. */
+/* Return whether all initial values are explicit. */
 static int is_plain(const cotree_start *start)
 {
 #if COTREE_HAS_EVENTS
@@ -345,8 +344,8 @@ static int is_plain(const cotree_start *start)
     return start->tables->assembly == NULL && MODEL->n_algebraic == 0;
 }
 
-/* Allocate memory for a call, and initialise a run and a start in it. Return the memory, or NULL if
- * there is none. */
+/* Allocate memory for a call, and initialise a run and a start in it. Return the memory, or NULL
+ * on failure. */
 static void *allocate(const cotree_start_call *call, cotree_run *run, cotree_start *start)
 {
     cotree_arena arena = {NULL, 0};

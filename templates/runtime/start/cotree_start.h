@@ -15,7 +15,7 @@
 
 COTREE_BEGIN_DECLS
 
-/* Statuses in addition to those of kernels; comments state the meaning of culprit and column. */
+/* Statuses in addition to those of kernels, with the meaning of culprit and column. */
 #define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: the violated row */
 #define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* culprit: a row; column: a sensitivity */
 #define COTREE_START_CONTRADICTED 103 /* culprit: a redundant value that disagrees */
@@ -26,14 +26,14 @@ COTREE_BEGIN_DECLS
 #define COTREE_START_ON_JUMP 109      /* culprit: an event whose jump depends on a parameter */
 #define COTREE_START_UNDETERMINED 108 /* the algebraic equations do not determine all unknowns */
 
-/* Data of a start that is computed in one call. */
+/* Arguments and results of cotree_start_once. */
 typedef struct cotree_start_call {
     const cotree_model *model;
     const cotree_start_tables *tables;
     const cotree_real *p, *k; /* parameters and their prepared values */
     cotree_real t;
 #if COTREE_HAS_INPUTS
-    int n_replaced; /* number of inputs that replace the model's inputs except in constraints */
+    int n_replaced; /* number of inputs replaced by tables, except in constraints */
     const cotree_table_input *replaced;
 #endif
     const cotree_real *guess, *initial; /* as in cotree_start */
@@ -48,8 +48,8 @@ typedef struct cotree_start_call {
     int is_dependent; /* 1: constraints are (nearly) dependent at the start */
 #if COTREE_HAS_MENDING
     cotree_start_report *report; /* reports changes; NULL: prescribed values may not change */
-    /* Results: 1 for redundant values, then for their derivatives by each parameter, that
-     * contradict the states; or NULL. */
+    /* Result, or NULL: 1 for each redundant value, then for each of its derivatives, that
+     * contradicts the states. */
     int *contradictions;
 #endif
 #if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
@@ -105,7 +105,7 @@ COTREE_EXPORT int cotree_start_gradients(cotree_start_call *call, cotree_real *r
                                          cotree_real *weakest);
 #endif
 
-/* Return the reason why there is no start, as a clause. */
+/* Return the reason of a failure as a clause. */
 const char *cotree_start_message(int status);
 
 /* Return the name of the constraint, initial value, event or state that caused a failure; "" if

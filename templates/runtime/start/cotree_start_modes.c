@@ -37,7 +37,7 @@ int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotre
         size = COTREE_FMAX(size, COTREE_FABS(z[i]));
     }
     for (i = 0; i < h->n_events; ++i) {
-        /* The event function is the speed times the mode. */
+        /* The event function is the speed times the mode: mode 1 yields the speed. */
         if (h->events[i].kind == COTREE_FRICTION_SLIP) x[h->events[i].targets[0]] = COTREE_F(1.0);
     }
     status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
@@ -145,8 +145,8 @@ static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *
     return status;
 }
 
-/* Return COTREE_START_ON_JUMP if the rates jump at z and the position of the jump depends on a
- * parameter, so that no sensitivities exist. */
+/* Return COTREE_START_ON_JUMP if the rates jump at z and the jump moves with a parameter, so that
+ * no sensitivities exist. */
 int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
@@ -163,7 +163,7 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
         int moving = -1;
         if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
         for (j = N_SENSITIVITIES - 1; j >= 0; --j) {
-            /* If the derivative is nan, it counts as nonzero. */
+            /* nan counts as nonzero. */
             if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) moving = j;
         }
         start->culprit = i;

@@ -11,7 +11,7 @@ typedef struct cotree_assembly_tables {
     int n_speeds;          /* number of speeds, the next states */
     int n_values;          /* number of constraints on coordinates */
     int n_rows;            /* number of constraints on speeds, and of rows of the gradient */
-    const int *value_rows; /* n_values: their time derivatives among the constraints on speeds */
+    const int *value_rows; /* n_values: the constraint on speeds that is its derivative */
     int n_quaternions;
     const int *quaternions; /* first state of each quaternion */
     /* Conditions: initial values of variables that are not states. After the start n_conditions is
@@ -29,9 +29,9 @@ typedef struct cotree_start_tables {
     const cotree_assembly_tables *assembly; /* NULL: no constraints and no conditions */
     const int *given; /* n_states: 1 if the model prescribes the initial value of the state */
     const int *seeds; /* n_sensitivities: parameter i as i, initial value of state i as -1 - i */
-    /* States of storage elements, each of which is computed from an algebraic unknown. */
+    /* Storage states q = c(v), such as charges, each of an algebraic unknown v. */
     int n_contents;
-    const int *contents; /* n_contents states, then as many algebraic unknowns */
+    const int *contents; /* n_contents states q, then their n_contents unknowns v */
     /* Redundant initial values, which other initial values determine. The last 2 n_redundant
      * results of the start kernel are the determined values, then the given ones. */
     int n_redundant;

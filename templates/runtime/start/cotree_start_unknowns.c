@@ -39,9 +39,8 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
     return is_changed ? COTREE_START_UNSOLVED : 0;
 }
 
-/* Solve for the algebraic unknowns of z and their sensitivities in place, starting from the values
- * in z. */
-static int solve(cotree_start *start, cotree_real t, cotree_real *z)
+/* Solve for the algebraic unknowns of z and their sensitivities in place, starting from z. */
+static int solve_unknowns(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const int status = cotree_start_complete_states(start, t, z);
 #if COTREE_HAS_SENSITIVITIES
@@ -55,7 +54,7 @@ static int solve(cotree_start *start, cotree_real t, cotree_real *z)
     return status;
 }
 
-/* Contents of storages. */
+/* Storage states q = c(v). */
 
 static int content_of(const cotree_start *start, int i) { return start->tables->contents[i]; }
 
@@ -64,8 +63,8 @@ static int unknown_of(const cotree_start *start, int i)
     return start->tables->contents[start->tables->n_contents + i];
 }
 
-/* Mark the storage states that are computed from their variables: those without an initial value,
- * and those whose variable is set. Return their number. */
+/* Mark the storage states that are computed from their unknowns: those without an initial value,
+ * and those whose unknown is set. Return their number. */
 static int mark_found(cotree_start *start)
 {
     int i, n = 0;
@@ -103,8 +102,8 @@ static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree
     return sum;
 }
 
-/* Solve the equations c(v) - q = 0 for the storage states q, with v from z. Return a kernel status;
- * *is_left is 1 if one of them has changed. */
+/* Set the storage states to q = c(v), with v from z. *is_left: 1 if one of them changed by more
+ * than rounding. Return a kernel status. */
 static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
 {
     const cotree_run *const run = start->run;
@@ -121,8 +120,8 @@ static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, 
     return status;
 }
 
-/* Solve for the algebraic unknowns of z and for the storage states in place. Rounds are repeated if
- * a storage state depends on other unknowns, too. */
+/* Solve for the algebraic unknowns of z and the storage states in turn, in place: a storage state
+ * may depend on several unknowns. */
 static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int i, n, is_left = 1, status;
@@ -146,7 +145,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
 {
     cotree_run *const run = start->run;
     const int n_contents = start->tables->n_contents;
-    cotree_real *const given = start->given_slopes; /* derivatives of the unknowns, by columns */
+    cotree_real *const given = start->given_slopes; /* derivatives of the unknowns, by column */
     int i, j, n, is_left = 1, status = 0;
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         cotree_real *const s = z + (1 + j) * N_STATES;
@@ -192,8 +191,8 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
 int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 {
     int status;
-    if (start->tables->n_contents == 0) return solve(start, t, z);
-    if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
+    if (start->tables->n_contents == 0) return solve_unknowns(start, t, z);
+    if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve_unknowns(start, t, z);
     status = solve_contents(start, t, z);
 #if COTREE_HAS_SENSITIVITIES
     if (status == 0 && N_SENSITIVITIES > 0) status = solve_content_sensitivities(start, t, z);
