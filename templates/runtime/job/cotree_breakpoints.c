@@ -106,8 +106,7 @@ cotree_real cotree_shortest_period(const cotree_breakpoints *breakpoints)
     return shortest;
 }
 
-/* Return the number of breakpoints of a series from t to t_end, which may exceed the range of int.
- */
+/* Return the number of breakpoints of a series from t to t_end. It may exceed the range of int. */
 static cotree_real count_of(const cotree_real *row, cotree_real t, cotree_real t_end)
 {
     cotree_real low = COTREE_FMIN(t, t_end), high = COTREE_FMAX(t, t_end);
@@ -126,7 +125,7 @@ static int are_too_many(const cotree_breakpoints *breakpoints, cotree_real t, co
     int i;
     for (i = 0; i < breakpoints->n; ++i) {
         const cotree_real n = count_of(row_of(breakpoints, i), t, t_end);
-        /* A breakpoint at either end may be one more. */
+        /* The count may include a breakpoint at an end. */
         if (!(n <= (cotree_real)COTREE_MOST_OF_SERIES + COTREE_F(1.0))) return 1;
         total += n;
     }

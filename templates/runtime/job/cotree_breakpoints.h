@@ -10,9 +10,9 @@
 COTREE_BEGIN_DECLS
 
 /* Series of breakpoints, one row of 3 + 2 * n_sensitivities numbers each: the first time; the
- * period, or zero; 1 if there is no breakpoint before the first time, -1 if there is none after it,
- * 0 otherwise; then the derivatives of the first time and of the period by each parameter of
- * sensitivity. A row whose first time is not finite has no breakpoints. */
+ * period, or zero; 1 if there is no breakpoint before the first time, -1 if there is none after
+ * it, 0 otherwise; then the derivatives of the first time and of the period by each parameter with
+ * sensitivities. A row whose first time is not finite has no breakpoints. */
 typedef struct cotree_breakpoints {
     int n, n_sensitivities;
     const cotree_real *rows;
@@ -22,8 +22,8 @@ typedef struct cotree_breakpoints {
 cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t,
                                    cotree_real t_end);
 
-/* Return the largest magnitude of t_end and of the times from which later breakpoints are computed.
- * It determines their rounding errors. */
+/* Return the largest magnitude of t_end and of the first times of periodic series, which
+ * determines the rounding errors of breakpoints. */
 cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end);
 
 /* Return whether t is a breakpoint. */
@@ -50,11 +50,10 @@ cotree_real cotree_shortest_period(const cotree_breakpoints *breakpoints);
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times);
 
-/* Set the breakpoints of a job from t to t_end, after its tolerances. cotree_list_breakpoints has
- * returned their number n. memory holds the n times, and
- * their derivatives if they depend on parameters: n (1 + 2 n_sensitivities) numbers. begin is the
- * fixed start of the run; sizes and seeds are those of cotree_job_set_tolerances; tolerances holds
- * n_sensitivities numbers. */
+/* Set the breakpoints of a job from t to t_end, after its tolerances. memory has space for the n
+ * times that cotree_list_breakpoints counts, and for their derivatives if they depend on
+ * parameters: n (1 + 2 n_sensitivities) numbers. begin: fixed start of the run. sizes and seeds:
+ * as for cotree_job_set_tolerances. tolerances: space for n_sensitivities numbers. */
 void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *breakpoints,
                                 cotree_real t, cotree_real t_end, cotree_real begin,
                                 const cotree_real *sizes, const int *seeds, cotree_real *memory,

@@ -1,4 +1,4 @@
-/* cotree_history.c: Hermite interpolation through the points of several steps. */
+/* cotree_history.c: Hermite interpolation through the end points of several steps. */
 #include "cotree_history.h"
 
 typedef cotree_history cotree_points;
@@ -17,7 +17,7 @@ void cotree_history_init(cotree_history *h, int n, cotree_real *workspace)
 }
 
 /* Remove the oldest point. */
-static void forget_first(cotree_history *h)
+static void remove_oldest(cotree_history *h)
 {
     cotree_real *const first_y = h->y[0], *const first_rate = h->rate[0];
     const int last = COTREE_HISTORY_POINTS - 1;
@@ -36,7 +36,7 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
                         const cotree_real *rate)
 {
     int i, last;
-    if (h->n_points == COTREE_HISTORY_POINTS) forget_first(h);
+    if (h->n_points == COTREE_HISTORY_POINTS) remove_oldest(h);
     last = h->n_points;
     cotree_points_set(h, 1, last, t);
     for (i = 0; i < h->n; ++i) {
@@ -47,10 +47,10 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
     for (i = 0; i < h->n_points; ++i) cotree_points_weigh(h, h->n_points, h->uses_rates, i);
 }
 
-/* Add the contributions of all points to y as differences from the last point. Then constant
- * entries, such as modes, are interpolated without rounding errors, even if factors are large. */
-static void contribute(const cotree_history *h, const cotree_portions *of,
-                       cotree_real *COTREE_RESTRICT y)
+/* Add the contributions of all points to y, as differences from the last point. Constant entries,
+ * such as modes, are then interpolated exactly, even if factors are large. */
+static void add_contributions(const cotree_history *h, const cotree_portions *of,
+                              cotree_real *COTREE_RESTRICT y)
 {
     const cotree_real *COTREE_RESTRICT const last = h->y[h->n_points - 1];
     const int n = h->n;
@@ -76,7 +76,7 @@ void cotree_history_read(const cotree_history *h, cotree_real t, cotree_real *y)
     int m;
     cotree_find_portions(h, h->n_points, h->uses_rates, t, &of);
     for (m = 0; m < h->n; ++m) y[m] = h->y[h->n_points - 1][m];
-    contribute(h, &of, y);
+    add_contributions(h, &of, y);
 }
 
 cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_real rtol,
@@ -90,7 +90,7 @@ cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_r
     int i;
     cotree_find_differences(h, h->n_points, h->uses_rates, middle, &of);
     for (i = 0; i < h->n; ++i) scratch[i] = COTREE_F(0.0);
-    contribute(h, &of, scratch);
+    add_contributions(h, &of, scratch);
     for (i = 0; i < h->n; ++i) {
         const cotree_real size = COTREE_FMAX(COTREE_FABS(a[i]), COTREE_FABS(b[i]));
         const cotree_real share = scratch[i] / (atols[i] + rtol * size + COTREE_MIN);

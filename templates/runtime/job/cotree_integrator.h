@@ -42,7 +42,7 @@ typedef struct cotree_implicit_equation {
 
 /* Stiffness detection of an explicit method. */
 typedef struct cotree_stiffness {
-    int n;             /* number of unknowns that are monitored, from the first one; 0: none */
+    int n;             /* the first n unknowns are monitored; 0: none */
     int is_found;      /* 1: stability limits the steps; an implicit method may need far fewer */
     cotree_real since; /* time from which stability limits the steps */
     long n_steps;      /* approximate number of limited steps since the detection */
@@ -78,7 +78,7 @@ typedef enum cotree_status {
 
 COTREE_BEGIN_DECLS
 
-/* Return the description of a status as the end of a sentence. */
+/* Return the description of a status as a clause. */
 const char *cotree_status_message(cotree_status status);
 
 COTREE_END_DECLS

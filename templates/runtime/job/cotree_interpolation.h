@@ -23,7 +23,7 @@ typedef struct cotree_portions {
     REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
 } cotree_portions;
 
-/* Remove the first point, in the lanes of a mask. */
+/* Remove the first point in the lanes that the mask selects. */
 static inline void cotree_points_shift(cotree_points *p, MASK which)
 {
     int i, j;
@@ -35,7 +35,7 @@ static inline void cotree_points_shift(cotree_points *p, MASK which)
     }
 }
 
-/* Set the time of a point after the others, in the lanes of a mask. */
+/* Set the time of the last point in the lanes that the mask selects. */
 static inline void cotree_points_set(cotree_points *p, MASK which, int last, REAL t)
 {
     int j;
@@ -46,7 +46,8 @@ static inline void cotree_points_set(cotree_points *p, MASK which, int last, REA
     }
 }
 
-/* Compute the weight of one of the first n points and, if rates are used, its slope. */
+/* Compute the weight of one of the first n points and, if rates are used, the slope of its basis
+ * function. */
 static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, int i)
 {
     REAL slope = ZERO, weight = ALL(COTREE_F(1.0));

@@ -74,7 +74,7 @@ static int has_events(const cotree_job *job)
     return !job->is_tested && job->breakpoints[job->n_breakpoints - 1] >= job->breakpoints[0];
 }
 
-/* Copy the prepared values for this job if branches are frozen during its steps. */
+/* Copy the prepared values, which contain the frozen branches, if this job freezes branches. */
 static void copy_prepared(cotree_job *job, cotree_arena *arena)
 {
     const int n = job->model->n_prepared;
@@ -203,8 +203,8 @@ static void restrict_to_segment(const cotree_job *job, cotree_run *run)
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Complete a point. Close to a fold, Newton's method may diverge from the unknowns accepted
- * there. */
+/* Complete a point. At a fold, Newton's method may leave the branch of the accepted unknowns;
+ * these are then used. */
 static int complete_on_branch(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const int status = STEPPER->complete(job, t, w, is_exact);
@@ -220,7 +220,8 @@ static int complete_on_branch(cotree_job *job, cotree_real t, cotree_real *w, in
 #define complete_on_branch(job, t, w, is_exact) STEPPER->complete(job, t, w, is_exact)
 #endif
 
-/* Store a point, projected and with its algebraic unknowns. is_exact: it ends a step. */
+/* Store a point, projected and with its algebraic unknowns. is_exact: the point is the end of a
+ * step. */
 static int store_point(cotree_job *job, cotree_real t, cotree_real *w, int is_exact)
 {
     const cotree_run *const run = ENGINE->run;
@@ -265,7 +266,7 @@ static int store_step(cotree_job *job, int is_last)
 }
 
 /* Write the current point to the job. */
-static void finish(cotree_job *job)
+static void write_result(cotree_job *job)
 {
     const cotree_engine *const e = ENGINE;
     int i;
@@ -294,7 +295,7 @@ static int fail(cotree_job *job, int status)
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);
     /* Store wanted points before the last valid point. */
     if (job->wanted != NULL && ENGINE->is_running) store_wanted(job, job->t);
-    finish(job);
+    write_result(job);
     return COTREE_JOB_FAILED;
 }
 
@@ -302,32 +303,32 @@ static int fail(cotree_job *job, int status)
 static int stop_at_event(cotree_job *job)
 {
     job->event = ENGINE->events.terminal_event;
-    finish(job);
+    write_result(job);
     return COTREE_JOB_STOPPED;
 }
 #endif
 
 #if COTREE_HAS_HELPER
 /* Return whether another method is likely to be faster for a stiff problem. */
-static int is_worth_leaving(const cotree_job *job)
+static int is_method_change_worthwhile(const cotree_job *job)
 {
     const cotree_real left = COTREE_FABS(job->breakpoints[job->n_breakpoints - 1] - job->t);
     return job->is_waiting && job->is_stiff && left > COTREE_MOST_STIFF_STEPS * job->last_step;
 }
 
-/* Return to the caller, at a point from which this or another method can continue. */
+/* Return to the caller. This or another method can continue from the current point. */
 static int return_stiff(cotree_job *job)
 {
     const int status = job->wanted != NULL ? store_wanted(job, job->t) : COTREE_OK;
     if (status != COTREE_OK) return fail(job, status);
-    finish(job);
+    write_result(job);
     return COTREE_JOB_STIFF;
 }
 #endif
 
 #if COTREE_HAS_MOVING_BREAKPOINTS
-/* Return whether the derivatives of a breakpoint time, or of the times of coinciding breakpoints,
- * are nonzero. */
+/* Return whether the time of a breakpoint, or of one that coincides with it, depends on
+ * parameters. */
 static int is_moving(const cotree_job *job, int segment)
 {
     const int m = job->model->n_sensitivities;
@@ -339,7 +340,8 @@ static int is_moving(const cotree_job *job, int segment)
     return 0;
 }
 
-/* Return the data of a breakpoint, stored in memory that is unused between two segments. */
+/* Return the data of a breakpoint. Its arrays are work space, which is unused between two
+ * segments. */
 static cotree_breakpoint_sensitivity breakpoint_data(cotree_job *job, int segment)
 {
     const cotree_real start = job->breakpoints[segment], end = job->breakpoints[segment + 1];
@@ -627,7 +629,7 @@ static int end_step(cotree_job *job)
         job->is_begun = 0;
     }
     if (job->segment < job->n_breakpoints - 1) return COTREE_JOB_MORE;
-    finish(job);
+    write_result(job);
     return COTREE_JOB_DONE;
 }
 
@@ -680,7 +682,7 @@ static void return_to(cotree_job *job, cotree_real start)
         cotree_run_return(runs[i], start, e->run->branch);
 }
 
-/* Repeat a step that failed with the given status, now towards the given goal. */
+/* Repeat a failed step towards another goal. `status` is the reason of its failure. */
 static int restart_towards(cotree_job *job, cotree_real goal, int status)
 {
     int result = COTREE_OK;
@@ -695,14 +697,14 @@ static int restart_towards(cotree_job *job, cotree_real goal, int status)
     return fail(job, result == COTREE_FOLD ? COTREE_FOLD : status);
 }
 
-/* Return the length of the shortest step towards a fold. */
+/* Return the minimum length of a step towards a fold. */
 static cotree_real shortest_to_fold(const cotree_job *job)
 {
     const cotree_real span = job->breakpoints[job->n_breakpoints - 1] - job->breakpoints[0];
     return COTREE_SELECT(1e-9, 1e-5f) * COTREE_FABS(span);
 }
 
-/* Repeat a step that ended beyond a fold with a shorter one, or fail. */
+/* Repeat a step that ended beyond a fold with a quarter of its length, or fail. */
 static int return_before_fold(cotree_job *job, cotree_real start)
 {
     const cotree_real length = COTREE_F(0.25) * (job->t - start);
@@ -728,7 +730,7 @@ static int repeat_step(cotree_job *job, cotree_real start, int status)
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
-/* Enter a stretch and restart. Before, store the wanted points of the last step. */
+/* Store the wanted points of the last step, enter a stretch and restart. */
 static int change_stretch(cotree_job *job, cotree_stretch stretch)
 {
     int status = COTREE_OK;
@@ -761,7 +763,7 @@ static void record_crossing(cotree_job *job)
 }
 
 /* Return the end of the segment or of the stretch, whichever is nearer. */
-static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
+static cotree_real step_goal(const cotree_job *job, cotree_real end)
 {
     const cotree_singularity *const s = ENGINE->singularity;
     if (s->stretch == COTREE_ORDINARY) return end;
@@ -810,7 +812,7 @@ static int retry_near_singularity(cotree_job *job, cotree_real start, int status
 
 /* If the step from start is short near a singular position, undo it and enter a stretch with
  * projected rates. Return COTREE_JOB_DONE if the step is kept. */
-static int take_back(cotree_job *job, cotree_real start)
+static int undo_short_step(cotree_job *job, cotree_real start)
 {
     cotree_engine *const e = ENGINE;
     cotree_singularity *const s = e->singularity;
@@ -852,7 +854,7 @@ static int advance(cotree_job *job)
     if (e->singularity != NULL) {
         const int result = begin_watched_step(job);
         if (result != COTREE_JOB_DONE) return result;
-        goal = goal_of_step(job, end);
+        goal = step_goal(job, end);
     }
 #endif
 #if COTREE_HAS_ALGEBRAIC
@@ -876,7 +878,7 @@ static int advance(cotree_job *job)
         job->entry = job->row = job->column = -1; /* clears an earlier failure that was resolved */
 #if COTREE_HAS_CONSTRAINTS
     if (e->singularity != NULL && !is_last) {
-        const int result = take_back(job, start);
+        const int result = undo_short_step(job, start);
         if (result != COTREE_JOB_DONE) return result;
     }
 #endif
@@ -891,7 +893,7 @@ static int advance(cotree_job *job)
     if (status != COTREE_OK) return fail(job, status);
     if (!is_last && e->n_short >= COTREE_STALL_STEPS) return fail(job, COTREE_STEP_TOO_SMALL);
 #if COTREE_HAS_HELPER
-    if (!is_last && is_worth_leaving(job)) return return_stiff(job);
+    if (!is_last && is_method_change_worthwhile(job)) return return_stiff(job);
 #endif
     return end_step(job);
 }
@@ -919,7 +921,7 @@ static int next_step(cotree_job *job)
 }
 
 #if COTREE_HAS_EVENTS
-/* Set the job's records as the target of the events, which exist once the job has started. */
+/* Write the records of events to the job. The events exist once the job has started. */
 static void open_records(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
@@ -970,14 +972,14 @@ int cotree_job_start(cotree_job *job)
     if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop_at_event(job);
 #endif
     job->is_begun = 1;
-    finish(job);
+    write_result(job);
     return COTREE_JOB_MORE;
 }
 #endif
 
 void cotree_job_sync(cotree_job *job)
 {
-    if (job->memory != NULL && job->n_steps > 0) finish(job);
+    if (job->memory != NULL && job->n_steps > 0) write_result(job);
 }
 
 #if COTREE_HAS_SUNDIALS

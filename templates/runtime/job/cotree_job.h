@@ -135,8 +135,8 @@ typedef struct cotree_job {
 COTREE_BEGIN_DECLS
 
 /* Set n and the absolute tolerances: atol times the size of the state (1 if sizes is NULL). The
- * tolerance of a sensitivity is divided by the size of its parameter, of index seeds[i]; if that is
- * negative, by 1. */
+ * tolerance of a sensitivity is divided by the magnitude of its parameter, p[seeds[i]]; by 1 if
+ * seeds[i] is negative. */
 void cotree_job_set_tolerances(cotree_job *job, int is_implicit, const cotree_real *sizes,
                                const int *seeds, cotree_real *atols);
 
@@ -150,8 +150,8 @@ COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
 COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
-/* Start the first segment and apply its events, without a step. Optional, before the first run
- * call. */
+/* Start the first segment and apply its events, without a step. Optional, before
+ * cotree_job_run. */
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif

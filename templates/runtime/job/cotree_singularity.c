@@ -2,10 +2,10 @@
 #include "cotree_singularity.h"
 
 #if COTREE_HAS_CONSTRAINTS
-/* A step is short if it is below this fraction of the longest of the last BLOCK to 2 BLOCK ordinary
- * steps; step sizes of multistep methods vary more. MANY short steps in a row are not caused by
- * step size control alone. Projected rates cost little, so they are used from the first short step
- * on, and again after a step below the fraction AGAIN of the first one. */
+/* A step is short if it is below this fraction of the longest of the last BLOCK to 2 BLOCK
+ * ordinary steps; step sizes of multistep methods vary more. MANY short steps in a row are not
+ * caused by step size control alone. Projected rates cost little: they are considered at the first
+ * short step, and again after a step below AGAIN times the step considered last. */
 #define SHORT COTREE_F(0.3)
 #define SHORT_MULTISTEP COTREE_F(0.03)
 #define AGAIN COTREE_F(0.5)
@@ -13,7 +13,7 @@
 #define MANY 15
 
 /* Factor of the tolerances within a stretch, and the largest loosened tolerance. Rounding errors,
- * amplified by the inverse of the distance, then have no effect. */
+ * amplified by the inverse of the distance from the singular position, then have no effect. */
 #define LOOSENED COTREE_F(1e3)
 #define LOOSEST COTREE_SELECT(1e-9, 1e-4f)
 

@@ -33,7 +33,7 @@ typedef struct cotree_singularity {
     const cotree_real *atols;
     int is_strict;
     cotree_real *loose; /* n absolute tolerances within a loose stretch */
-    /* Point from which rates were evaluated at projected points. */
+    /* Start of the stretch with projected rates. */
     int has_start;
     cotree_real start, *w;
 } cotree_singularity;
