@@ -1,4 +1,5 @@
-/* cotree_dense.h: small dense linear systems of any rank. */
+/* cotree_dense.h: small dense linear systems of any rank, by elimination with complete
+ * pivoting. */
 #ifndef COTREE_DENSE_H
 #define COTREE_DENSE_H
 
@@ -8,8 +9,8 @@
 #define COTREE_NOT_EXCHANGED (-1)
 
 /* Factorise a in place by elimination with complete pivoting. rows[k] and columns[k] are the row
- * and the column exchanged with k. Return the rank: pivots below the tolerance times the largest
- * entry, or times the reference size, count as zero. */
+ * and the column exchanged with k. Return the rank: pivots below tolerance * max(reference,
+ * largest entry) count as zero. */
 static inline int cotree_factorise(int n, cotree_real reference, cotree_real tolerance,
                                    cotree_real *a, int *rows, int *columns)
 {
@@ -123,7 +124,7 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
 }
 
 /* Divide rows and columns by the square roots of their sizes, and store the inverse roots. The
- * factor of a zero row is one, since in some positions no motion changes a constraint. */
+ * factor of a zero row is zero: in some positions no motion changes a constraint. */
 static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
 {
     int i, j;

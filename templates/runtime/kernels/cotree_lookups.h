@@ -4,7 +4,8 @@
 
 #include "cotree_real.h"
 
-/* Name of a scalar function; another one is defined if vector functions have the plain names. */
+/* Name of a scalar function. Files in which vector functions have the plain names define another
+ * one. */
 #ifndef COTREE_LOOKUP
 #define COTREE_LOOKUP(name) cotree_##name
 #endif

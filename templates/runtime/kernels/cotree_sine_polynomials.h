@@ -1,8 +1,8 @@
 /* cotree_sine_polynomials.h: sine and cosine of reduced angles, in the lanes of a vector.
  *
- * The file is included once for each vector width. The including file defines VECTOR, BITS (a
- * vector of as many 64-bit integers), NAMED(f) for the name of f, and SINE_QUALIFIERS, the
- * qualifiers of the function.
+ * The file is included once for each vector width. The including file defines VECTOR, BITS (the
+ * vector of 64-bit integers with the same number of lanes), NAMED(f) for the name of f, and
+ * SINE_QUALIFIERS, the qualifiers of the function.
  *
  * Angles are reduced by multiples of pi/2 in three parts; the polynomials are those of fdlibm (Sun
  * Microsystems, 1993). Errors are below 0.8 units in the last place for angles up to 1e6. */

@@ -10,8 +10,8 @@ typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
 #undef SINE_QUALIFIERS
 #endif
 
-/* Compute sines and cosines of n angles. All three arrays are padded to whole vectors. The C
- * library computes those of angles beyond 1e6, nan and infinity. */
+/* Compute sines and cosines of n angles. All three arrays are padded to whole vectors. If an angle
+ * is beyond 1e6 or not finite, the C library computes all of them. */
 TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_real *sines,
                                        cotree_real *cosines)
 {
@@ -25,8 +25,8 @@ TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_
         for (first = 0; first < n; first += LANES) {
             VECTOR sine, cosine;
             BITS quarter, is_odd, a, b;
-            /* Assembled from single numbers, since they were just written one by one and a vector
-             * load would stall. */
+            /* Assembled from scalars: they were just written one by one, and a vector load would
+             * stall. */
             const VECTOR x = {EACH(ANGLE)};
             NAMED(cotree_reduced_sine)(&x, &quarter, &sine, &cosine);
             is_odd = -(quarter & 1);

@@ -1,8 +1,8 @@
-/* cotree_transpose.h: transposition of square blocks.
+/* cotree_transpose.h: transposition of square blocks of LANES vectors.
  *
- * TRANSPOSE(LOAD, STORE): lane i of each of LOAD(0) to LOAD(LANES - 1) becomes STORE(i, vector).
- * The last lane is stored first, so that the first one remains if several lanes are stored to the
- * same place. TRANSPOSE is undefined if the compiler has no shuffles.
+ * TRANSPOSE(LOAD, STORE) gathers lane i of the vectors LOAD(0) to LOAD(LANES - 1) in one vector
+ * and calls STORE(i, vector). The last lane is stored first, so that the first one prevails if
+ * several lanes have the same target. TRANSPOSE is undefined if the compiler has no shuffles.
  *
  * The file is included once for each vector width. The including file defines LANES and VECTOR. */
 #ifdef __has_builtin
