@@ -1,7 +1,7 @@
 """Detection of jumps by comparing values on both sides of a point.
 
 In: a node that depends on time, parameters and further symbols. Out: for time events
-(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps at these; for other
+(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps; for other
 conditions, whether the value jumps along random motions with random parameters; for a single
 condition, whether both branches agree at all of its zeros.
 """
@@ -33,54 +33,53 @@ if TYPE_CHECKING:
 #: Type of the compared values: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
 
-# Operations that may jump where their first argument is zero or an integer.
+# Operations that may jump if their first argument is zero or an integer.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
-# Distance from a time at which values are compared, as a fraction of the time: about a thousand
-# rounding errors, and less than any pulse edge that double precision resolves well; and distance
-# from time zero, [s].
+# Relative distance from a time at which values are compared: about a thousand rounding errors, and
+# less than any pulse edge that double precision resolves well; and distance from time zero, [s].
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
-# A change across a time is a jump if it exceeds the first number times the changes on both sides,
-# which are due to slopes, and the second number times the value, which is due to rounding.
+# A change across a time is a jump if it exceeds the first number times the changes on both sides
+# (slopes), and the second number times the value (rounding).
 _STEEP, _ROUNDING = 10.0, 1e-10
 
 # Random points on a boundary are examined in blocks, which end at these numbers of points; and
 # number of points at which both sides must agree.
 _BLOCKS, _N_SHOWN = (0, 30, 600), 12
 
-# Range of magnitudes of random values, as powers of ten. A third of the values is close to a
-# constant of the law instead.
+# Range of random values, as powers of ten. A third of the values is instead close to a constant of
+# the law.
 _SIZES = (-3.0, 1.5)
 
 # Distances from a boundary at which both sides are compared, relative to the value that is moved.
 # The difference must decrease at each distance by at least the factor _FALLS, or fall to the
-# fraction _FLOOR of the largest value, which is rounding. The fifth root of the distance decreases
-# fast enough, while a jump does not decrease.
+# fraction _FLOOR of the largest value, which is rounding. Even the fifth root of the distance
+# decreases fast enough; a jump does not decrease.
 _DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 _FALLS, _FLOOR = 0.5, 1e-12
 
 _MOST_SECANTS = 30
 
 # Shortest and longest sampled time on both sides of zero, [s]; number of times, each a sixth longer
-# than the previous one; and number of motions.
+# than the previous one; number of motions.
 _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
-    """Return functions of parameters, negative if a value jumps at one of its time events."""
+    """Return functions of parameters that are negative if a value jumps at a time event."""
     found: dict[Node, None] = {}
     for stop in find_time_events(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
-            # The first time may be a special one, such as the start of a source.
+            # The first time may be special, such as the start of a source.
             times.append(stop.first + stop.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
             # The difference between the two values on a side is due to a slope.
             sides = [at - 3.0 * way, at - way, at + way, at + 3.0 * way]
             values = [substitute([value], {time: side})[0] for side in sides]
-            # A dictionary is used as an ordered set: equal margins are one node.
+            # The dictionary is an ordered set: equal margins are one node.
             found[_margin(values, lambda node: dag.function("abs", node))] = None
     return list(found)
 
@@ -103,7 +102,7 @@ def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
 
     Other symbols are continuous in time; they have random values.
     """
-    # With a fixed seed, the result is the same in each run.
+    # With a fixed seed, all runs have the same result.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
         place = _motion(found, (), time, numbers)(np.zeros(1))
@@ -114,7 +113,7 @@ def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
 
 
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
-    """Return the conditions that depend on symbols ``moving``, and at which a value may jump."""
+    """Return the conditions at which a value may jump and that depend on the symbols ``moving``."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]
     return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
 
@@ -218,16 +217,16 @@ def kink_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
 def agree_at(above: Node, below: Node, boundary: Node) -> bool:
     """Return whether two branches agree at all zeros of a boundary.
 
-    They do if they become the same node when zero is substituted for the boundary, or one of its
-    terms is replaced by the others. Otherwise they are compared at random points on the boundary.
-    The result is false if they differ at one point, or if the points cover only one side of a
-    further condition in them, unless this condition has the same value at all points.
+    They agree if they become the same node when the boundary is replaced by zero, or one of its
+    terms by the others. Otherwise they are compared at random points on the boundary. The result is
+    false if they differ at one point, or if the points cover only one side of a further condition
+    inside the branches, unless this condition has the same value at all points.
     """
     return _folds(above - below, boundary) or _Boundary(above, below, boundary).is_continuous()
 
 
 def _folds(difference: Node, boundary: Node) -> bool:
-    """Return whether a difference folds to the constant zero where a boundary is zero."""
+    """Return whether a difference folds to the constant zero at the zero of a boundary."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
     except (ArithmeticError, ValueError):  # undefined at the boundary
@@ -244,7 +243,7 @@ def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
     if value.op in ("add", "sub"):
         a, b = value.args
         for one, other in ((a, b), (b, a)):
-            # A term may be replaced by the other one unless it occurs in it.
+            # A term may be replaced by the other one unless it occurs in the other one.
             if one.value is None and one not in reachable([other]):
                 ways.append({value: dag.zero, one: -other if value.op == "add" else other})
     return ways

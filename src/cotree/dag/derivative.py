@@ -1,12 +1,12 @@
 """Derivatives of nodes: forward (tangents) and reverse (adjoints).
 
-They are used for component laws, expressions, and an independent check of the sensitivity graphs,
-from which the sensitivity equations follow (:mod:`cotree.sensitivity`).
+They differentiate component laws and expressions, and check the sensitivity graphs
+(:mod:`cotree.sensitivity`) independently.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
 in one branch, in which the chain rule multiplies an infinite slope by zero. The derivative is zero
-in such a branch, including its end. If a root ends at the zero of a selection's condition, as in
-``where(x < 0, 0, x*sqrt(x))``, the derivative at this zero is that of the other side.
+in such a branch, including its end. If the domain of a root ends at the zero of a selection's
+condition, as in ``where(x < 0, 0, x*sqrt(x))``, the derivative of the other side is used there.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _BRANCHING = frozenset({"select", "abs", "sign"})
 #: Maximum number of branches of a value that are stored, constants first.
 _MOST_BRANCHES = 16
 
-#: Number of random points at which sums are evaluated, and the fraction of its terms below which a
-#: sum counts as zero.
+#: Number of random points at which sums are evaluated; fraction of its terms below which a sum
+#: counts as zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
@@ -41,7 +41,7 @@ def _excess_of_arcsine(x: Node) -> Node:
     return x.dag.function("abs", x) - 1.0
 
 
-#: Operations with a value but without a finite derivative at certain arguments. Each function forms
+#: Operations that have a value but no finite derivative at certain arguments. Each function forms
 #: an expression that is nonnegative at these arguments.
 SINGULAR: dict[str, Callable[..., Node | None]] = {
     "sqrt": lambda x: -x,
@@ -82,7 +82,7 @@ def is_singular(op: str, args: Sequence[Node]) -> bool:
 
 
 class Clips:
-    """Terms of the chain rule for operations whose arguments are constant in one of their branches.
+    """Chain rule for operations whose arguments are constant in one of their branches.
 
     An object is used for one traversal. Terms of all other operations are plain products.
     ``replacements`` are nodes that will replace symbols and may also have branches.
@@ -95,7 +95,7 @@ class Clips:
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
         self._has_ends: dict[Node, bool] = {}
-        self._random = random.Random(1)  # the fixed seed ensures the same points in each run
+        self._random = random.Random(1)  # fixed seed: the same points in each run
 
     def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
         """Form the product of a partial derivative and the derivative of the argument."""
@@ -114,12 +114,12 @@ class Clips:
             return term
         condition = self._reached(node) if node.op in SINGULAR else None
         if condition is None and any(branch.is_zero for branch in self._of(weight)):
-            # The value has no influence if another branch is taken.
+            # The value has no influence if another branch is selected.
             condition = -dag.function("abs", weight)
         return term if condition is None else dag.select(condition, dag.zero, term)
 
     def select(self, node: Node, above: Node, below: Node) -> Node:
-        """Form a selection between derivatives of the two sides of the selection ``node``.
+        """Form a selection between the derivatives of the two sides of the selection ``node``.
 
         At the zero of the condition, the side whose domain does not end there is selected.
         """
@@ -219,7 +219,7 @@ class Clips:
         return all(abs(c) <= _ROUNDING * (abs(a) + abs(b)) for c, a, b in sums)
 
     def _valued(self, root: Node) -> tuple[float, ...]:
-        """Evaluate a branch at random points; results are nan where it is undefined."""
+        """Evaluate a branch at random points; results are nan if it is undefined."""
         known = self._values
         for node in reachable([root], stop=known):
             if node in known:
@@ -242,7 +242,7 @@ def _kept(branches: list[Node]) -> tuple[Node, ...]:
 
 
 Partial = Callable[["Node"], "Node"]
-#: For each result, its nonzero partial derivatives by argument index.
+#: Nonzero partial derivatives of each result, by argument index.
 Jacobian = list[dict[int, "Node"]]
 
 
@@ -262,14 +262,15 @@ def _d_asin(node: Node) -> Node:
 
 def _d_pow_base(node: Node) -> Node:
     base, exponent = node.args
-    # exponent * node / base would be undefined at a base of zero.
+    # exponent * node / base would be undefined for a base of zero.
     return exponent * node.dag.pow(base, exponent - 1.0)
 
 
 def _d_pow_exponent(node: Node) -> Node:
     dag = node.dag
     # At a base of zero the derivative is zero for positive exponents, although the logarithm is
-    # undefined: in Hill's law, a species may be absent at the start. (Zero to the power 0 is one.)
+    # undefined: in Hill's law, the initial amount of a species may be zero. (Zero to the power 0 is
+    # one.)
     is_zero = -dag.function("abs", node)
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
@@ -284,9 +285,8 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives of each operation with respect to its arguments; None if they are
-#: zero. The derivative of a selection is that of the selected branch; events handle jumps at the
-#: zero of its condition.
+#: Partial derivatives of each operation with respect to its arguments; None if zero. The derivative
+#: of a selection is that of the selected branch; events handle jumps at the zero of its condition.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -334,14 +334,14 @@ def _of_call(node: Node) -> Jacobian:
     function: Function = node.data
     if function.partials is None:
         raise ArithmeticError(f"the function '{function.name}' has no partial derivatives")
-    # The results of ``partials`` are the rows of the Jacobian, one for each result of the function.
+    # The results of ``partials`` are the rows of the Jacobian, one per result of the function.
     flat, width = call(node.dag, function.partials, node.args), len(node.args)
     rows = (flat[width * i : width * (i + 1)] for i in range(function.n_results))
     return [dict(enumerate(row)) for row in rows]
 
 
-#: Partial derivatives of operations with several results. Linear systems and maps are not among
-#: them, since they are solved or applied again instead.
+#: Partial derivatives of operations with several results. Linear systems and maps are missing,
+#: since they are solved or applied again instead.
 _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
     "table": _of_table,
     "lookup": _of_lookup,
@@ -351,7 +351,7 @@ _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
 
 
 def _tangents_of_several(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Return the tangents of all results of a node, given the tangents of its arguments."""
+    """Return the tangents of all results of a node from the tangents of its arguments."""
     if node.op == "solve":
         return _tangents_of_solution(node, along)
     if node.op == "map":
@@ -364,7 +364,7 @@ def _tangents_of_several(node: Node, along: Sequence[Node]) -> list[Node]:
 
 
 def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
-    """Return the adjoints of the arguments of a node, given the weights of its results."""
+    """Return the adjoints of a node's arguments from the weights of its results."""
     if node.op == "solve":
         return _adjoints_of_solution(node, weights)
     if node.op == "map":
@@ -377,7 +377,7 @@ def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
 
 
 def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
-    """Solve A dx = db - dA x, with the matrix of the node itself."""
+    """Solve A dx = db - dA x with the matrix of the node."""
     dag, n = node.dag, node.data.size
     # The arguments are the rows of the matrix, the right-hand side, sizes if any, and the reference
     # (cotree.dag.multi_output.solve).
@@ -387,8 +387,8 @@ def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - along[n * i + j] * x[j]
-    # Matrix, sizes and reference are those of the node, so that C factorises once for the value and
-    # its derivatives, with the same rank.
+    # With the same matrix, sizes and reference, C factorises once for the value and its
+    # derivatives, with the same rank.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return [*solved[:n], dag.zero, dag.zero]  # derivatives of rank and acceptance
 
@@ -438,9 +438,9 @@ def tangents(
 ) -> list[Node]:
     """Return the derivative of each root along the direction ``seed``.
 
-    ``seed`` has the derivatives of symbols, or of other nodes, whose arguments are then ignored;
+    ``seed`` maps symbols to their derivatives; other nodes in it are differentiated no further.
     ``replacements`` are nodes that will be substituted for symbols and may have constant branches.
-    Raises ArithmeticError if a root calls an external function without partial derivatives.
+    Raise ArithmeticError if a root calls an external function without partial derivatives.
     """
     if not roots:
         return []
@@ -456,7 +456,7 @@ def tangents_along(
     """Return the nonzero derivatives of each root along several directions, by direction index.
 
     See :func:`tangents` for the parameters. A node in the seed of one direction is constant along
-    the directions whose seeds do not contain it.
+    directions whose seeds do not contain it.
     """
     # A node with a zero seed also has a row, so that its arguments are not visited.
     seeded: dict[Node, dict[int, Node]] = {}
@@ -525,7 +525,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
     # In reverse order of evaluation, all users of a value have added to its adjoint before it is
-    # used. A node with several results is visited after all of its results.
+    # used. A node with several results follows all of them.
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:

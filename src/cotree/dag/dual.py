@@ -1,9 +1,9 @@
 """Dual numbers: a value with its derivative along one direction.
 
-The same formula computes values if its arguments are nodes, and also derivatives if they are duals.
-The value of a dual may be a node, a vector or a matrix. Values that are constant along the
-direction are not duals, so no derivatives are formed for them. Static types are those of the values
-that duals replace.
+A formula computes values if its arguments are nodes, and also derivatives if they are duals. The
+value of a dual may be a node, a vector or a matrix. Values that are constant along the direction
+are not duals, so no derivatives are formed for them. Static types are those of the values that
+duals replace.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Form = TypeVar("Form", bound="Callable[..., Any]")
 class Dual(Node):
     """A value and its derivative: nodes, or vectors or matrices of nodes.
 
-    The operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices.
-    The class is derived from Node, so that Python calls its operators first in expressions of nodes
-    and duals.
+    The operators are those of scalars; :mod:`cotree.dag.vector` has functions for vectors and
+    matrices. The class is derived from Node, so that Python calls its operators first in
+    expressions of nodes and duals.
     """
 
     __slots__ = ("d",)
@@ -47,7 +47,7 @@ class Dual(Node):
 
     @property
     def is_zero(self) -> bool:
-        """Whether this is the constant zero, which duals are not."""
+        """False, since a dual is never the constant zero."""
         return False
 
     def __add__(self, other: Any) -> Any:
@@ -117,7 +117,7 @@ def tangent_of(a: T) -> T:
 def _is_zero(d: Any) -> bool:
     if d.__class__ is Node:
         return bool(d is d.dag.zero)
-    for part in d:  # faster than a generator, since this is called for every derivative
+    for part in d:  # faster than a generator; this is called for every derivative
         if part is not part.dag.zero if part.__class__ is Node else not _is_zero(part):
             return False
     return True
@@ -208,8 +208,8 @@ def function(name: str, *args: Node) -> Node:
     dag = _dag_of(value_of(args[0]))
     if not is_varied(*args):
         return dag.function(name, *args)
-    # The function is differentiated by placeholders, for which the arguments are then substituted,
-    # so that nodes and duals use the same table of partial derivatives.
+    # The function of placeholders is differentiated, and the arguments are then substituted, so
+    # that nodes and duals use the same table of partial derivatives.
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
     return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 

@@ -22,20 +22,20 @@ def evaluate(
     numbers: Numbers = "real",
     order: Sequence[Node] | None = None,
 ) -> list[Any]:
-    """Return the values of the roots; ``values`` has those of symbols and of known nodes.
+    """Return the values of the roots; ``values`` contains symbols and other known nodes.
 
     With the numbers 'complex_', for complex steps, real parts select branches. ``order`` is the
-    result of :func:`~cotree.dag.nodes.reachable`, if it is known. Raises KeyError if a symbol has
-    no value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
+    result of :func:`~cotree.dag.nodes.reachable`, if known. Raise KeyError if a symbol has no
+    value, and ArithmeticError or ValueError if an operation on complex numbers is undefined;
     operations on floats return infinities and nan, as in C.
     """
     # The functions are looked up once, since kernels have thousands of nodes.
     functions = {name: getattr(row, numbers) for name, row in OPERATIONS.items()}
     known: dict[Node, Any] = {}
-    # The arguments of given values are not computed.
+    # The arguments of known nodes are not computed.
     for node in reachable(roots, stop=values) if order is None else order:
         op = node.op
-        # A given value may be any node, so it is looked up before the operation is evaluated.
+        # Any node may be known, so ``values`` is searched before the operation is evaluated.
         if node in values:
             known[node] = values[node]
         elif op == "constant":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
-#: A function that forms the node of an expression, given the nodes of its symbols.
+#: Forms the node of an expression from the nodes of its symbols.
 _Maker = Callable[["Dag", Mapping[str, "Node"]], "Node"]
 _Chooser = Callable[["Dag", Mapping[str, "Node"], "Node", "Node"], "Node"]
 
@@ -23,7 +23,7 @@ _FUNCTIONS = {
 def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node:
     """Return a SymPy expression, a law or its derivative, as a node.
 
-    ``arguments`` maps its symbols to nodes. Raises ValueError if the expression contains another
+    ``arguments`` maps its symbols to nodes. Raise ValueError if the expression contains another
     symbol, or a function without a corresponding operation.
     """
     return _maker(expression)(dag, arguments)
@@ -83,11 +83,11 @@ def _sum(args: list[Node]) -> Node:
 
 
 def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
-    """Multiply; divide by factors with negative integer powers instead of inverting them."""
+    """Return a product; factors with negative integer powers become divisors."""
     above, below = dag.one, dag.one
     for is_inverted, arg in zip(inverted, args, strict=True):
         if is_inverted:
-            # x**-1 was formed as 1/x, whose divisor is used; if it was folded, it is no division.
+            # x**-1 was formed as 1/x, whose divisor is used; a folded constant is no division.
             below = below * arg.args[1] if arg.op == "div" else below / arg
         else:
             above = above * arg
@@ -95,7 +95,7 @@ def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
 
 
 def _remainder(a: Node, b: Node) -> Node:
-    # The remainder has the sign of b, as in SymPy and Python; that of fmod in C has the sign of a.
+    # As in SymPy and Python, the remainder has the sign of b; fmod in C has the sign of a.
     return a - b * a.dag.function("floor", a / b)
 
 

@@ -1,7 +1,7 @@
 """Lookup tables: piecewise linear or cubic along one axis, bilinear along two axes.
 
 Each piece of a cubic or bilinear table is a polynomial, and the outermost pieces continue beyond
-the ends. Results are the value and its derivatives, so a derivative of a result is another result
+the ends. Results are the value and its derivatives, so the derivative of a result is another result
 of the same node.
 """
 
@@ -45,17 +45,17 @@ class CubicTable:
     #: Name of the C function, and names of its results.
     function = "cotree_cubic"
     results = ("", "slope", "curvature", "third")
-    #: For each result, the index of the result that is its derivative, by index of the argument.
+    #: Index of the derivative of each result among the results, by index of the argument.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {0: 2}, {0: 3}, {})
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces join."""
+        """Points at which pieces join, along each axis."""
         return (self.x,)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Arrays that C reads, by name, those of the axes first."""
+        """Arrays that C reads, by name, the axes first."""
         return {"x": self.x, "y": self.y, "slopes": self.slopes}
 
     @np.errstate(all="ignore")
@@ -90,12 +90,12 @@ class PlaneTable:
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces join."""
+        """Points at which pieces join, along each axis."""
         return (self.x, self.y)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Arrays that C reads, by name, those of the axes first."""
+        """Arrays that C reads, by name, the axes first."""
         return {"x": self.x, "y": self.y, "z": self.z}
 
     @np.errstate(all="ignore")
@@ -125,11 +125,11 @@ class HeldTable(Table):
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces join."""
+        """Points at which pieces join, along each axis."""
         return (self.x,)
 
     def ends(self, _: int) -> tuple[int, int, int]:
-        """Return the indices of the results that are both ends and the number of the interval."""
+        """Return the result indices of both ends and the number of the interval."""
         return 2, 3, 4
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
@@ -165,7 +165,7 @@ class HeldPlane(PlaneTable):
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
-        """Return the indices of the results that are both ends and the number of an interval."""
+        """Return the result indices of both ends and the number of an axis's interval."""
         first = 4 + 3 * axis
         return first, first + 1, first + 2
 
@@ -189,7 +189,7 @@ LookupData = CubicTable | PlaneTable | HeldTable | HeldPlane
 
 
 def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
-    """Evaluate a bilinear piece, given the points, interval and position along each axis."""
+    """Evaluate a bilinear piece; ``given`` has points, interval and position along each axis."""
     (x, i, s), (y, j, u) = given
     z = numbers.reshape(len(x), len(y))
     width, height = x[i + 1] - x[i], y[j + 1] - y[j]
@@ -200,7 +200,7 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 
 def _held(number: Any, own: Any) -> Any:
-    """Return the index of the frozen interval, or of that of the argument if none is frozen."""
+    """Return the index of the frozen interval or, if none is frozen, of the argument's interval."""
     held = np.asarray(np.real(number))  # also turns a single number into an array
     return np.where(held == 0.0, own, held.astype(int) - 1)
 
@@ -214,7 +214,7 @@ def _piece(x: Any, at: Any) -> Any:
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
-    """Form the value of a table, given a node for each axis."""
+    """Form the value of a table from a node for each axis."""
     numbers = [arg.value for arg in args]
     if None not in numbers:  # a table with constant arguments is a constant
         return dag.constant(float(data.evaluate(numbers)[0]))

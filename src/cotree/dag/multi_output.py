@@ -1,10 +1,10 @@
 """Nodes with several results: ``solve``, ``table``, ``lookup``, ``call``, ``map``, ``sines``.
 
-A ``map`` applies the same statements to many columns: sensitivities to many parameters differ in
-their input values, not in the operations on these. C processes several columns at a time. The
-arguments of the node are the values that all columns share, then the values of each column; its
-results are those of the first column, then those of the second, and so on. If all inputs on which a
-value depends are zero in a column, the value is zero, too, and is not computed.
+A ``map`` applies the same statements to many columns: sensitivities to different parameters differ
+in their input values, not in the operations. C processes several columns at a time. The arguments
+of the node are the values that all columns share, then the values of each column; its results are
+those of the first column, then those of the second, and so on. If all inputs on which a value
+depends are zero in a column, the value is also zero and is not computed.
 
 Each operation has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
 :mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. A ``result``
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cotree.dag.lookup import Table
 
 
-#: Operations that maps consist of; divisions by shared values become products.
+#: Operations in maps; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that are finite for all finite arguments, apart from overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
@@ -59,7 +59,7 @@ class LinearMap:
     #: Number of values that all columns share, and number of values in each column.
     n_shared: int
     n_inputs: int
-    #: For each column, a bit mask of the inputs that may be nonzero, the first in the lowest bit.
+    #: Bit mask of the inputs that may be nonzero in each column, the first in the lowest bit.
     given: tuple[int, ...]
 
     @property
@@ -69,12 +69,12 @@ class LinearMap:
 
     @cached_property
     def order(self) -> list[Node]:
-        """All nodes for one column, in order of evaluation."""
+        """All nodes of one column, in order of evaluation."""
         return reachable(self.results)
 
     @cached_property
     def supports(self) -> dict[Node, int]:
-        """For each node, a bit mask of the columns in which it may be nonzero, first bit lowest.
+        """Bit mask of the columns in which each node may be nonzero, the first in the lowest bit.
 
         It is zero for nodes that do not depend on columns.
         """
@@ -83,13 +83,13 @@ class LinearMap:
             for node in self.order
             if node.op == "symbol" and node.data[0] == COLUMN
         }
-        # The union over all arguments is conservative: it may contain columns in which a value is
-        # zero, but lacks none in which it is not.
+        # The union over all arguments is conservative: it contains all columns in which a value is
+        # nonzero, and maybe others.
         return supports_of(self.order, own)
 
     @cached_property
     def counts(self) -> Counter[str]:
-        """Numbers of operations by kind, each counted once for each column with a nonzero value."""
+        """Numbers of operations by kind, counted once per column with a nonzero value."""
         counts: Counter[str] = Counter()
         for node in self.statements:
             counts[node.op] += self.supports[node].bit_count()
@@ -117,23 +117,23 @@ class LinearMap:
         return len(self.results) * self.n_columns
 
     def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:
-        """Return the columns, given the arguments of a ``map`` node."""
+        """Return the columns from the arguments of a ``map`` node."""
         n, first = self.n_inputs, self.n_shared
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
     @cached_property
     def inputs(self) -> list[Node]:
-        """Symbols in the results: those of shared values, then those of a column."""
+        """Symbols in the results: shared values, then values of a column."""
         dag = self.results[0].dag
         shared = [dag.symbol(SHARED, i) for i in range(self.n_shared)]
         return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
 
     def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
-        """Return the values of :attr:`inputs` for each column, given the arguments of the node."""
+        """Return the values of :attr:`inputs` for each column from the arguments of the node."""
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the leading inputs that, column by column, are the kernel argument ``s``."""
+        """Count the leading inputs that are entries of the kernel argument ``s`` in every column."""
         columns, n = self.columns(args), 0
         # C reads such inputs directly from ``s``; all others are gathered in rows.
         while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
@@ -167,7 +167,7 @@ def form_map(
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
     """Form a map of results that are linear and homogeneous in ``inputs``, and its shared values.
 
-    The map will be applied to ``columns``, whose zeros it exploits. Returns None if an operation is
+    The map will be applied to ``columns``, whose zeros it exploits. Return None if an operation is
     neither a sum nor a product: a linear system that is solved at run time, or a selection that
     excludes undefined values, such as ``where(x > 0, sqrt(x), 0)``.
     """
@@ -206,8 +206,8 @@ def form_map(
 
 
 def _is_linear(node: Node, varying: Container[Node]) -> bool:
-    """Return whether an operation is linear and homogeneous in its arguments that vary."""
-    # A product is linear if one factor varies, a sum if all terms do.
+    """Return whether an operation is linear and homogeneous in its varying arguments."""
+    # A product is linear if one factor varies, a sum if all terms vary.
     times = sum(arg in varying for arg in node.args)
     return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
 
@@ -215,9 +215,8 @@ def _is_linear(node: Node, varying: Container[Node]) -> bool:
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
     """Convert divisions by shared values and selections with shared conditions to products.
 
-    Solutions of linear systems with shared matrices become sums of those for unit vectors. Returns
-    None if a selection excludes values that may be infinite or nan, which a factor of zero does
-    not.
+    Solutions of linear systems with shared matrices become sums of solutions for unit vectors. A
+    selection may exclude infinite or nan values, but a factor of zero does not: return None then.
     """
     varying = set(inputs)
     unsafe: set[Node] = set()
@@ -280,7 +279,7 @@ def _product(dag: Dag, row: Sequence[Node], column: Sequence[Node]) -> Node:
 def apply_map(
     dag: Dag, linear: LinearMap, shared: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> list[tuple[Node, ...]]:
-    """Form an application of a map, and return the results of each column."""
+    """Apply a map, and return the results of each column."""
     args = [*shared, *(value for column in columns for value in column)]
     flat = dag.several("map", args, linear, linear.n_results)
     n = len(linear.results)
@@ -297,7 +296,7 @@ NULL_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class SolveShape:
-    """The size of a linear system, and the requirements on its solution."""
+    """Size of a linear system, and requirements on its solution."""
 
     size: int  # number of unknowns of the solve
     n_determined: int  # number of leading unknowns that must be unique
@@ -307,13 +306,13 @@ class SolveShape:
 
 @dataclass(frozen=True)
 class Function:
-    """An external function of several arguments and results, which generated code calls."""
+    """An external function of several arguments and results, called by generated code."""
 
     name: str  # name of ``int name(const double *arguments, double *results)`` in C
     n_results: int  # number of results of the function
     #: The same function in Python, from a sequence of floats to a sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
-    #: Function that returns the Jacobian as n_results rows of n_arguments entries.
+    #: Returns the Jacobian as n_results rows of n_arguments entries.
     partials: Function | None = None
 
 
@@ -322,10 +321,10 @@ def solve_pivoted(
 ) -> tuple[Any, int, bool]:
     """Solve a dense linear system, real or complex, by Gaussian elimination with complete pivoting.
 
-    If pivots are below the tolerance times the largest entry, the minimum-norm solution is
-    returned. Rows without a pivot are ignored, which is correct for consistent systems.
-    ``reference`` is the magnitude of the terms in the entries before cancellation. Returns the
-    solution, the number of accepted pivots, and whether the leading unknowns are unique.
+    If pivots are below the tolerance times the largest entry, the solution has minimum norm. Rows
+    without a pivot are ignored, which is correct for consistent systems. ``reference`` is the
+    magnitude of the terms in the entries before cancellation. Return the solution, the number of
+    accepted pivots, and whether the leading unknowns are unique.
     """
     a = np.array(matrix)
     b = np.array(rhs, dtype=np.result_type(a, rhs))
@@ -336,10 +335,10 @@ def solve_pivoted(
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
-        # With complete pivoting, the rank is most reliable.
+        # Complete pivoting yields the most reliable rank.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
-        # The negation ensures that nan ends the elimination.
+        # negated, so that nan ends the elimination
         if not abs(a[row, column].real) > smallest:
             break
         a[[k, row]], b[[k, row]] = a[[row, k]], b[[row, k]]
@@ -349,15 +348,14 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
-    # The rows after the last pivot are ignored: if the system is consistent, they are rounding
-    # errors.
+    # Rows after the last pivot are rounding errors if the system is consistent, and are ignored.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
     if rank == n:
         return solution, rank, True
-    # The null space is needed for the minimum-norm solution: each free unknown is set to one in
-    # turn, and the unknowns with pivots follow from U x = -A_free.
+    # Basis of the null space for the minimum-norm solution: each free unknown is one in turn, and
+    # the unknowns with pivots follow from U x = -A_free.
     free = np.zeros((n, n - rank), dtype=a.dtype)
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
@@ -394,11 +392,11 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # Rows with size zero, such as a constraint that no motion violates in a position, become zero.
+    # Rows of size zero, such as a constraint that no motion violates in a position, become zero.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
     # With S = diag(scales), S A S y = S b is solved, and x = S y. Symmetry is preserved; in a
-    # singular system, the norm of y is minimal.
+    # singular system, y has minimum norm.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
@@ -411,7 +409,7 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
         return [table.y[0], 0.0]
     if place >= table.x[-1]:
         return [table.y[-1], 0.0]
-    # As in C, the first interval is used for nan, and the result is nan.
+    # As in C, nan uses the first interval, and the result is nan.
     k = 0 if math.isnan(place) else bisect.bisect_right(table.x, place) - 1
     slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
     return [table.y[k] + slope * (x - table.x[k]), slope]
@@ -435,8 +433,8 @@ def solve(
 
     ``reference`` is the magnitude of the terms in the entries before cancellation, for the rank.
     ``shape`` has the number of leading unknowns that must be unique, by default all; others may be
-    redundant. If ``sizes`` has a scale for each diagonal entry, rows and columns are divided by
-    the square roots of these scales before pivoting.
+    redundant. If ``sizes`` has a scale for each diagonal entry, rows and columns are divided by the
+    square roots of these scales before pivoting.
     """
     n = len(rhs)
     # sizes_of, is_symmetric, the derivatives and the C statements rely on this layout.
@@ -477,7 +475,7 @@ def sines(dag: Dag, angles: Sequence[Node]) -> tuple[Node, ...]:
 
 
 def results(node: Node, n_results: int) -> tuple[Node, ...]:
-    """Return the first ``n_results`` results of a node with several."""
+    """Return the first ``n_results`` results of a node with several results."""
     return node.dag.several(node.op, node.args, node.data, n_results)
 
 
@@ -485,9 +483,9 @@ def results(node: Node, n_results: int) -> tuple[Node, ...]:
 class Several:
     """An operation with several results."""
 
-    #: Function that maps (data, argument values) to result values.
+    #: Maps (data, argument values) to result values.
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
-    n_results: Callable[[Any], int]  # number of results, from data
+    n_results: Callable[[Any], int]  # number of results, as a function of data
 
 
 def _pointwise(

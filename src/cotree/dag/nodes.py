@@ -2,9 +2,9 @@
 
 A :class:`Dag` is a graph. A node is formed by an operator on nodes (``a * b + c``) or by a method
 of the graph (``dag.function("sin", a)``). Forming the same value twice returns the same node, so
-common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
-one, ``x+(y-x)`` is ``y``, negations move towards the result. An argument always has a smaller index
-than the nodes that use it, so ascending indices are a valid order of evaluation.
+there are no repeated subexpressions. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
+one, ``x+(y-x)`` is ``y``, negations move towards the result. Arguments have smaller indices than
+the nodes that use them, so ascending indices are a valid order of evaluation.
 
 The symbols of :data:`ARGUMENT_OF` are kernel arguments. All others are placeholders for values that
 are substituted later.
@@ -36,7 +36,7 @@ class Node:
     dag : Dag
         The graph that contains the node.
     index : int
-        Number of the node, larger than that of every argument.
+        Number of the node, larger than the index of every argument.
     op : str
         ``constant``, ``symbol``, a row of :data:`cotree.dag.operations.OPERATIONS`, a node with
         several results (``solve``, ``table``, ``call``), or ``result``, one value of such a node.
@@ -158,7 +158,7 @@ class Dag:
             self.section = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
-        """Record the origin of a value for messages, unless it has one."""
+        """Record the origin of a value for messages, unless it already has one."""
         if node.args:  # constants and symbols have no origin, since many edges share them
             self.origins.setdefault(node, origin)
 
@@ -342,7 +342,7 @@ class Dag:
     def function(self, name: str, *args: Node) -> Node:
         """Form a function of :data:`OPERATIONS`, and fold constants and signs.
 
-        Raises ValueError or OverflowError if its value at constants is nan or infinite.
+        Raise ValueError or OverflowError if its value at constants is nan or infinite.
         """
         values = [arg.value for arg in args if arg.value is not None]
         if len(values) == len(args):
@@ -363,7 +363,7 @@ class Dag:
         return self._intern("select", (condition, accepted, refused))
 
     def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
-        """Create a node with several results, as described by ``data``, and return the results."""
+        """Create a node with several results, described by ``data``, and return the results."""
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
@@ -410,11 +410,10 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Return the roots with nodes replaced; values that do not depend on these are unchanged."""
+    """Return the roots after replacing nodes; values that do not depend on them are unchanged."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
-    # The traversal ends at replaced nodes, whose arguments are visited only if another path leads
-    # to them.
+    # The traversal ends at replaced nodes; their arguments are visited only along other paths.
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
@@ -436,9 +435,9 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 
 
 def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, int]:
-    """Return, for each node, the union of its bits and the bits of all nodes on which it depends.
+    """Return the union of each node's bits and the bits of all nodes on which it depends.
 
-    ``order`` has arguments before their users. Integers serve as sets, whose union is one
+    ``order`` has arguments before their users. Integers represent sets, whose union is one
     operation.
     """
     found = dict(own)
@@ -453,7 +452,7 @@ def supports_of(order: Iterable[Node], own: Mapping[Node, int]) -> dict[Node, in
 def symbols_of_each(
     roots: Sequence[Node], among: Container[Node] | None = None
 ) -> list[list[Node]]:
-    """Return the symbols on which each root depends, only those in ``among`` if it is given."""
+    """Return the symbols on which each root depends, only those in ``among`` unless it is None."""
     walk = reachable(roots)
     symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
     masks = supports_of(walk, {node: 1 << i for i, node in enumerate(symbols)})
@@ -477,7 +476,7 @@ INPUT = "u"
 PARAMETER = "p"
 #: Symbol of the derivative of state i with respect to parameter or initial value j; index j n + i.
 SENSITIVITY = "s"
-#: Symbol of such a derivative if identically zero ones are omitted from the numbering.
+#: The same symbol, numbered without derivatives that are identically zero.
 PACKED_SENSITIVITY = "packed"
 #: Symbol of the rate of a state, in derivatives along the motion.
 STATE_RATE = "rate"
@@ -515,7 +514,7 @@ SOURCE = "source"
 #: Symbol of an acceleration or multiplier, and of its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
-#: Symbol of an entry of a right-hand side, for which a map or a sparsity pattern is formed.
+#: Symbol of a right-hand side entry, for which a map or a sparsity pattern is formed.
 ENTRY = "own"
 #: Symbol of an argument of a law.
 ARGUMENT = "argument"
@@ -523,7 +522,7 @@ ARGUMENT = "argument"
 STEP = "step"
 #: Symbol of an across variable that occurs in a field.
 MEASURED = "measured"
-#: Symbol of a value common to all columns of a map, and of a value of one column.
+#: Symbol of a value shared by all columns of a map, and of a value of one column.
 SHARED = "shared"
 COLUMN = "column"
 #: Symbol of the change of an input of a column, or of the weight of a result.
@@ -535,8 +534,8 @@ def kinds_in(roots: Iterable[Node]) -> set[str]:
     return {symbol.data[0] for symbol in symbols_in(roots)}
 
 
-# A node is pickled as its index, and a graph as a flat list: the recursion of ordinary pickling
-# would be as deep as the graph and exceed the limit of Python's stack.
+# A node is pickled as its index, and a graph as a flat list: ordinary pickling would recurse to the
+# depth of the graph and exceed Python's stack limit.
 def _node_at(dag: Dag, index: int) -> Node:
     return dag.nodes[index]
 
@@ -562,7 +561,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # The constants zero and one are the first nodes of the graph, and its attributes.
+        # The constants zero and one are the graph's first nodes, and its attributes.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

@@ -2,7 +2,7 @@
 
 Python's functions raise an error if there is no result, as for ``1/0``, ``exp(1000)`` and
 ``log(-1)``. The functions in this module return infinities and nan, with the signs of C, so that an
-irrelevant overflow, such as that of ``exp`` in ``1/(1 + exp(1000))``, has no effect.
+irrelevant overflow, as in ``1/(1 + exp(1000))``, has no effect.
 
 Sums, differences, products, quotients and negations are arithmetic; all others are function calls.
 Partial derivatives are in :mod:`cotree.dag.derivative`, since they are built from nodes.
@@ -57,14 +57,14 @@ def logarithm(x: float) -> float:
 
 
 def floor(x: float) -> float:
-    """Round down; signs of zeros, infinities and nan remain."""
+    """Round down; zeros, infinities and nan are unchanged."""
     return float(math.floor(x)) if x and math.isfinite(x) else x
 
 
 def total(function: Callable[[float], float]) -> Callable[[float], float]:
     """Wrap a function such that it returns nan outside its domain, and infinity if it overflows.
 
-    ``exp`` and ``cosh`` overflow to plus infinity, ``sinh`` to both infinities.
+    ``exp`` and ``cosh`` overflow to plus infinity, ``sinh`` to either infinity.
     """
     upwards = function in (math.exp, math.cosh)
 
@@ -92,8 +92,8 @@ class Operation:
 
     name: str  # name in graphs
     arity: int  # number of arguments of the operation
-    #: Evaluation for floats, complex numbers and numpy arrays. For floats it never raises an error,
-    #: but returns the same as C (:mod:`cotree.dag.operations`).
+    #: Evaluation for floats, complex numbers and numpy arrays. For floats it raises no errors, but
+    #: returns the same as C (:mod:`cotree.dag.operations`).
     real: Callable[..., Scalar]
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
@@ -105,7 +105,7 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# Complex numbers are only used for complex steps: the real part selects branches, and the imaginary
+# Complex numbers are used only for complex steps: the real part selects branches, and the imaginary
 # part is infinitesimal.
 def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
@@ -152,7 +152,7 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
 
 
 def _array_sign(x: Scalar) -> Scalar:
-    """Return the sign; that of nan is zero, as in C but not in NumPy."""
+    """Return the sign; the sign of nan is zero, as in C but not in NumPy."""
     return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
 
 
@@ -184,7 +184,7 @@ _ROWS = (
         _sign,
         _complex_sign,
         _array_sign,
-        # These are the comparisons of the Python function, so that the sign of nan is zero in both.
+        # The same comparisons as in the Python function, so that the sign of nan is zero in both.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
     Operation("floor", 1, floor, _complex_floor, np.floor, "floor({0})"),
@@ -199,7 +199,7 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 def folded(name: str, *values: float) -> float:
     """Evaluate an operation on constants.
 
-    Raises ValueError or OverflowError if the result is not finite, since the user's expression is
+    Raise ValueError or OverflowError if the result is not finite, since the user's expression is
     then invalid.
     """
     found: float = OPERATIONS[name].real(*values)

@@ -2,9 +2,9 @@
 
 In: values, and the range of each quantity on which they depend. Out: for each value, two nodes that
 bound it while the quantities are within their ranges. A range may be too wide, since arguments are
-treated as independent of each other; it shrinks to the value with the ranges of the quantities. If
-a value has no bounds, such as a quotient whose divisor may be zero, the ends of its range are
-:data:`ENDLESS`, or nan, so that no comparison is true.
+treated as independent; it shrinks to the value with the ranges of the quantities. If a value has no
+bounds, such as a quotient whose divisor may be zero, the ends of its range are :data:`ENDLESS`, or
+nan, so that no comparison is true.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Magnitude of the ends of an unbounded range, which is finite because constants must be finite.
+#: Magnitude of the ends of an unbounded range, finite because constants must be finite.
 ENDLESS = 1e300
 
 Range = tuple["Node", "Node"]
@@ -30,7 +30,7 @@ _INCREASING = frozenset({"exp", "sinh", "tanh", "atan", "erf", "sign", "floor"})
 
 
 def is_ranged(node: Node) -> bool:
-    """Return whether the range of a node can be computed from the ranges of its arguments."""
+    """Return whether a node's range can be computed from the ranges of its arguments."""
     if node.op == "result":
         return isinstance(node.args[0].data, Table)
     return node.op in _RULES or isinstance(node.data, Table)
@@ -106,7 +106,7 @@ def _of_quotient(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
-    """Form the range of a function that decreases up to zero and increases beyond."""
+    """Return the range of a function that decreases up to zero and increases beyond."""
     low, high = given
     ends = function(low), function(high)
     least = dag.select(low, ends[0], dag.select(-high, ends[1], function(dag.zero)))
@@ -114,7 +114,7 @@ def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
 
 
 def _of_wave(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of a sine or cosine, including extrema within the range of its argument."""
+    """Return the range of a sine or cosine, including extrema within the range of its argument."""
     dag, (low, high) = node.dag, given[0]
     ends = [dag.function(node.op, end) for end in (low, high)]
     first = 0.25 if node.op == "sin" else 0.0  # position of the maximum, in periods
@@ -162,7 +162,7 @@ def _of_arc(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_angle(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of atan2 from the corners of its arguments' ranges.
+    """Return the range of atan2 from the corners of its arguments' ranges.
 
     It is -pi to pi if the jump or the origin may be within.
     """
@@ -191,7 +191,7 @@ def _of_sum(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_table(node: Node, given: Range) -> Range:
-    """Form the range of a result of a piecewise linear table, given the range of its argument."""
+    """Return the range of a piecewise linear table's result; ``given`` is the argument's range."""
     held, dag = node.args[0], node.dag
     data: Table = held.data
     place: int = node.data

@@ -1,4 +1,4 @@
-"""Times at which integration restarts, which :mod:`cotree.dag.time_events` finds."""
+"""Times at which integration restarts, found by :mod:`cotree.dag.time_events`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RestartTimes:
 
     @property
     def moved(self) -> RestartTimes:
-        """The time events that have a nonzero derivative, or coincide with one that has."""
+        """The time events with a nonzero derivative, and those that coincide with one."""
         moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
         return RestartTimes(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 

@@ -3,11 +3,11 @@
 A condition that depends only on time and parameters (the argument of a selection, a sign, an
 absolute value, a floor or a table) changes at times that are known before a run if it is linear in
 time, or linear in the time since the last whole period. Integration restarts at these times, so
-that no pulse is skipped and no step contains a kink. Kinks of other conditions are located during
+that no pulse is missed and no step contains a kink. Kinks of other conditions are located during
 steps (:mod:`cotree.program.surfaces`).
 
-Locating a kink fails if a law acts only during a part of each period, such as a diode driven by a
-sine: a long step may skip this part. Steps are then limited to a fraction of the period.
+If a law acts only during a part of each period, such as a diode driven by a sine, a long step may
+miss this part and the kink in it. Steps are then limited to a fraction of the period.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class _Count:
 class _Line:
     """The function ``offset + rate * t + step * count``; if ``starts``, zero before its root.
 
-    The time events of a selection between lines are those of all lines, which may be too many but
-    never too few.
+    The time events of a selection between lines are those of all lines: maybe too many, but never
+    too few.
     """
 
     offset: Node
@@ -76,7 +76,7 @@ class _Line:
 
 
 def find_time_events(dag: Dag, roots: Iterable[Node]) -> tuple[TimeEvent, ...]:
-    """Return the time events of conditions in the roots that depend on time and parameters only."""
+    """Return the time events of conditions in the roots that depend only on time and parameters."""
     return tuple(dict.fromkeys(chain.from_iterable(time_events_within(dag, roots).values())))
 
 
@@ -145,7 +145,7 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Return the lines of which a node consists, or an empty tuple if it is not piecewise linear.
+    """Return the lines of a node, or an empty tuple if it is not piecewise linear.
 
     A node that depends on states may still be a line in one branch of a selection.
     """
@@ -243,9 +243,9 @@ def _stops(node: Node, line: _Line) -> list[TimeEvent]:
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
-    """Return the smallest of the given limits of the step size, or infinity if there is none."""
-    # Limits are infinite for a rate of zero, and zero for an infinite rate, which would halt a run.
-    # Zero and nan are ignored.
+    """Return the smallest limit of the step size, or infinity if there is none."""
+    # Limits are infinite for a rate of zero. They are zero for an infinite rate, which would halt a
+    # run: zero and nan are ignored.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 

@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of times in a run, and of numbers stored for them: times, slopes and spreads. More
-#: times indicate wrong units.
+#: Maximum number of times in a run, and of numbers stored for them (times, slopes and spreads).
+#: More times indicate wrong units.
 _MOST, _MOST_NUMBERS = 10_000_000, 30_000_000
 
-#: Number of times below which they are listed within milliseconds.
+#: Number of times below which the search takes only milliseconds.
 _FEW = 100_000
 
 
 def time_events_along(
     stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
 ) -> tuple[TimeEvent, ...]:
-    """Return time events with derivatives along the given directions (:attr:`TimeEvent.along`)."""
+    """Return the time events with derivatives along each direction (:attr:`TimeEvent.along`)."""
     # Without a period, the first time is a placeholder, whose tangent is ignored.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
@@ -60,10 +60,10 @@ def find_restart_times(
 ) -> RestartTimes:
     """Return the times of time events in the span from ``low`` to ``high``, including both ends.
 
-    Times that differ only by rounding are merged, with the slopes of the first one. At the ends of
-    the span, whose times are fixed, slopes are zero; the slopes of events there are contained in
-    the spreads. The times ``others`` do not change along any direction. Raises ValueError if a
-    period leads to too many times, or listing them takes longer than ``time_limit``, [s].
+    Times that differ only by rounding are merged, with the slopes of the first one. The ends of the
+    span are fixed, so their slopes are zero; the slopes of events there are part of the spreads.
+    The times ``others`` do not change along any direction. Raise ValueError if a period leads to
+    too many times, or the search takes longer than ``time_limit``, [s].
     """
     # Times that differ from an end only by rounding are at the end.
     margin = SAME * max(abs(low), abs(high))
@@ -139,7 +139,7 @@ class _Series(NamedTuple):
 
 
 class _Watch:
-    """The limits of time and memory while time events are listed."""
+    """Limits of time and memory for the search."""
 
     def __init__(
         self, series: Sequence[_Series], n_others: int, m: int, limit: float | None
@@ -148,7 +148,7 @@ class _Watch:
         self._n = n_others + sum(row.n_times for row in series)
         self._densest = max(series, key=lambda row: row.n_times, default=_Series(0.0, 0.0, 0, -1))
         count, period = self._densest.n_times, abs(self._densest.period)
-        # An event within rounding of either end may be one more.
+        # One more event may be within rounding of either end.
         if count > _MOST + 1:
             raise ValueError(
                 f"a period of {period:.6g} s occurs {count - 1} times in the span: it is too "
@@ -162,7 +162,7 @@ class _Watch:
             )
 
     def check(self) -> None:
-        """Raise ValueError if the time limit is spent."""
+        """Raise ValueError if the time limit is exceeded."""
         if self._limit is None or self._n < _FEW:
             return
         if time.perf_counter() - self._begun > self._limit:

@@ -36,7 +36,7 @@ def identity(dag: Dag) -> Matrix:
 
 def is_zero(a: Vector) -> bool:
     """Return whether a vector is structurally zero."""
-    # A dual is not zero even if its value is, since its derivative would be lost.
+    # A dual is never zero, even if its value is: its derivative would be lost.
     if is_varied(a):
         return False
     zero = a[0].dag.zero
@@ -131,8 +131,8 @@ def matadd(a: Matrix, b: Matrix) -> Matrix:
 
 
 def congruence(r: Matrix, s: Matrix) -> Matrix:
-    """Form R S R^T for a symmetric S, of which only one half is computed."""
-    # Entry ij is the product of row i of R S and row j of R. The result is symmetric.
+    """Form R S R^T for a symmetric S, and compute only one half of it."""
+    # Entry ij is the product of row i of R S and row j of R.
     rs = matmul(r, s)
     xx, xy, xz = dot(rs[0], r[0]), dot(rs[0], r[1]), dot(rs[0], r[2])
     yy, yz, zz = dot(rs[1], r[1]), dot(rs[1], r[2]), dot(rs[2], r[2])
@@ -178,7 +178,7 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
     # [omega]x[omega]x = omega omega^T - |omega|^2 I is symmetric, [alpha]x is skew.
     (xx, yy, zz), (yz, xz, xy) = products
     ax, ay, az = alpha
-    # The diagonal is formed as -(yy + zz) instead of xx - |omega|^2, so that nothing cancels.
+    # The diagonal is -(yy + zz) instead of xx - |omega|^2, which avoids cancellation.
     return (
         (-(yy + zz), xy - az, xz + ay),
         (xy + az, -(xx + zz), yz - ax),
@@ -191,8 +191,8 @@ class Rotation:
     """The orientation of a rotated frame relative to a reference frame."""
 
     matrix: Matrix  # transforms components from the rotated frame to the reference frame
-    #: Axis and angle if the rotation has a single axis. The angles of successive rotations about
-    #: the same axis are added, which costs less than the product of two matrices.
+    #: Axis and angle of a rotation with a single axis. The angles of successive rotations about the
+    #: same axis are added, which costs less than the product of two matrices.
     axis: Vector | None = None
     angle: Node | None = None
 
@@ -207,7 +207,7 @@ class Rotation:
         )
 
     def then(self, axis: Vector, angle: Node) -> Rotation:
-        """Return the rotation followed by one about an axis fixed in the rotated frame."""
+        """Return the rotation followed by a rotation about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
             # After the identity, the result has a single axis.
             if self.is_identity:
@@ -251,8 +251,8 @@ def about(axis: Vector, angle: Node) -> Rotation:
 def of_quaternion(q: Sequence[Node]) -> Matrix:
     """Form the matrix R(q) / (q.q), which is a rotation for a quaternion of any length.
 
-    With the division, dR/dq R^T is skew, so every derivative corresponds to a rotation vector; with
-    the polynomial R(q) alone, it is not.
+    With the division, dR/dq R^T is skew, so every derivative corresponds to a rotation vector; this
+    does not hold for the polynomial R(q) alone.
     """
     q0, q1, q2, q3 = q
     dag = q0.dag
@@ -269,7 +269,7 @@ def of_quaternion(q: Sequence[Node]) -> Matrix:
 
 
 def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
-    """Form the rates of a quaternion, given the angular velocity w in the rotated frame.
+    """Form the rates of a quaternion from the angular velocity w in the rotated frame.
 
     The arguments are nodes or numbers.
     """
@@ -334,8 +334,7 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
     """Return the quaternion of a numeric rotation matrix, or None if it is not a rotation.
 
-    A matrix is a rotation if the matrix of its quaternion, from :func:`quaternion_of_nodes`, equals
-    it.
+    A matrix is a rotation if it equals the matrix of its quaternion (:func:`quaternion_of_nodes`).
     """
     dag = Dag()
     try:
@@ -360,7 +359,7 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
-    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest one of the trace and the diagonal
+    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of trace and diagonal entries
     # determines the largest component, which is at least one half and a safe divisor.
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
