@@ -1,17 +1,17 @@
 """Derivatives along many directions as maps, which apply the same statements to many columns.
 
-In a sensitivity graph, the derivative of a terminal equation by one of its parameters contains a
-source: ``F' = m a' + m' a``. The operations that follow along f-circuits and f-cutsets, on sources
-and state sensitivities, are the same for all parameters. This module separates these common
-operations, which are as many as possible: sources are the largest values that depend on no state
+In a sensitivity graph, the derivative of a terminal equation with respect to one of its parameters
+contains a source: ``F' = m a' + m' a``. The operations that follow along f-circuits and f-cutsets,
+on sources and state sensitivities, are the same for all parameters. This module separates them. The
+set of common operations is maximal: sources are the largest values that depend on no state
 sensitivity.
 
 For parameter j the derivatives of the unknowns solve ``A w_j = b_x s_j + b_j``, in which the matrix
 b_x is the same for all parameters and b_j is the explicit derivative with respect to parameter j.
 Statements written out for each parameter exploit its zeros; those of a map are written once, and C
 processes several columns at a time. The columns of the Jacobian are a map of unit vectors s. If
-they are fewer than the parameters, the Jacobian can also be formed first and multiplied by each
-s_j. The cheapest of these alternatives is used.
+there are fewer of them than parameters, the Jacobian can also be formed first and multiplied by
+each s_j. The cheapest of these alternatives is used.
 
 Implicit methods need three further kernels. The first computes values at a point that the second
 uses. The second is linear in a direction v of the states and is evaluated once in each stage of a
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 #: Cost of moving one value into or out of a vector, in operations.
 _MOVE = 2
-#: Maximum number of sweeps that exchange columns in pairs, and of columns with which this is done.
+#: Maximum number of sweeps that exchange columns in pairs, and of columns for which this is done.
 _SWEEPS, _MOST_COLUMNS = 4, 400
 
 
@@ -71,7 +71,7 @@ def cost_of_map(linear: LinearMap) -> int:
     """Estimate the cost of a map in scalar operations."""
     blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
     n_given = sum(reduce(or_, block).bit_count() for block in blocks)
-    # A statement is one vector operation for each block, which counts like a scalar one.
+    # A statement is one vector operation per block, which counts like a scalar one.
     return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
 
 
@@ -79,9 +79,9 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
     """Put columns with similar zeros into one block, and omit zero columns.
 
     Columns of different blocks are exchanged in pairs until no exchange reduces the number of
-    computed values. Also returns the original index of each column.
+    computed values. Also return the original index of each column.
     """
-    # For each column, a bit mask of the statements that are nonzero in it.
+    # bit mask of the nonzero statements in each column
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -117,7 +117,7 @@ def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bo
 
 
 def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
-    """Count the values that are nonzero in at least one column of a block."""
+    """Return the number of values that are nonzero in at least one column of a block."""
     union = 0
     for column in block:
         union |= nonzero[column]
@@ -132,14 +132,14 @@ _SUMS = frozenset({"add", "sub", "neg"})
 class CommonDirection:
     """Derivatives along any direction, as functions of state sensitivities and sources."""
 
-    direction: Derivative  # forcing and rates, in terms of state changes and sources
+    direction: Derivative  # forcing and rates, as functions of state changes and sources
     sources: tuple[Node, ...]  # symbols of the sources
     #: Nonzero sources of each parameter, by index of the source.
     given: list[dict[int, Node]]
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Separate the common operations of all directions from the sources, None if there are none.
+    """Separate the operations common to all directions from the sources; None if there are none.
 
     ``unknowns`` maps the symbols of the unknowns to their values.
     """
@@ -159,7 +159,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 
 
 class _Parting:
-    """Splits values that are linear in changes of states and parameters into these two parts.
+    """Splits values that are linear in changes of states and of parameters into these two parts.
 
     The sources in nested sums are added first, so that each sum has a single source.
     """
@@ -194,7 +194,7 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Return the nonzero sources for a unit change of each parameter, by index."""
+        """Nonzero sources for a unit change of each parameter, by index."""
         nodes = list(self.sources)
         bits = {node: 1 << j for j, node in enumerate(self._changes)}
         supports = supports_of(reachable(nodes), bits)
@@ -224,7 +224,7 @@ class _Parting:
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Return both parts of a term; it is split only if it has no user but this sum."""
+        """Return both parts of a term; it is split only if this sum is its only user."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
@@ -237,7 +237,7 @@ class _Parting:
 
 #: Number of operations up to which statements are written out for each direction.
 _FEW_OPERATIONS = 600
-#: Fraction of the cost of written-out statements below which a map is used.
+#: A map is used if its cost is below this fraction of the cost of written-out statements.
 _WORTH = 0.75
 #: Maximum number of column values that a kernel stores on the stack, 800 kB.
 _MOST_VALUES = 100_000
@@ -250,7 +250,7 @@ _Row = dict[int, "Node"]
 
 @dataclass(frozen=True)
 class MappedRates:
-    """Derivatives of the rates that are computed by maps; None for those that are not."""
+    """Derivatives of the rates that maps compute; None for all others."""
 
     columns: list[_Row] | None  # columns of the Jacobian
     sensitivities: list[Node] | None  # rates of all sensitivities, parameter by parameter
@@ -264,8 +264,8 @@ def map_rates(
 ) -> MappedRates:
     """Form derivatives of the rates as maps if that costs less than writing them out.
 
-    ``rates`` do not contain unknowns. ``reached`` are the states that depend on each parameter; the
-    sensitivities of all others are zero.
+    ``rates`` do not contain unknowns. ``reached`` contains the states that depend on each
+    parameter; the sensitivities of all others are zero.
     """
     # The elimination of algebraic unknowns needs the derivatives along each direction separately;
     # see cotree.program.lower.
@@ -326,7 +326,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Ways:
-    """Constructor of alternative forms of the derivatives of the rates, with their costs."""
+    """Constructor of alternative forms of the rate derivatives, with their costs."""
 
     equations: Equations
     common: CommonDirection
@@ -340,14 +340,14 @@ class _Ways:
 
     @cached_property
     def _states(self) -> list[Node]:
-        """The symbols of the changes of all states."""
+        """Symbols of the changes of all states."""
         return [self._dag.symbol(STATE_CHANGE, i) for i in range(len(self.equations.states))]
 
     @cached_property
     def _solving(self) -> list[int]:
         """Indices of the rates that depend on unknowns."""
-        # Rates without unknowns are not results of the map, since with_unsolved forms their
-        # derivatives directly.
+        # Rates without unknowns are not results of the map: with_unsolved forms their derivatives
+        # directly.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]
@@ -366,8 +366,8 @@ class _Ways:
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
-            # The rate is linear in the state changes, so its derivative by a state is its value for
-            # a change of one of this state and zero of all others.
+            # The rate is linear in the state changes, so its derivative with respect to a state is
+            # its value for a change of one of this state and zero of all others.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -378,7 +378,7 @@ class _Ways:
         return found
 
     def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
-        """Return the maps of the cheaper form of the sensitivity rates, the last of which has them.
+        """Return the maps of the cheaper form of the sensitivity rates; the last map returns them.
 
         The form is either a single map of state changes and sources; or the Jacobian, the explicit
         derivatives with respect to parameters, and a map that multiplies and adds these.
@@ -438,7 +438,7 @@ class _Ways:
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Return the derivatives of all rates along any direction, with zero for given symbols."""
+        """Return the derivatives of all rates along any direction; symbols ``still`` are zero."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
@@ -483,7 +483,7 @@ class _Ways:
         return count_operations(node for node in nodes if node.op != "map").total
 
     def are_worth(self, maps: Sequence[_Map], rows: Sequence[Derivative]) -> bool:
-        """Return whether maps cost clearly less than statements for each direction ``rows``."""
+        """Return whether maps cost clearly less than statements for each direction in ``rows``."""
         if not rows:
             return False
         known = reachable([*self.rates, *(node for one in maps for node in one.known)])
@@ -529,8 +529,8 @@ _ALONG = KernelSpec(
 class Curvature:
     """Kernels of the second derivatives that implicit methods need."""
 
-    #: Kernel that is called once at a point, and kernel that is called for each direction. Their
-    #: argument ``k`` contains prepared values; that of ``along`` also the results of ``at``.
+    #: ``at`` is called once at a point, ``along`` for each direction. Their argument ``k`` contains
+    #: prepared values; for ``along`` it also contains the results of ``at``.
     at: Kernel
     along: Kernel
     places: tuple[int, ...]  # indices of the results of ``along`` among the sensitivity rates
@@ -539,7 +539,7 @@ class Curvature:
 def form_curvature(program: Program) -> Curvature | None:
     """Differentiate the sensitivity rates with respect to the states at fixed sensitivities.
 
-    Returns None if these derivatives are zero.
+    Return None if these derivatives are zero.
     """
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OperationCount:
-    """Numbers of operations of a kernel.
+    """Operation counts of a kernel.
 
     Attributes
     ----------
     by_kind : mapping of str to int
-        Numbers by operation: ``add``, ``sub``, ``mul``, ``div``, ``neg``, and names of functions.
+        Counts by operation: ``add``, ``sub``, ``mul``, ``div``, ``neg``, and names of functions.
     kernel, prepare : int
-        Numbers of operations of the kernel alone, and of those in ``prepare`` that it needs.
+        Counts of the kernel alone, and of the operations in ``prepare`` that it needs.
     """
 
     by_kind: Mapping[str, int]
@@ -46,7 +46,7 @@ class OperationCount:
 
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:
-    """Count the operations of the given nodes; ``result`` nodes count zero.
+    """Count the operations of nodes; ``result`` nodes count zero.
 
     A linear system of n unknowns solved at run time counts (2/3) n^3 for each matrix and 2 n^2 for
     each right-hand side. The operations of a map count once for each column in which they are
@@ -109,12 +109,12 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
 
 
 def waits(node: Node) -> float:
-    """Return the cycles from the arguments of an operation to its result."""
+    """Return the latency of an operation in cycles."""
     return _cost(node)[1] if node.args else 0.0
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the length of the longest path from each value to a result, including it, in cycles.
+    """Return the length, in cycles, of the longest path from each value (inclusive) to a result.
 
     Values are in order of evaluation; ``known`` values take no cycles.
     """
@@ -131,7 +131,7 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
 def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
     """Sort values by the length of the longest path from each to a result.
 
-    A processor looks a few hundred operations ahead. In this order, these include the next
+    A processor looks ahead by a few hundred operations. In this order, these include the next
     operations of the longest path and independent ones between them.
     """
     need = needs(order, known)

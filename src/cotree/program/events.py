@@ -1,11 +1,11 @@
 """Kernels of events: event functions, the values that events set, and the derivatives of both.
 
-Event functions that are linear in states, inputs and time change direction within a step no more
-often than these, which the error test resolves. Others may cross zero and return within a step of
-any accuracy, as the sine of a large angle does. For each of these, the kernel ``event_ranges``
-computes the ranges of its value and of its rate from the ranges of quantities. Quantities are its
-largest linear parts, and values whose ranges cannot be computed. The engine divides a step until
-the range of each value, or that of its rate, excludes zero
+Within a step, event functions that are linear in states, inputs and time change direction no more
+often than these variables, which the error test resolves. Others may cross zero and return within a
+step of any accuracy, such as the sine of a large angle. For each of these, the kernel
+``event_ranges`` computes the ranges of its value and of its rate from the ranges of quantities.
+Quantities are its largest linear parts, and values whose ranges cannot be computed. The engine
+divides a step until the range of each value, or of its rate, excludes zero
 (``templates/runtime/events/cotree_scan.c``).
 
 The impulse L of an impact acts along D, the derivatives of the expression's rate with respect to
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from cotree.program.solved import Along, SolvedSystem
 
 
-#: Monotonic functions, which have a given value at no more than one argument.
+#: Monotonic functions, which take each value at no more than one argument.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
 #: Number of nodes above which a value is itself a quantity, since computing its range would take
@@ -62,14 +62,14 @@ class EventRanges:
     #: Index of the range of each event function, then of each kink; -1 if the function is linear.
     places: tuple[int, ...]
     quantities: tuple[Node, ...]  # quantities on which the functions depend
-    #: For each nonlinear function, four values: bounds of its value, then of its rate.
+    #: Four values per nonlinear function: bounds of its value, then of its rate.
     results: tuple[Node, ...]
 
 
 def find_ranges(
     equations: Equations, values: Sequence[Node], smooth: Collection[Node] = ()
 ) -> EventRanges:
-    """Form the ranges of values, first those of events, then those of kinks.
+    """Form the ranges of values, first of events, then of kinks.
 
     ``values`` do not contain unknowns. Nodes in ``smooth`` count as linear, like states.
     """
@@ -84,7 +84,7 @@ def find_ranges(
     n = len(quantities)
     symbols = [dag.symbol(RANGE, i) for i in range(4 * n)]
     known = {q: (symbols[i], symbols[n + i]) for i, q in enumerate(quantities)}
-    # The rate of a quantity is a symbol, whose range is known, too.
+    # The rate of a quantity is a symbol with a known range.
     speeds = [dag.symbol(RANGE, 4 * n + i) for i in range(n)]
     known |= {v: (symbols[2 * n + i], symbols[3 * n + i]) for i, v in enumerate(speeds)}
     rates = tangents(curved, dict(zip(quantities, speeds, strict=True)))
@@ -147,7 +147,7 @@ def _is_held(node: Node) -> bool:
 
 
 def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a value is linear, or a monotonic function of a linear one."""
+    """Return whether a value is linear, or a monotonic function of a linear value."""
     if kinds[node] != _CURVED:
         return True
     moving = [arg for arg in node.args if kinds[arg] != _CONSTANT]
@@ -163,7 +163,7 @@ def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
-    """Return the values from the quantities of a value to the value itself."""
+    """Return the values between a value and its quantities, including both."""
     leaves = {
         node for node in reachable([value]) if kinds[node] != _CONSTANT and _is_leaf(node, kinds)
     }
@@ -171,7 +171,7 @@ def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
 
 
 def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
-    """Return the quantities of the given values in order of evaluation."""
+    """Return the quantities of ``values`` in order of evaluation."""
     found = {
         node
         for value in values
@@ -204,8 +204,8 @@ class Impact:
         # right-hand side belong to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # Chain rule: the derivatives of the values from which the speeds were formed are given, so
-        # these values are not differentiated again.
+        # The values from which the speeds are formed have known derivatives, so the chain rule does
+        # not differentiate them again.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -217,7 +217,7 @@ def form_impact(
 ) -> Impact:
     """Form the impact of an event from the output values, which do not contain unknowns.
 
-    Raises SceneError if the expression depends on more than positions, or its rate on no speed.
+    Raise SceneError if the expression depends on more than positions, or its rate on no speed.
     """
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
@@ -287,7 +287,7 @@ def event_kernels(
     """Form the results of the event kernels, and their ranges; all are empty without events.
 
     ``values`` are outputs, then the expressions of events, without unknowns; ``along`` has their
-    derivatives along each parameter, and ``motion`` those along the motion.
+    derivatives along each parameter, and ``motion`` along the motion.
     """
     if not (equations.events or equations.kinks):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())

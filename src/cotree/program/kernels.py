@@ -24,8 +24,8 @@ class KernelSpec:
     arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS` in order; the results follow in C
     result: str  # C name of the result array
     doc: str  # description of the results
-    #: Name of a kernel whose last results are those of this one, or empty. C then calls that kernel
-    #: and copies these results, since computing them separately would save little.
+    #: Name of a kernel whose last results are the results of this one, or empty. C then calls that
+    #: kernel and copies them, since computing them separately would save little.
     tail_of: str = ""
     #: Whether every model has the kernel. Other kernels are omitted in C if they have no results.
     is_required: bool = False
@@ -41,7 +41,7 @@ class KernelSpec:
 
     @property
     def type(self) -> str:
-        """C type of a pointer to the kernel, which follows from its arguments."""
+        """C type of a pointer to the kernel, determined by its arguments."""
         return f"cotree_{_TYPES[self.arguments]}_kernel"
 
 

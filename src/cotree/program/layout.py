@@ -26,11 +26,11 @@ class Layout:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     sensitivities: tuple[str, ...]  # parameters and initial states of the sensitivities
-    parameter_values: tuple[float, ...]  # parameter values stated in the scene
+    parameter_values: tuple[float, ...]  # parameter values in the scene
     #: Sparsity pattern of the Jacobian in CSC form.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
-    #: For each input, the members of ``sensitivities`` on which its function in the scene depends.
+    #: Entries of ``sensitivities`` on which each input's function in the scene depends.
     input_sensitivities: tuple[tuple[str, ...], ...]
     uncertain: tuple[str, ...]  # coordinates whose pivots must be checked at run time
     #: Constraint residuals in the order of the kernel ``constraints``.
@@ -51,10 +51,10 @@ class Layout:
     events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
     event_inputs: tuple[str, ...] = ()  # inputs that the event kernels read
     #: Variables whose initial values must agree with the values that follow from the states. The
-    #: kernel ``start`` ends with the values from the states, then the given values.
+    #: kernel ``start`` ends with the latter, then the scene's initial values.
     redundant: tuple[RedundantRow, ...] = ()
-    #: Indices of states that are storage contents, each with that of the algebraic unknown that it
-    #: determines. If the initial content is not given, it follows from that of the unknown.
+    #: Indices of states that are storage contents, each with the index of the algebraic unknown
+    #: that it determines. Without an initial content, the content follows from the unknown.
     followers: tuple[tuple[int, int], ...] = ()
     #: Pattern of the sensitivities in CSC form: the states that depend on each parameter. Other
     #: sensitivities are identically zero.
@@ -62,8 +62,8 @@ class Layout:
     sensitivity_rows: tuple[int, ...] = ()
     #: Parameters that are derived from others and are not kernel arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: For each kink, which follow the events in the kernel ``events``: index of the branch that
-    #: ends there, direction, and whether it is steep; see :class:`cotree.equations.KinkRow`.
+    #: For each kink (after the events in the kernel ``events``): index of the branch that ends
+    #: there, direction, and whether it is steep; see :class:`cotree.equations.KinkRow`.
     kinks: tuple[tuple[int, int, bool], ...] = ()
     #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
     n_pieces: int = 0
@@ -73,7 +73,7 @@ class Layout:
     ranges: tuple[int, ...] = ()
     #: Number of quantities on which the ranges depend, the last results of the kernel ``events``.
     n_quantities: int = 0
-    #: Names of coordinates and rates whose initial values the scene gives, in the scene's order.
+    #: Coordinates and rates with an initial value in the scene, in the scene's order.
     given_names: tuple[str, ...] = ()
 
     @cached_property
@@ -131,7 +131,7 @@ class Layout:
         return sum(self.algebraic)
 
     def report(self, kind: str, more: Iterable[tuple[str, str]]) -> Report:
-        """Build a report of names, the facts ``more`` and, in notebooks, parameters."""
+        """Return a report with names, the facts ``more`` and, in notebooks, parameters."""
         groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
         values = zip(self.parameters, self.parameter_values, strict=True)
         facts = [

@@ -1,11 +1,11 @@
 """From equations to a program: eliminate the unknowns and collect the kernels.
 
-Projection kernels take a step of minimum kinetic energy, which solves the governing equations with
-constraint residuals instead of forces.
+Projection kernels take a step of minimum kinetic energy: the solution of the governing equations
+with constraint residuals instead of forces.
 
 For models with algebraic unknowns, ``x' = f(x, z), 0 = g(x, z)``, explicit methods need further
-kernels. Rates, residuals and their derivatives yield, all with the same factors of g_z in
-straight-line code:
+kernels. They are formed from rates, residuals and their derivatives, all with the same factors of
+g_z in straight-line code:
 
 - the *extended* rates x' and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like states,
   from a solution, and projected onto a solution after each step. Their sensitivities follow without
@@ -144,7 +144,7 @@ def _step(
     rates: Sequence[Node],
     shrink: dict[Node, Node],
 ) -> list[Node]:
-    """Form the change of the states that removes the given constraint residuals."""
+    """Form the change of states that removes the constraint residuals ``values`` and ``rates``."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
     # The lower rows of [M, -G^T; -G, 0] [v; *] = [0; c] are G v + c = 0: the residual vanishes to
@@ -152,7 +152,7 @@ def _step(
     shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
     speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Coordinate rates are linear in the speeds. For the shift instead of the speeds, they are the
+    # Coordinate rates are linear in the speeds. With the shift instead of the speeds, they are the
     # changes of the coordinates, including quaternions.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
@@ -165,7 +165,7 @@ def _step(
 
 
 #: Maximum numbers of unknowns, of factor updates and of operations in kernels that eliminate
-#: algebraic unknowns. Larger kernels would take longer to compile than dense matrix loops to run.
+#: algebraic unknowns. Larger kernels take longer to compile than dense matrix loops to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
 # Functions whose curvature changes if their argument changes by 1; then functions whose curvature
@@ -185,8 +185,8 @@ def reduced_kernels(
     """Form the results of the kernels for explicit methods with algebraic unknowns.
 
     ``rates`` are f, then g; ``columns`` has their derivatives with respect to each state, by rate
-    index; ``along`` those along each parameter, as functions of state sensitivities; ``motion``
-    those along the motion, as functions of state rates. ``reached`` are the states with
+    index; ``along`` has derivatives along each parameter, as functions of state sensitivities;
+    ``motion`` along the motion, as functions of state rates. ``reached`` contains the states with
     sensitivities to each parameter. Results are empty without algebraic unknowns, or if kernels
     would be too long.
     """
@@ -228,7 +228,7 @@ def reduced_kernels(
 
 
 def _rows_of(columns: Sequence[Mapping[int, Node]], low: int, high: int) -> list[dict[int, Node]]:
-    """Return the rows from ``low`` to ``high`` of a matrix that is given by columns."""
+    """Return the rows from ``low`` to ``high`` of a matrix from its columns."""
     rows: list[dict[int, Node]] = [{} for _ in range(low, high)]
     for j, column in enumerate(columns):
         for i, node in column.items():
@@ -290,8 +290,8 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
     """Return the relative length of a step for each function that is nonlinear in it.
 
-    The linear model fails if it is near one. Returns None if it is unknown for a function, such as
-    a table or an external function.
+    If the length is close to one, the linear model fails. Return None if it is unknown for a
+    function, such as a table or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -384,11 +384,11 @@ _Found = TypeVar("_Found")
 def lower(equations: Equations) -> Program:
     """Build a program from governing and sensitivity equations.
 
-    The matrix is factorised once, and all derivatives use the same factors. Raises ParameterError
-    if a sensitivity to an algebraic unknown is requested.
+    The matrix is factorised once, and all derivatives use the same factors. Raise ParameterError if
+    a sensitivity to an algebraic unknown is requested.
     """
-    # The pattern of sensitivities is determined before derivatives are formed, so that values which
-    # follow from zero sensitivities fold away.
+    # The sensitivity pattern is determined before derivatives are formed, so that values that
+    # depend only on zero sensitivities fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.substitute(equations.rates)
@@ -453,7 +453,7 @@ def lower(equations: Equations) -> Program:
 
 
 def _inputs_in(equations: Equations, nodes: Sequence[Node]) -> tuple[str, ...]:
-    """Return the names of the inputs on which the given nodes depend."""
+    """Return the inputs, by name, on which ``nodes`` depend."""
     read = set(symbols_in(nodes))
     pairs = zip(equations.inputs, equations.input_symbols, strict=True)
     return tuple(quantity.name for quantity, symbol in pairs if symbol in read)
@@ -482,8 +482,8 @@ def _timed(
 def _check_sensitivities(equations: Equations) -> None:
     """Raise ParameterError for sensitivities to states that have no initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # An unknown that follows from a storage content is allowed, since its initial value may be
-    # given instead of the content.
+    # An unknown that follows from a storage content is allowed, since its initial value may replace
+    # the initial content.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -506,7 +506,7 @@ def _differentiate(
     motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all directions except the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # All directions are differentiated together, since they share most values. The results are then
+    # All directions are differentiated together, since they share most values; the results are then
     # separated in this order.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [

@@ -4,27 +4,27 @@ They run in the order of :data:`RECIPE`. Their assumptions and results are:
 
 reciprocals
     Assumes nothing. Values are the same to rounding. A kernel that divides by the same value more
-    than once multiplies by its reciprocal. So does a kernel that divides by a value of parameters
-    only, whose reciprocal ``prepare`` computes. Other divisions remain.
+    than once multiplies by its reciprocal. So does a kernel that divides by a value that depends
+    only on parameters; ``prepare`` computes this reciprocal. Other divisions remain.
 sines
     Assumes nothing. Values are the same to one unit in the last place. Sines and cosines are
-    combined unless their angles depend on other sines. Those of parameters only remain, since
+    combined unless their angles depend on other sines. Those of parameters remain, since
     ``prepare`` computes them.
 balance
-    Assumes that nothing is prepared yet. There are no more operations, and values are the same
-    except for the rounding of sums, whose terms are added in another order. Sums remain if they
-    would not be complete earlier, or the kernel has other operations to overlap. So do the sums of
-    models with algebraic unknowns: currents through large conductances cancel in the order in which
-    they were formed; in another order, rounding errors stopped rodas5 at tolerances of 1e-11.
+    Assumes that nothing is prepared yet. There are no more operations than before. Terms are added
+    in another order, so values change by the rounding of sums. Sums remain if they would not be
+    complete earlier, or if the kernel has other operations to overlap. So do the sums of models
+    with algebraic unknowns: currents through large conductances cancel in the order in which they
+    were formed; in another order, rounding errors stopped rodas5 at tolerances of 1e-11.
 stage
     Assumes that nothing is prepared yet. Kernels read values that depend only on parameters from
     ``k``; only ``prepare`` computes them. The branches that steps freeze follow these values in
     ``k`` and are zero until a run sets them.
 order
     Assumes nothing. Operations and values are the same. If one long path of operations determines
-    the time of a kernel, values are ordered as this path needs them, so that other operations
-    overlap with it. If more values would then have to be kept in memory, the order in which values
-    were formed remains.
+    the time of a kernel, values are in the order in which this path needs them, so that other
+    operations overlap with it. If more values would then have to be kept in memory, the order is
+    unchanged.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def varying_values(order: Sequence[Node]) -> set[Node]:
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """Return the values of parameters only that other values use, or that are results."""
+    """Return values that depend only on parameters and are results or used by other values."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
@@ -90,8 +90,8 @@ def rewrite(
 ) -> Kernel:
     """Replace ``chosen`` values of a kernel, and rebuild all values that depend on them.
 
-    ``form`` returns the new value, given the old one and the replacements so far. New values have
-    the labels of the values that they replace.
+    ``form`` returns the new value from the old one and the replacements so far. New values keep the
+    labels of the values that they replace.
     """
     new: dict[Node, Node] = {}
     for node in kernel.order:
@@ -103,7 +103,7 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
-        # Unchanged values are not listed, so that their users are not rebuilt.
+        # Unchanged values are omitted, so that their users are not rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
@@ -132,7 +132,7 @@ def with_reciprocals(kernel: Kernel) -> Kernel:
     return rewrite(kernel, shared, form)
 
 
-#: Minimum number of angles whose sines are combined; fewer cost less one by one.
+#: Minimum number of angles whose sines are combined; fewer angles cost less one by one.
 _FEWEST = 3
 
 
@@ -164,7 +164,7 @@ _SUMS = frozenset({"add", "sub", "neg"})
 #: Ratio of (time to start all operations) to (longest path) above which sums are not balanced:
 #: chains of sums of products contain more fused operations.
 _MOST = 2.0
-_PREPARED = -1.0  # time at which values of parameters only are available, before all others
+_PREPARED = -1.0  # time at which values of parameters are available, before all others
 
 
 def balance_sums(program: Program) -> Program:
@@ -189,7 +189,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
-            # If both forms are available at the same time, the sum remains as it was formed.
+            # If both forms are available at the same time, the sum remains unchanged.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
         clock(made)  # stores its time, before that of any user is computed
         return made
@@ -199,7 +199,7 @@ def _balanced(kernel: Kernel) -> Kernel:
 
 @dataclass
 class _Clock:
-    """Computation of the time at which each value is available, [cycles]."""
+    """Time at which each value is available, [cycles]."""
 
     varying: Collection[Node]
     times: dict[Node, float] = field(default_factory=dict)
@@ -239,7 +239,7 @@ def _inner_sums(
 def _terms(
     node: Node, inner: Collection[Node], new: Mapping[Node, Node]
 ) -> list[tuple[Node, bool]]:
-    """Return the terms of a sum in their order, each with true if it is added, not subtracted."""
+    """Return the terms of a sum in order, each with true if it is added and false if subtracted."""
     terms: list[tuple[Node, bool]] = []
     left = [(node, True)]
     while left:
@@ -256,7 +256,7 @@ def _terms(
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms, at each step the two that are available first."""
+    """Add terms, in each step the two that are available first."""
     # The heap is ordered by the time at which each term is available, then by position, so that
     # nodes are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
@@ -282,9 +282,9 @@ def _place(item: tuple[float, int, Node, bool]) -> int:
 
 #: Minimum number of operations in kernels that are reordered, the look-ahead of a processor.
 _FEW = 250
-#: Maximum number of operations in kernels that are reordered. In longer kernels, the original order
-#: lets repeated links become loops: a chain of 1000 rods needs half as much C text. A chain of 100
-#: rods is twice as fast if reordered.
+#: Maximum number of operations in kernels that are reordered. In longer kernels, only the original
+#: order allows loops over repeated links: a chain of 1000 rods needs half the C text. A chain of
+#: 100 rods is twice as fast if reordered.
 _MANY = 20_000
 #: Ratio of (time to start all operations) to (longest path) above which operations overlap in any
 #: order.
@@ -314,8 +314,8 @@ def _lifetimes(kernel: Kernel) -> int:
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: All passes by name, in order. Reciprocals and sums are formed before staging, so that reciprocals
-#: and sums of parameters are prepared. The order of values is determined last.
+#: All passes by name, in order. Reciprocals and sums are formed before staging, so that those of
+#: parameters are prepared. The order of values is determined last.
 RECIPE: dict[str, Callable[[Program], Program]] = {
     "reciprocals": partial(for_each_kernel, with_reciprocals),
     "sines": partial(for_each_kernel, _packed),

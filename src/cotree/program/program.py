@@ -35,9 +35,9 @@ class Kernel:
 
     spec: KernelSpec  # name, arguments and kind of results
     results: tuple[Node, ...]  # values that the kernel writes
-    #: Values that the kernel reads from ``k`` instead of computing them, with their indices in it.
+    #: Values that the kernel reads from ``k`` instead of computing them, with their indices.
     prepared: Mapping[Node, int]
-    #: Whether statements are in the order that the longest path needs, not as they were formed.
+    #: Whether statements are in the order that the longest path needs, instead of the original one.
     is_by_need: bool = False
 
     @property
@@ -66,11 +66,11 @@ class Program:
     layout: Layout  # names and sparsity patterns
     kernels: Mapping[str, Kernel]  # kernels by name, in the order of the registry
     guards: tuple[Guard, ...]  # conditions that ``prepare`` checks
-    #: Time events at which the scene's inputs jump or have kinks, by input name, and time events of
-    #: all other parts of the rates, by the empty name; with derivatives along each sensitivity.
+    #: Time events at which the scene's inputs jump or have kinks, by input name, and of all other
+    #: parts of the rates, by the empty name; with derivatives along each sensitivity.
     stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
-    #: Upper bounds of the step size by input name, unless a run replaces the input; those of all
-    #: other parts of the rates by the empty name.
+    #: Upper bounds of the step size by input name, which apply unless a run replaces the input; of
+    #: all other parts of the rates, by the empty name.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def restart_times(
@@ -83,9 +83,9 @@ class Program:
     ) -> RestartTimes:
         """Return the times within a span at which integration restarts, for parameters p.
 
-        ``replaced`` are inputs that a run replaces; ``others`` are further times, which depend on
-        no parameter. Raises SolveError if a period is far too short for the span, or listing the
-        times takes longer than ``time_limit``, [s].
+        ``replaced`` contains inputs that a run replaces; ``others`` further times, which depend on
+        no parameter. Raise SolveError if a period is far too short for the span, or the search
+        takes longer than ``time_limit``, [s].
         """
         if not self.stops and not others:
             return RestartTimes.none()
@@ -171,7 +171,7 @@ class Program:
 
     @cached_property
     def operations(self) -> dict[str, OperationCount]:
-        """Numbers of operations of each kernel, including those in ``prepare`` that it needs."""
+        """Operation counts of each kernel, including operations in ``prepare`` that it needs."""
         counts = {}
         for name, kernel in self.kernels.items():
             used = [node for node in kernel.order if node in kernel.prepared]
@@ -179,7 +179,7 @@ class Program:
         return counts
 
     def summary(self) -> str:
-        """Return a table of the C kernels with their numbers of operations."""
+        """Return a table of the C kernels with their operation counts."""
         present = {name: k for name, k in self.kernels.items() if k.is_present}
         counts = {name: self.operations[name] for name in present}
         rows = [
@@ -196,6 +196,6 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Return the values of the parameter symbols on which the given nodes depend."""
+    """Return the values of the parameter symbols on which ``roots`` depend."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

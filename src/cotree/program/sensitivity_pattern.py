@@ -3,10 +3,9 @@
 In: equations and their solution. Out: for each parameter the states that depend on it, and the
 equations without the sensitivities that are always zero. States whose initial value or rate depends
 explicitly on the parameter are reached; so are states whose rate depends on a reached state.
-Algebraic unknowns are reached together if equations connect them, and so are the states that a
-constraint or an event changes if this constraint or event depends on the parameter. If a parameter
-determines the times of kinks or jumps of a rate, the state is reached even if the rate is constant
-between such times.
+Algebraic unknowns that equations connect are reached together. If a constraint or an event depends
+on the parameter, so do all states that it changes. If a parameter determines the times of kinks or
+jumps of a rate, the state is reached even if the rate is constant between such times.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ def reached_states(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the states that depend on each sensitivity parameter at any time.
 
-    ``timed`` are the conditions on time that depend on each parameter; see :func:`timed_by`.
+    ``timed`` contains the conditions on time that depend on each parameter; see :func:`timed_by`.
     """
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
@@ -94,7 +93,7 @@ class Timed:
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
     """Find the conditions on time that depend on each sensitivity parameter.
 
-    ``watched`` are the values of events; neither these nor ``rates`` contain unknowns.
+    ``watched`` contains the values of events; neither these nor ``rates`` contain unknowns.
     """
     dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
     given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
@@ -105,8 +104,8 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # A time event depends on the parameter if the derivative of its first time or period is not
-        # zero.
+        # A time event depends on the parameter if the derivative of its first time or period is
+        # nonzero.
         moved = [
             node
             for node, own in looking.items()
@@ -168,7 +167,7 @@ class _Direction:
         return rest or not reached.isdisjoint(_places(mask))
 
     def users(self, states: Iterable[int]) -> set[int]:
-        """Return the states whose rates depend on the given states."""
+        """Return the states whose rates depend on ``states``."""
         wanted = sum(1 << i for i in states)
         return {i for i, (mask, _) in self.rates.items() if mask & wanted}
 
@@ -217,7 +216,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Return the dependences of a sum, given those of its terms."""
+    """Return the dependences of a sum from those of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -250,8 +249,8 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 def _choosers(equations: Equations) -> dict[int, set[int]]:
     """Return, for each state that events set, the states whose rates have conditions on it.
 
-    The derivative of a selection, sign or floor by its condition is zero, but the value jumps with
-    the condition.
+    The derivative of a selection, sign or floor with respect to its condition is zero, but the
+    value jumps with the condition.
     """
     targets = {target for event in equations.events for target in event.targets}
     if not targets:
@@ -288,8 +287,8 @@ def _moved(
     turned = {entry for _, q in constraints.quaternions for entry in q}
     norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
     held = [*row.held, *row.held_rates, *row.start]
-    # A projection changes all coordinates and speeds together. So does, by assumption, the
-    # normalisation of quaternions that depend on the parameter.
+    # A projection changes all coordinates and speeds together. The normalisation of quaternions
+    # that depend on the parameter is assumed to do so, too.
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}

@@ -38,7 +38,7 @@ class Along:
 class SolvedSystem:
     """The solution of linear equations, with the factors for further solutions."""
 
-    dag: Dag  # graph that contains the nodes
+    dag: Dag  # arena of the nodes
     matrix: Sequence[Sequence[Node]]  # matrix A of ``A w = b``, symmetric
     factors: RankedSolver
     unknowns: dict[Node, Node]  # values of the unknowns by symbol
@@ -46,7 +46,7 @@ class SolvedSystem:
 
     @classmethod
     def of(cls, equations: Equations) -> SolvedSystem:
-        """Factorise the matrix of the given equations, and solve for the unknowns."""
+        """Factorise the matrix of the equations, and solve for the unknowns."""
         factors = factorise_bordered(
             equations.dag,
             equations.matrix,
@@ -68,7 +68,7 @@ class SolvedSystem:
         return substitute(nodes, self.unknowns)
 
     def along(self, directions: Sequence[Derivative]) -> list[Along]:
-        """Differentiate along each of the given directions."""
+        """Differentiate along each of ``directions``."""
         # All directions are substituted together, since they share most of their nodes.
         known = iter(
             self.substitute(

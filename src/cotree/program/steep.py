@@ -29,7 +29,7 @@ def find_roots(
 ) -> dict[Node, Node] | None:
     """Return the roots that end at the zero of a condition, each with its signed argument.
 
-    ``is_same`` returns whether a value is zero where the condition is, and changes its sign with
+    ``is_same`` returns whether a value has the same zero as the condition and changes its sign with
     it. The result is None if another operation ends at this zero, or an argument touches zero with
     a slope of zero.
     """
@@ -58,7 +58,7 @@ def ends(node: Node, way: Mapping[Node, Node]) -> bool:
 
 
 def _signed(value: Node, is_same: Callable[[Node], bool]) -> Node:
-    """Return a value in which the absolute value of a condition is replaced by the condition."""
+    """Return a value in which the condition replaces its absolute value."""
     known: dict[Node, Node] = {}
     stack = [value]
     while stack:
@@ -82,7 +82,7 @@ class SteepRoots:
 
     @cached_property
     def _slopes(self) -> dict[Node, Node]:
-        """The powers that occur in derivatives of the roots, each with its root."""
+        """The powers in derivatives of the roots, each with its root."""
         return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
 
     def root_of(self, node: Node) -> Node | None:

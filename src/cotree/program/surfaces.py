@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that are defined on both sides of any kink of their arguments. A quotient is, too, if
-#: the kink is in the dividend, and so is a linear system with a kink in the right-hand side.
+#: Functions that are defined on both sides of any kink of their arguments. So is a quotient with a
+#: kink in the dividend, and a linear system with a kink in the right-hand side.
 _DEFINED_AT_KINKS = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf"})
 _DEFINED_AT_KINKS |= {"abs", "exp", "sinh", "cosh", "select", "sign", "table", "result"}
 _DEFINED_AT_KINKS |= {"sines", "solve"}
@@ -63,8 +63,8 @@ _BRANCHING = frozenset({"select", "abs", "sign"})
 #: restarts; kinks of larger tables are left to the error test.
 _MOST_POINTS = 1000
 
-#: Maximum number of values on the way from a value that jumps to continuous users; and of users of
-#: a branch that are examined.
+#: Maximum number of values between a value that jumps and its continuous users, and of users of a
+#: branch that are examined.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Maximum number of terms in sums that are expanded for comparison.
@@ -177,7 +177,7 @@ def _find(equations: Equations) -> _Found:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Properties of the sides of a kink: 1 is that with a positive condition, -1 the other."""
+    """Properties of the sides of a kink: 1 has a positive condition, -1 a negative one."""
 
     held: frozenset[int]  # sides with a frozen branch; on others the argument selects the branch
     steep: frozenset[int]  # sides on which the slope at the kink is infinite
@@ -244,7 +244,7 @@ class _Kinks:
                 return None
             for reader in self._readers(last):
                 own = [substitute([reader], {node: value})[0] for value in branches]
-                # Of a node with several results, the results are compared, not the node.
+                # For a node with several results, the results are compared, not the node.
                 found = None if reader.op in SEVERAL else _sides(condition, own)
                 if found is None:
                     jumping.append(reader)
@@ -282,7 +282,7 @@ class _Kinks:
         return False
 
     def sides_above(self, node: Node) -> _Sides:
-        """Return the sides of a branching value as its users, up to the roots, permit."""
+        """Return the sides of a branching value that its users, up to the roots, permit."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
         found = [self._end_above(node, value, ways) for value in branches]
@@ -335,8 +335,8 @@ def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) ->
     return True
 
 
-#: How a branch ends at a kink: it continues beyond it; it is undefined beyond it, with a finite
-#: slope; its slope is infinite or undefined.
+#: End of a branch at a kink: it continues; it is undefined beyond, with a finite slope; its slope
+#: is infinite or undefined.
 _NOWHERE, _ENDS, _STEEP = range(3)
 
 #: Substitutions, each of which makes a condition zero.
@@ -354,7 +354,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:
-    """Return the sides of a condition, given how its branches above and below zero end."""
+    """Return the sides of a condition from the ends of its branches above and below zero."""
     pairs = list(zip((1, -1), ends, strict=True))
     return _Sides(
         frozenset(side for side, end in pairs if end == _NOWHERE),
@@ -381,7 +381,7 @@ def _is_flat(node: Node) -> bool:
 
 
 def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
-    """Return the symbols that change between events, which modes do not."""
+    """Return the symbols that change between events; modes do not."""
     still = {
         state.symbol
         for state, rate in zip(equations.states, equations.rates, strict=True)
@@ -439,12 +439,12 @@ def _wild(order: Sequence[Node]) -> set[Node]:
     return found
 
 
-#: A sum as a key: node indices of its terms with coefficients, the first of which is scaled to one.
+#: Key of a sum: node indices of its terms with coefficients, the first of which is scaled to one.
 _Key = tuple[tuple[int, float], ...]
 
 
 class _Keys:
-    """Identifies conditions that differ only in sign, a factor, or the order of their terms.
+    """Keys of conditions, equal if these differ only in sign, a factor, or the order of terms.
 
     Derivatives of a law may contain its conditions in other forms.
     """
@@ -481,7 +481,7 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """The kinks and branch symbols that are collected while branches are numbered."""
+    """The kinks and branch symbols collected while branches are numbered."""
 
     rows: list[KinkRow]
     pieces: list[Node]
@@ -516,9 +516,9 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
         if sides == _BOTH:
-            # The condition counts if the symbol is zero: -abs(x) >= 0 only at zero.
+            # The condition applies if the symbol is zero: -abs(x) >= 0 only at zero.
             return dag.select(-dag.function("abs", piece), of(condition), own)
-        # The condition counts if no branch is frozen, and on sides that are not frozen.
+        # The condition applies if no branch is frozen, and on sides that are not frozen.
         decides = of(condition)
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)

@@ -54,7 +54,7 @@ class ModelText:
     n_written: int = 0
     n_written_in_all: int = 0
     slow_causes: str = ""  # sentences on parameter values of the scene that require short steps
-    cautions: tuple[str, ...] = ()  # warnings that each compilation issues
+    cautions: tuple[str, ...] = ()  # warnings issued by each compilation
 
     @classmethod
     def of(cls, program: Program, **text: Any) -> ModelText:
