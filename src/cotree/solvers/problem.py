@@ -48,11 +48,6 @@ RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 UNTESTED = 1e100
 
 
-def _own_inputs(t: float) -> None:
-    """Return None, which represents the model's own inputs."""
-    return
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """An initial value problem M z' = rhs(t, z) in states and sensitivities.
@@ -105,7 +100,7 @@ class Problem:
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: NativeModel | None = None
     #: The inputs at time t, (n_inputs,), or None for the model's own.
-    u: Callable[[float], FloatArray | None] = _own_inputs
+    u: Callable[[float], FloatArray | None] = lambda t: None
     #: Inputs replaced by tables (times, values), and inputs that are Python functions, by index.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     functions: Mapping[int, Callable[[float], float]] = field(default_factory=dict)

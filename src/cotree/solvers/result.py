@@ -80,18 +80,12 @@ class RunRecord(Reported):
         States.
     s : ndarray, shape (n_states, n_parameters, n_t)
         Sensitivities of the states, [state unit / parameter unit].
-    states : tuple of str
-        Names along the first axis of ``y``.
-    outputs : tuple of str
-        Names along the first axis of ``output_values``.
-    output_values : ndarray, shape (n_outputs, n_t)
-        Outputs.
+    states, outputs, inputs : tuple of str
+        Names along the first axes of ``y``, ``output_values`` and ``input_values``.
+    output_values, input_values : ndarray, shape (n_outputs, n_t) and (n_inputs, n_t)
+        Outputs and inputs.
     output_sensitivities : ndarray, shape (n_outputs, n_parameters, n_t)
         Sensitivities of the outputs.
-    inputs : tuple of str
-        Names along the first axis of ``input_values``.
-    input_values : ndarray, shape (n_inputs, n_t)
-        Inputs.
     parameters_of_sensitivity : tuple of str
         Names along the second axis of ``s``.
     units : mapping of str to str
