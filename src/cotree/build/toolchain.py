@@ -160,7 +160,13 @@ def find_toolchain() -> Toolchain | None:
     The environment is read at each call. Raises BuildError if ``CC`` is not a usable compiler, or
     ``COTREE_COMPILER`` has another value than ``none``.
     """
-    if _is_switched_off():
+    switch = os.environ.get("COTREE_COMPILER", "").strip()
+    if switch not in ("", "none"):
+        raise BuildError(
+            f"The environment variable COTREE_COMPILER is '{switch}', but 'none' is the only value "
+            "it takes; name a compiler with the environment variable CC."
+        )
+    if switch:
         return None
     requested = os.environ.get("CC", "").strip()
     if requested:
@@ -170,16 +176,6 @@ def find_toolchain() -> Toolchain | None:
         with contextlib.suppress(BuildError):
             return _toolchain(command)
     return None
-
-
-def _is_switched_off() -> bool:
-    value = os.environ.get("COTREE_COMPILER", "").strip()
-    if value not in ("", "none"):
-        raise BuildError(
-            f"The environment variable COTREE_COMPILER is '{value}', but 'none' is the only value "
-            "it takes; name a compiler with the environment variable CC."
-        )
-    return value == "none"
 
 
 def _requested_toolchain(requested: str) -> Toolchain:
