@@ -196,12 +196,6 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     ]
 
 
-def balance_terms(first: FirstGraph) -> list[Term]:
-    """List the f-cutset equations of the branches, projected on their motion spaces."""
-    rows = zip(first.system.speeds, first.balance.residual, strict=True)
-    return [Term("", speed.name, (row,), is_held=True) for speed, row in rows]
-
-
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
@@ -274,6 +268,9 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)
+    # The f-cutset equations of the branches, projected on their motion spaces.
+    rows = zip(first.system.speeds, first.balance.residual, strict=True)
+    balances = [Term("", speed.name, (row,), is_held=True) for speed, row in rows]
     # Section numbers are the equation numbers of the paper.
     title = f"(3){', (4)' if equations.sensitivities else ''} terminal equations"
     sections = [
@@ -281,7 +278,7 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
         _topology(first),
         speller.section(title, edge_terms(first, speller.placeholder)),
         *(speller.section(title, terms) for title, terms in cluster_terms(first)),
-        speller.section("(5) projection on the motion spaces", balance_terms(first)),
+        speller.section("(5) projection on the motion spaces", balances),
         _result(speller, equations),
     ]
     return "\n\n".join(section for section in sections if section) + "\n"

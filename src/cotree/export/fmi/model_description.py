@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from cotree.codegen.targets import DOUBLE
 from cotree.equations import Quantity
 from cotree.errors import CodegenError
-from cotree.units import Unit, stated_unit, unit_text
+from cotree.units import stated_unit, unit_text
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -135,7 +135,16 @@ class Description:
             return
         parent = ElementTree.SubElement(root, "UnitDefinitions")
         for name, unit in sorted(units.items()):
-            _add_unit(parent, name, unit)
+            element = ElementTree.SubElement(parent, "Unit", name=name)
+            powers = dict(zip(_BASES, unit.dimension, strict=False))
+            if any(power != int(power) for power in powers.values()):
+                continue  # the standard allows only integer exponents
+            given = {base: str(int(power)) for base, power in powers.items() if power}
+            if unit.factor != 1:
+                given["factor"] = _number(float(unit.factor))
+            if unit.offset != 0:
+                given["offset"] = _number(float(unit.offset))
+            ElementTree.SubElement(element, "BaseUnit", given)
 
     def _add_variable(self, parent: ElementTree.Element, variable: FmuVariable) -> None:
         given = {"name": variable.name, "valueReference": str(variable.reference)}
@@ -206,19 +215,6 @@ class Description:
 
 def _without(depends: tuple[int, ...] | None, fixed: set[int]) -> tuple[int, ...] | None:
     return None if depends is None else tuple(i for i in depends if i not in fixed)
-
-
-def _add_unit(parent: ElementTree.Element, name: str, unit: Unit) -> None:
-    element = ElementTree.SubElement(parent, "Unit", name=name)
-    powers = unit.dimension[: len(_BASES)]
-    if any(power != int(power) for power in powers):
-        return  # the standard allows only integer exponents
-    given = {base: str(int(power)) for base, power in zip(_BASES, powers, strict=True) if power}
-    if unit.factor != 1:
-        given["factor"] = _number(float(unit.factor))
-    if unit.offset != 0:
-        given["offset"] = _number(float(unit.offset))
-    ElementTree.SubElement(element, "BaseUnit", given)
 
 
 def _number(value: float) -> str:
