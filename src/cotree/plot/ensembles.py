@@ -307,10 +307,8 @@ def heat_map(
         Time, [s]; the nearest time of the dataset is taken.
     of : {"last", "max", "min", "mean"}
         Summary of each curve, if no time is given.
-    ax : Axes, optional
-        Axes to draw into.
-    make : callable, optional
-        Function that makes a figure of the given width and height, [in].
+    ax, make
+        As of :func:`bands`.
 
     Returns
     -------

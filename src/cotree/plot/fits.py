@@ -71,10 +71,9 @@ def draw_course(ax: Axes, course: Course) -> None:
             ax.plot(course.t_measured, course.measured, ".", ms=3, color=_DATA, label="measured")
     label = f"{100 * band.level:g} % band"
     if is_known.any():
-        ax.fill_between(
-            band.t, band.lower, band.upper, where=is_known.tolist(), color=_CURVE,
-            alpha=0.25, lw=0.0, label=label, zorder=2,
-        )  # fmt: skip
+        style: dict[str, Any] = {"color": _CURVE, "alpha": 0.25, "lw": 0.0, "zorder": 2}
+        known = is_known.tolist()
+        ax.fill_between(band.t, band.lower, band.upper, where=known, label=label, **style)
     ax.plot(band.t, band.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
     # If the band is much wider than the data, the data determine the limits.
     shown = [band.value] + ([] if course.measured is None else [course.measured])
@@ -102,7 +101,9 @@ def draw_residuals_over_time(ax: Axes, parts: Sequence[Residuals]) -> None:
     for part, color in zip(parts, curve_colors(len(parts)), strict=True):
         ax.plot(part.t, part.values, "o", ms=3, color=color, label=part.name)
     _label(ax, "time [s]", "residual / standard deviation", "residuals")
-    _legend(ax, len(parts))
+    if 1 < len(parts) <= 8:
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncols": 2}
+        ax.legend(fontsize=7, frameon=False, markerscale=1.3, **below)
 
 
 def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
@@ -258,14 +259,6 @@ def _label(ax: Axes, x: str, y: str, title: str) -> None:
     if title:
         ax.set_title(title, fontsize=10)
     draw_grid(ax)
-
-
-def _legend(ax: Axes, n: int) -> None:
-    if 1 < n <= 8:
-        ax.legend(
-            fontsize=7, frameon=False, markerscale=1.3, loc="upper center",
-            bbox_to_anchor=(0.5, -0.2), ncols=2,
-        )  # fmt: skip
 
 
 def _bracketed(unit: str) -> str:

@@ -67,6 +67,8 @@ def _new_figure(
 
 
 def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
+    from matplotlib.patches import Circle
+
     graph = drawing.graph
     # Angles and lengths come from the layout and must not be distorted.
     ax.set_aspect("equal")
@@ -91,7 +93,8 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         else:
             away = _freest(directions, 16)
             place = position + _LABEL_DISTANCE * away
-        _draw_node(ax, node, position, place)
+        ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
+        _write(ax, place, node, fontsize=11, zorder=5)
     if tree is not None:
         _draw_key(ax)
 
@@ -148,13 +151,6 @@ def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
 
 def _write(ax: Axes, place: Array, text: str, **style: Any) -> None:
     ax.text(place[0], place[1], text, ha="center", va="center", parse_math=False, **style)
-
-
-def _draw_node(ax: Axes, name: str, position: Array, place: Array) -> None:
-    from matplotlib.patches import Circle
-
-    ax.add_patch(Circle(tuple(position), _DOT, fc="black", ec="white", lw=0.8, zorder=4))
-    _write(ax, place, name, fontsize=11, zorder=5)
 
 
 def _draw_ground(ax: Axes, position: Array, away: Array) -> None:
