@@ -28,8 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     code = run(arguments)
     # If a Python program passed arguments, it may still need the engine.
-    if code and arguments is None:
-        abandon_engine()
+    engine = sys.modules.get("cotree.solvers.engine")
+    if code and arguments is None and engine is not None:
+        engine.abandon_ahead()
     return code
 
 
@@ -50,13 +51,6 @@ def begin_engine(arguments: Sequence[str]) -> None:
         from cotree.solvers.engine import build_ahead
 
         build_ahead(method, has_events=has_events)
-
-
-def abandon_engine() -> None:
-    """Stop the compilation after a command has failed."""
-    engine = sys.modules.get("cotree.solvers.engine")
-    if engine is not None:  # otherwise no build was started
-        engine.abandon_ahead()
 
 
 def _scene_file(argument: str) -> Path | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,10 +37,9 @@ def show_components(
     ] = None,
 ) -> None:
     """List the components and parts, or show the nodes and fields of one with an example."""
-    typer.echo(_list_components() if name is None else _describe(name))
-
-
-def _list_components() -> str:
+    if name is not None:
+        typer.echo(_describe(name))
+        return
     from cotree.components import COMPONENTS
     from cotree.scene.toml_file import shipped_parts
 
@@ -47,7 +47,7 @@ def _list_components() -> str:
     parts = [(name, _about(_text(name))) for name in shipped_parts()]
     hint = "cotree components NAME shows nodes, fields and an example of one."
     tables = Table(("component", "graphs", "meaning"), rows), Table(("part", "meaning"), parts)
-    return Report("", *tables, hint).text()
+    typer.echo(Report("", *tables, hint).text())
 
 
 def _graphs(domains: Iterable[str]) -> str:
@@ -124,6 +124,7 @@ def new_scene(
     list_: Annotated[bool, typer.Option("--list", help="List what to start from.")] = False,
 ) -> None:
     """Write a scene file to start from."""
+    from cotree.naming import check_scene_name
     from cotree.scene.toml_file import shipped_parts
 
     if list_:
@@ -138,7 +139,15 @@ def new_scene(
     wanted = like or (path.stem if path.stem in TEMPLATES else "mechanism")
     text = _text(_shipped(wanted))
     check_folder(path)
-    _write_new(path, _renamed(text, path.stem))
+    check_scene_name(path.stem)
+    own = re.sub("^name = .*$", f'name = "{path.stem}"', text, flags=re.MULTILINE)
+    try:
+        with path.open("x", encoding="utf-8", newline="\n") as file:
+            file.write(own)
+    except FileExistsError:
+        raise SceneError(f"'{path}' exists already: choose another name, or move it away") from None
+    except OSError as error:
+        raise SceneError(f"cannot write '{path}': {error.strerror}") from None
     picture = path.with_suffix(".svg")
     typer.echo(f"wrote {path}, from '{_shipped(wanted)}': {_about(text)}")
     step = f"cotree run {path} --plot {picture}"
@@ -168,23 +177,3 @@ def _text(scene: str) -> str:
 def _about(text: str) -> str:
     """Return the description of a shipped scene, the comment on its first line."""
     return text.partition("\n")[0].lstrip("# ")
-
-
-def _renamed(text: str, name: str) -> str:
-    from cotree.naming import check_scene_name
-
-    check_scene_name(name)
-    lines = [
-        f'name = "{name}"' if line.startswith("name = ") else line for line in text.split("\n")
-    ]
-    return "\n".join(lines)
-
-
-def _write_new(path: Path, text: str) -> None:
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-    except FileExistsError:
-        raise SceneError(f"'{path}' exists already: choose another name, or move it away") from None
-    except OSError as error:
-        raise SceneError(f"cannot write '{path}': {error.strerror}") from None
