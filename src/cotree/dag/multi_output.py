@@ -133,7 +133,7 @@ class LinearMap:
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
-        """Count the leading inputs that are entries of the kernel argument ``s`` in every column."""
+        """Count the leading inputs that are entries of the kernel argument ``s`` in all columns."""
         columns, n = self.columns(args), 0
         # C reads such inputs directly from ``s``; all others are gathered in rows.
         while n < self.n_inputs and _sensitivity(columns[0][n]) == n:
