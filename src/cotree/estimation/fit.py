@@ -90,7 +90,7 @@ _NOT_ESTIMATED = ", which is not estimated"
 
 
 class _Assembly:
-    """Builds an estimation problem from models, experiments and parameters."""
+    """Assembly of an estimation problem from models, experiments and parameters."""
 
     def __init__(
         self,
@@ -102,7 +102,6 @@ class _Assembly:
         noise: str | None,
         start: Mapping[str, float] | None,
     ) -> None:
-        """Assembly of an estimation problem from models, experiments and parameters."""
         rows = _listed(experiments)
         self._ranges = read_ranges(parameters)
         self._apart = _apart(self._ranges, shared, per_experiment)

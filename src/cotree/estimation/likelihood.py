@@ -32,10 +32,9 @@ class Predictions:
 
 
 class Likelihood:
-    """Likelihood of measured values for given predictions."""
+    """Likelihood of measured values as a function of predictions."""
 
     def __init__(self, measured: Measured) -> None:
-        """Likelihood of measured values as a function of predictions."""
         logs = np.array(measured.transformation, dtype=object)
         self.is_log = logs != "lin"
         # T(x) = log(x) / factor, so its derivative is 1 / (factor x).

@@ -374,7 +374,7 @@ class FitResult(Reported):
 
     @cached_property
     def _prior(self) -> Array | None:
-        """Return the Jacobian of the prior residuals at the estimates."""
+        """The Jacobian of the prior residuals at the estimates."""
         return None if self.more_rows is None else self.more_rows(self.theta)[1]
 
     def _relative_fisher(self) -> Array:

@@ -124,7 +124,7 @@ class Carried:
 
     @cached_property
     def _locals(self) -> tuple[Vector, Vector, Vector]:
-        """Return the vector and its two explicit time derivatives, in cluster axes."""
+        """The vector and its two explicit time derivatives, in cluster axes."""
         # Axes and vectors of constraints may depend on time.
         seed = {self.time: self.time.dag.one}
         own = self.point.resolved(self.local)
@@ -449,7 +449,7 @@ class Composite:
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:
-        """Return the symbols of the measures, of their rates and of their accelerations."""
+        """The symbols of the measures, of their rates and of their accelerations."""
         kinds = ("measure", "measure rate", "measure acceleration")
         n, dag = len(self.parts), self.time.dag
         return tuple(tuple(dag.symbol(kind, i) for i in range(n)) for kind in kinds)

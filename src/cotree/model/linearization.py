@@ -208,7 +208,7 @@ class Linearization(Reported):
 
     @property
     def in_modes(self) -> str:
-        """Return the modes at the point as text."""
+        """The modes at the point as text."""
         return ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
 
     def summary(self) -> str:

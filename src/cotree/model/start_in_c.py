@@ -364,7 +364,7 @@ class Report:
 
     @property
     def _units(self) -> Array:
-        """Return the scale of each residual in its unit."""
+        """The scale of each residual in its unit."""
         return np.where(self._is_length, self._c.length, 1.0)
 
     def warn(self) -> None:

@@ -194,7 +194,7 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Nonzero sources for a unit change of each parameter, by index."""
+        """Return the nonzero sources for a unit change of each parameter, by index."""
         nodes = list(self.sources)
         bits = {node: 1 << j for j, node in enumerate(self._changes)}
         supports = supports_of(reachable(nodes), bits)

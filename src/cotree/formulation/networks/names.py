@@ -28,7 +28,7 @@ class Names:
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
-        """Return the variables of all ports by name, with and without the port's name."""
+        """The variables of all ports by name, with and without the port's name."""
         found: dict[str, Variable] = {}
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():

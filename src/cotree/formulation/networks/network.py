@@ -340,7 +340,7 @@ class Attached:
 
     @property
     def loads(self) -> list[Applied]:
-        """Return the through variables of the couplings as loads on the multibody system."""
+        """The through variables of the couplings as loads on the multibody system."""
         return coupling_loads(self.couplings, self.throughs)
 
     def with_inertia(

@@ -317,7 +317,7 @@ class Terminals:
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:
-        """Return the variables of all changing symbols in fields, including network states."""
+        """The variables of all changing symbols in fields, including network states."""
         return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
 
     def _rate_of_field(

@@ -58,7 +58,7 @@ class Topology:
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Return the first node of each node's heavy path, and the next node outwards on it."""
+        """The first node of each node's heavy path, and the next node outwards on it."""
         # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): any
         # path outwards changes between heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
