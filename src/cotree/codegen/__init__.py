@@ -1,1 +1,1 @@
-"""Generation of C text: nodes become expressions and statements, which templates contain."""
+"""Generation of C text: nodes become expressions and statements, which templates arrange."""

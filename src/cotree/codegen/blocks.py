@@ -2,8 +2,8 @@
 
 In: the statements of one C function. Out: several functions with their own temporaries, the blocks,
 and a short function that calls them. Compile time and register allocation depend on the longest
-function. Cuts are made where few values cross; these are passed in arrays of the calling function.
-Values and their order of evaluation do not change.
+function. Blocks end at statements where few values cross; these values are passed in arrays of the
+calling function. Values and their order of evaluation do not change.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
 def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
-    """Compute an upper bound of the stack size of a function with its callees, [byte].
+    """Return an upper bound of the stack size of a function with its callees, [byte].
 
     The bound is that of gcc on 64-bit machines without optimisation, which stores every declared
     value and every argument on the stack. Optimised frames are smaller, usually by a third.
@@ -134,23 +134,23 @@ def _calls_in(form: Form) -> int:
     return is_call + sum(_calls_in(arg) for arg in form.args)
 
 
-#: Names of the arrays of values that cross between groups of statements, by kind of value.
+#: Arrays for values that cross between groups of statements, by kind of value.
 FRAMES = {REAL: "w", WHOLE: "ranks"}
 
 
 class Crossing:
-    """Storage of values that cross between groups of statements, which are executed in order.
+    """Storage of values that cross between groups of statements, which run in order.
 
-    Temporaries are local to a group, a block of a kernel or a segment of a map. A value that a
+    Temporaries are local to a group: a block of a kernel or a segment of a map. A value that a
     later group reads is also stored in an array; ``places`` has its element, which is reused when
-    the value is no longer needed. ``lengths`` has the length of the array of each kind.
+    the value is no longer needed. ``lengths`` has the array length of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
         self.places: dict[Temporary, CExpression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
         self._groups = groups
-        self._reads: list[set[str | Temporary]] = []  # values that each group reads
+        self._reads: list[set[str | Temporary]] = []  # values read by each group
         last: dict[str | Temporary, int] = {}
         for i, group in enumerate(groups):
             reads: set[str | Temporary] = set()
@@ -206,17 +206,17 @@ class Crossing:
 #: no faster, while shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: The caller's status in a block, which receives a pointer to it, hence the asterisk.
+#: The caller's status; a block receives a pointer to it, hence the asterisk.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """A kernel that is divided into functions if it is long."""
+    """A kernel, divided into functions if it is long."""
 
     functions: list[FunctionPart]  # in calling order; empty if the kernel is not divided
-    statements: list[Statement]  # the statements that remain in the kernel
+    statements: list[Statement]  # statements that remain in the kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +272,7 @@ def cut_into_blocks(
     if results:
         body = _written_early(body, results, writer.arrays)
     cuts = _choose_cuts(body, exits, writer.arrays, longest)
-    # With a single block, there would only be an additional call.
+    # A single block would only add a call.
     if len(cuts) < 3:
         return whole
     return writer.write([body[a:b] for a, b in pairwise(cuts)], exits)
@@ -284,7 +284,7 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
-        # Blocks declare their own arrays and tables; the kernel declares those of several blocks.
+        # Blocks declare their own arrays and tables; the kernel declares arrays shared by blocks.
         elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
@@ -292,7 +292,7 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
 def _written_early(
     items: Sequence[_Item], results: Collection[str], arrays: Collection[str]
 ) -> list[_Item]:
-    """Move each result to the point where all its arguments are known."""
+    """Move each result to the point at which all its arguments are known."""
     known: dict[str | Temporary, int] = {}
     moved: list[list[_Item]] = [[] for _ in items]
     for i, item in enumerate(items):
@@ -311,14 +311,14 @@ def _written_early(
 def _choose_cuts(
     items: Sequence[_Item], exits: Sequence[_Item], arrays: Collection[str], longest: int
 ) -> list[int]:
-    """Return the ends of blocks of similar length, chosen so that the fewest values cross them."""
+    """Return the ends of blocks of similar length that the fewest values cross."""
     n = len(items)
     # The number of live names at a cut is a cumulative sum of +1 after the first use of each name
     # and -1 after its last use.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # Temporaries that are already stored in an array do not count. Arrays do, since they must be
+    # Temporaries that are already stored in an array do not count. Arrays count, since they must be
     # shared if a cut separates their uses.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
@@ -329,7 +329,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # The cut is at the last place among those at which the fewest values cross.
+        # The cut is at the last of the places that the fewest values cross.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @without_collection()
 def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
-    """Write the C files of a model: text by file name.
+    """Return the C files of a model: text by file name.
 
     These are ``<model>.h``, ``<model>.c``, the headers that these include and, if C processes
     several numbers at a time, ``<model>_vectors.h``.
@@ -60,15 +60,15 @@ def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, 
 
 
 def cdef(header: str, prefix: str) -> str:
-    """Return the declarations of a model for cffi from the text of ``cotree_abi.h``."""
+    """Return the cffi declarations of a model from the text of ``cotree_abi.h``."""
     return f"{declarations([header], ['cotree_model'])}const cotree_model *{prefix}_abi(void);\n"
 
 
 def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
-    """Return declarations of exported functions and types for cffi, with doubles as numbers.
+    """Return cffi declarations of exported functions and types, with doubles as numbers.
 
-    Each of the headers follows those that it includes; ``types`` are further ones besides those
-    that the functions use.
+    Each header follows the headers that it includes; ``types`` names types to declare in addition
+    to those that the functions use.
     """
     return f"typedef double cotree_real;\n{exported(texts, types)}"
 
@@ -131,7 +131,7 @@ _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 
 def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Return the files of a method of ``INTEGRATORS`` or ``FIXED``, without the runtime."""
+    """Return the files of a method in ``INTEGRATORS`` or ``FIXED``, without the runtime."""
     # Methods with fixed steps are only for C projects.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     kind = "fixed" if isinstance(method, FixedStep) else "variable"
@@ -145,7 +145,7 @@ def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 
 def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, bool]:
-    """Return the values of the macros that select parts of the C text of a method."""
+    """Return the values of the macros that select parts of a method's C text."""
     return {
         "COTREE_IMPLICIT": method.is_implicit,
         "COTREE_TWO_ERRORS": isinstance(method, Tableau) and len(method.errors) > 1,
@@ -169,13 +169,13 @@ def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
 
 
 def shared_files(files: Iterable[str]) -> frozenset[str]:
-    """Return the names of those files that all engines have in common."""
+    """Return the names of the files that all engines have in common."""
     shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
     return frozenset(shared.keys() & {*files})
 
 
 def _sources(modules: Iterable[str]) -> dict[str, str]:
-    """Return the sources of the given modules."""
+    """Return the sources of ``modules``."""
     return {
         name: text
         for module in modules
@@ -192,7 +192,7 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
-    """Return declarations of an engine, and of the SUNDIALS functions that it calls, for cffi."""
+    """Return cffi declarations of an engine and of the SUNDIALS functions that it calls."""
     headers = [f"cotree_{module}.h" for module in (*_JOB_MODULES, "job")]
     types = ["cotree_start_tables"]
     functions: Mapping[str, tuple[str, str]] = {}

@@ -43,7 +43,7 @@ class Item:
 
     @property
     def is_private(self) -> bool:
-        """Whether the names are local to the file, provided that it is a source."""
+        """Whether the names are local to the file, if it is a source."""
         head = self.text.partition("{")[0].partition("(")[0].partition("=")[0]
         return not self.is_directive and bool({"static", "COTREE_PRIVATE", "typedef"} & words(head))
 
@@ -60,7 +60,7 @@ def is_word(token: str) -> bool:
 
 
 def words(text: str) -> frozenset[str]:
-    """Return the names and keywords of a text, without those of comments and strings."""
+    """Return the names and keywords in a text, except in comments and strings."""
     return frozenset(filter(is_word, tokens(text)))
 
 
@@ -72,7 +72,7 @@ def squeezed(text: str) -> str:
 
 
 def included(line: str) -> str | None:
-    """Return the header that a line includes in quotes, or None if it includes none."""
+    """Return the header that a line includes in quotes, or None."""
     begin = '#include "'
     return line.rstrip()[len(begin) : -1] if line.startswith(begin) else None
 
@@ -144,7 +144,7 @@ def _declared(text: str) -> tuple[str, ...]:
     if head.startswith("typedef ") and "(*" in head:  # a function type
         return (head.partition("(*")[2].partition(")")[0],)
     argument, closed, _ = head.partition("(")[2].partition(")(")
-    if closed and argument.isidentifier():  # the macro generates a function of this name
+    if closed and argument.isidentifier():  # the macro generates a function with this name
         return (f"cotree_{argument}",)
     if "(" in head or "=" in head or not brace:
         head = head.partition("=")[0].partition("(")[0]
@@ -157,7 +157,7 @@ def _declared(text: str) -> tuple[str, ...]:
 
 
 def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str, str]:
-    """Remove unused items from the files named ``shared``, which are the same for every model.
+    """Remove unused items from the files ``shared``, which are the same for every model.
 
     Exported items remain. So do conditions that are not closed in the same paragraph, such as
     include guards, and headers without an include guard, whose names depend on macros.
@@ -187,9 +187,9 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
 
 
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
-    """Return exported functions, the given types, and the items that these need, uncommented.
+    """Return exported functions, ``types``, and the items that these need, without comments.
 
-    Each of the headers ``texts`` follows those that it includes.
+    Each header in ``texts`` follows the headers that it includes.
     """
     rows = [item for text in texts for item in items(text) if item.names and not item.is_directive]
     roots = [i for i in rows if _EXPORT in i.text or not {*types}.isdisjoint(i.names)]
@@ -203,9 +203,9 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
 def _reached(
     fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
 ) -> set[tuple[str, str]]:
-    """Return all names that the given items need, directly or indirectly, with their scopes.
+    """Return all names that the items ``fresh`` need, directly or indirectly, with their scopes.
 
-    The scope of a private name is its source; that of other names is empty.
+    The scope of a private name is its source; the scope of other names is empty.
     """
     by_name: dict[str, list[tuple[Item, str]]] = {}
     for row in rows:

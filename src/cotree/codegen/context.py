@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from cotree.program.program import Kernel, Program
 
 
-#: Number of the event kind for changes of the direction of friction on a plane in space.
+#: Event kind of a change in the direction of friction on a plane in space.
 _TURN = 6
 
 
@@ -111,7 +111,7 @@ def _written_table(table: Table | LookupData, name: str, target: Target) -> Iter
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
-    """Return a C name for each table in the given nodes."""
+    """Return a C name for each table in ``nodes``."""
     tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}
 
@@ -207,7 +207,7 @@ def kernel_context(
 
 
 def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
-    """Yield assignments of the results, except of those that a map has written."""
+    """Yield assignments of the results, except results that a map has written."""
     for i, value in enumerate(results):
         place = element(array, i)
         if value != place:
@@ -227,7 +227,7 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
 
 
 def _arguments(kernel: Kernel) -> list[Argument]:
-    """Return the arguments of a kernel, of which the last one is the result."""
+    """Return the arguments of a kernel, with the result as the last one."""
     read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
     return [*read, Argument(kernel.spec.result, is_constant=False)]
 
@@ -318,8 +318,8 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # In the order of the registry, kernels follow those that they call, whose stack sizes are thus
-    # known.
+    # In registry order, kernels follow the kernels that they call, so that the latter's stack sizes
+    # are known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)
@@ -335,7 +335,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constants=[*columns.values(), *starts.values()],
-        # Columns that are not constant are cleared and filled at each call.
+        # Columns that are not constant are cleared and filled in each call.
         clears_columns=any(node not in columns for node in maps),
         # The model structure has a pointer for each kernel of the registry.
         kernel_pointers={
@@ -363,7 +363,7 @@ def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
-    """Convert names to enumerators, which numbers make unique."""
+    """Convert names to enumerators; numbers make them unique."""
     found: dict[str, None] = {}
     for name in names:
         own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"

@@ -2,7 +2,7 @@
 
 An expression consists of a form and numbers. The form is the tree of its operations, arrays and
 names, without the numbers: constants, indices and the numbers of temporaries. Statements that
-differ only in their numbers have equal forms, by which loops are found, and properties of a form
+differ only in their numbers have equal forms, which reveals loops, and the properties of a form
 (names, operations, text) are computed once. Only :mod:`cotree.codegen.printing` writes C.
 """
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 #: A temporary variable: prefix and number.
 Temporary = tuple[str, Any]
 
-#: Highest precedence, that of names, calls and array elements.
+#: Highest precedence: names, calls and array elements.
 _ATOM = 9
-#: Precedence of each operation, and minimum precedences of its arguments without parentheses. That
-#: of the right operand is higher, so that values are computed in the order of the program.
+#: Precedence of each operation, and minimum precedences of its arguments without parentheses. It is
+#: higher for the right operand, so that values are computed in the order of the program.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
     "sub": (1, (1, 2)),
@@ -67,8 +67,8 @@ _WIDTHS = {name: len(row.c.format(*[""] * row.arity)) for name, row in OPERATION
 class Form:
     """The structure of an expression, without its numbers."""
 
-    #: An operation; or ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an
-    #: array, ``temporary``, ``call`` of a function, ``part``, a call of a part of the caller.
+    #: An operation, ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` (of an
+    #: array), ``temporary``, ``call`` (of a function) or ``part`` (a call of a part of the caller).
     op: str
     name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
     args: tuple[Form, ...]  # arguments of the operation or function
@@ -148,7 +148,7 @@ class Affine:
 
 @dataclass(frozen=True, slots=True)
 class TableEntry:
-    """A number in a loop that is read from a table with one entry for each iteration."""
+    """A number in a loop that is read from a table with one entry per iteration."""
 
     table: str
 
@@ -231,7 +231,7 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     width = form.width
     for arg in args:
         numbers += arg.numbers
-        # The width already includes that of the form.
+        # The width already includes the width of the form.
         width += arg.width - arg.form.width
     return CExpression(form, numbers, width)
 
@@ -394,7 +394,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """Execution of ``body`` if a condition holds, and of ``otherwise`` if not."""
+    """Execution of ``body`` if a condition holds, and otherwise of ``otherwise``."""
 
     condition: CExpression
     body: tuple[Statement, ...]
@@ -428,7 +428,7 @@ class FunctionPart:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[FunctionPart, CExpression]:
-    """Build a function of statements, with those arguments that it uses, and its call."""
+    """Build a function of statements, with the arguments that it uses, and its call."""
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]
@@ -472,7 +472,7 @@ def uses(statement: Statement) -> set[str | Temporary]:
 
 
 def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
-    """Apply a change to all expressions of a statement, including those of inner statements."""
+    """Apply a change to all expressions of a statement, including inner statements."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
     if isinstance(statement, Loop):
@@ -495,5 +495,5 @@ def n_operations(statements: Iterable[Statement]) -> int:
             if isinstance(row, Loop):
                 numbers = chain.from_iterable(e.numbers for e in part.expressions)
                 found += sum(n.n_operations for n in numbers if isinstance(n, Affine))
-        found += isinstance(row, Loop)  # the comparison of the loop index
+        found += isinstance(row, Loop)  # comparison of the loop index
     return found

@@ -50,10 +50,10 @@ _FEWEST_TIMES = 8
 
 @dataclass(frozen=True, slots=True)
 class StatementRow:
-    """A statement that is split into its form and its numbers."""
+    """A statement, split into its form and its numbers."""
 
-    #: Key that is equal for statements that differ only in their numbers; None for statements
-    #: that must stay outside loops.
+    #: Key that is equal for statements that differ only in their numbers; None if the statement
+    #: must stay outside loops.
     form: Hashable
     whole: tuple[int, ...] = ()  # whole numbers of the statement, in order
     real: tuple[float, ...] = ()  # constants of the statement, in order
@@ -63,10 +63,10 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     """Divide statements into loops; yield start, length of the body and number of iterations.
 
     In even loops, numbers have constant steps; other loops need tables. Even loops are preferred if
-    they cover about as many statements. Pieces that are not loops have one iteration.
+    they cover about the same number of statements. Pieces that are not loops have one iteration.
     """
     n = len(statements)
-    # These are the lengths of the longest loop and of the longest even loop at each start.
+    # Lengths of the longest loop and of the longest even loop at each start.
     labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
@@ -74,7 +74,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     start = plain = 0
     while start < n:
         period, length = 0, int(reach[start])
-        # The loop is not used if one that starts a statement later is longer.
+        # The loop is not used if a loop that starts one statement later is longer.
         is_longest = length > 0 and reach[start + 1] <= length
         # Tables are used only if even loops cover less than half of its statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
@@ -103,11 +103,11 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return, for each start, the length of the longest loop if numbers are ignored."""
+    """Return the length of the longest loop at each start if numbers are ignored."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # The number of consecutive statements that equal those one period later, without the last
+        # Number of consecutive statements that equal those one period later, without the last
         # iteration.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
@@ -116,7 +116,7 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
-    """Return the length of the shortest loop body that covers about as many statements."""
+    """Return the length of the shortest loop body that covers about the same statements."""
     part = labels[start : start + length]
     for period in range(1, LONGEST_BODY + 1):
         differing = np.flatnonzero(part[:-period] != part[period:])
@@ -130,7 +130,7 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 def _even_reach(
     statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return, for each start, the length of the longest even loop and of its body."""
+    """Return the lengths of the longest even loop at each start, and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
@@ -209,8 +209,8 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: Number of statements up to which compilation is fast; and the fraction of statements below which
-#: loops, which run a fifth slower, are then used.
+#: Number of statements up to which compilation is fast. Longer text uses loops, which run a fifth
+#: slower, if they reduce the number of statements to this fraction.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
@@ -346,7 +346,7 @@ class _LoopWriter:
         return rows[0].of(merged)  # type: ignore[union-attr]
 
     def _number(self, column: Sequence[Number], slot: str) -> Number:
-        """Return a number in a loop, given its value in each iteration."""
+        """Return a number in a loop from its value in each iteration."""
         first = column[0]
         if all(number == first for number in column):
             return first
@@ -370,7 +370,7 @@ def _of_all(comments: Sequence[str]) -> str:
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first
-    # The common first words are not repeated: "angle of link 1 to 9".
+    # Common first words are not repeated: "angle of link 1 to 9".
     words = last.split(" ")
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first.split(" "), words, strict=False))
     return f"{first} to {' '.join(words[len(list(same)) :])}"

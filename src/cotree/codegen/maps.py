@@ -69,7 +69,7 @@ def cut_into_segments(
 ) -> Segments:
     """Divide a map into segments, and these into parts of at most ``longest`` statements.
 
-    ``symbols`` returns the expression of an input, given its kind and position.
+    ``symbols`` returns the expression of an input from its kind and position.
     """
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
@@ -88,7 +88,7 @@ def cut_into_segments(
     groups = printed.parts[1:]  # the first part, the leaves, has no statements
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # With the addition of zero, the sign of a zero result does not depend on the blocks.
+            # The addition of zero makes the sign of a zero result independent of the blocks.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -153,7 +153,7 @@ def _segments(linear: LinearMap) -> list[_Segment]:
     found = []
     while ready:
         # The next segment begins with the first ready statement in the original order, and contains
-        # all statements with the same blocks that are or become ready. Segments are thus long.
+        # all statements with the same blocks that are or become ready. This makes segments long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -227,7 +227,7 @@ _LONGEST_BLOCK = 500
 _LONGEST_IN_TURN = 80
 _FEWEST_IN_TURN = 300  # minimum number of statements; with fewer, too many values cross blocks
 
-#: Number of vectors in the transposition macro for the widest vectors: one for each lane and stage.
+#: Number of vectors in the transposition macro for the widest vectors: one per lane and stage.
 _TURNING = 8 * 4
 #: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24

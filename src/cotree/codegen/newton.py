@@ -1,10 +1,10 @@
 """C text of linear systems and second derivatives of a model, for implicit methods.
 
-In: a program after its passes. Out: ``<model>_newton.c`` with the factorisation of ``shift M - J``
-as straight-line code or, if that would be long, as tables for loops; and the kernels of second
-derivatives. Factors are stored row by row in the order of the pivots, and each row in the order of
-its columns, so that the update of a row by another one consists of a few runs of consecutive
-entries, which C can vectorise.
+In: a program after its passes. Out: ``<model>_newton.c`` with the factorisation of ``shift M - J``,
+as straight-line code or, if that is long, as tables for loops; and the kernels of second
+derivatives. Factors are stored row by row in pivot order, and within a row in column order, so that
+the update of a row by another one consists of a few runs of consecutive entries, which C can
+vectorise.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class LinearSystem:
 
     elimination: EliminationContext | None  # None if the matrix is structurally singular
     has_slope: bool  # whether rates depend on time
-    n_carried: int  # number of values that the first kernel of second derivatives passes on
+    n_carried: int  # number of values that the first second-derivative kernel passes on
     n_couplings: int
     places: Constants  # indices of the couplings among the sensitivities
 
@@ -189,13 +189,7 @@ class NewtonContext(KernelFile):
 
 
 def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str, str]:
-    """Return the file of a model, and the headers that it includes.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
+    """Return the file of a model, and the headers that it includes, by name."""
     target = model.target
     files = {
         f"{model.prefix}_newton{end}": render(f"c/newton/newton{end}.jinja", target, model=model)
@@ -289,7 +283,7 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
 
 
 def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
-    """Subtract the product of one or two factors from a total, in which None is zero."""
+    """Return ``total``, or zero if None, minus the product of one or two factors."""
     if total is not None:
         return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
     first = apply("neg", factors[0])

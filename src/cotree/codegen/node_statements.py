@@ -54,7 +54,7 @@ def padded(n: int) -> int:
 
 @dataclass(frozen=True)
 class OwnRows:
-    """Storage in C of the inputs of a map that follow its sensitivities, as sparse rows.
+    """Storage in C of a map's inputs, other than sensitivities, as sparse rows.
 
     Rows are stored in pieces of eight columns, the width of the widest vectors. All pieces of zeros
     share the first one; a table has the start of each piece. Short rows of constants are stored
@@ -120,7 +120,7 @@ class OwnRows:
 
 
 def own_rows(node: Node) -> OwnRows:
-    """Determine the storage of the inputs of a map application that columns do not share."""
+    """Return the storage of the inputs of a map application that columns do not share."""
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
@@ -215,27 +215,15 @@ def print_nodes(
     has_groups: bool = True,
     symbols: Callable[[str, int], CExpression] = symbol,
 ) -> Printed:
-    """Build the statements that compute the given nodes.
+    """Return the statements that compute the nodes ``roots``.
 
-    Parameters
-    ----------
-    roots : sequence of Node
-        The nodes to compute.
-    prepared : mapping of Node to int
-        Nodes that are read from ``k``, with their indices in it.
-    names : mapping of Table, OwnRows or tuple of int to str
-        C names of tables, of maps by their rows of inputs, and of tables of column starts.
-    parts : sequence of sequence of Node, optional
-        All nodes on which the roots depend, in order of evaluation and in parts; by default in one
-        part.
-    places : mapping of Node to Starts
-        Maps whose results are stored in the result array of the kernel.
-    kept : collection of Node
-        Nodes that are not inlined even if they are used once.
-    has_groups : bool
-        Whether comments name the groups of statements, which are then consecutive.
-    symbols : callable
-        Returns the expression of a symbol, given its kind and position.
+    ``prepared`` maps nodes that are read from ``k`` to their indices in it. ``names`` has the C
+    names of tables, of maps by their rows of inputs, and of tables of column starts. ``parts``
+    contains all nodes on which the roots depend, in order of evaluation and in parts; by default
+    there is one part. ``places`` has the maps whose results are stored in the result array of the
+    kernel. Nodes in ``kept`` are not inlined even if they are used once. With ``has_groups``,
+    comments name the groups of statements, which are then consecutive. ``symbols`` returns the
+    expression of a symbol from its kind and position.
     """
     parts = [reachable(roots, stop=prepared)] if parts is None else parts
     printer = _StatementWriter(prepared, names, places, has_groups, symbols)
@@ -285,7 +273,7 @@ class _StatementWriter:
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
-        # Roots count as uses, so that a root which another value uses is not inlined.
+        # Roots count as uses, so that a root used by another value is not inlined.
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 

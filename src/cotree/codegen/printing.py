@@ -56,7 +56,7 @@ _LEAVES = {
 
 @dataclass(frozen=True)
 class BlockText:
-    """The head and statements of a function that is part of another, as text."""
+    """Head and statements, as text, of a function that is part of another."""
 
     signature: str
     lines: list[str]
@@ -91,8 +91,8 @@ class Constants:
 def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
     """Return a table in which every entry is written, including zeros.
 
-    gcc 12 folds a vector that begins at an entry without an initialiser to zeros, whatever follows
-    that entry.
+    gcc 12 folds a vector that begins at an entry without an initialiser to zeros, even if later
+    entries are nonzero.
     """
     items = [*items]
     return Constants(kind, name, len(items), wrapped(items))
@@ -176,7 +176,7 @@ class _Printer:
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
-            # The negation ensures that nan also leaves the function.
+            # negated, so that nan also leaves the function
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -254,7 +254,7 @@ class _Printer:
             parts.append(text)
             if place is not None:
                 spelt, arg, needed = next(given)
-                # Parentheses are only used if the precedence of the argument is too low.
+                # Parentheses are used only if the precedence of the argument is too low.
                 parts.append(spelt if arg.level >= needed else f"({spelt})")
         return "".join(parts)
 
@@ -272,8 +272,8 @@ def _number(number: Number, slot: str) -> str:
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
-    # Numbers in a loop are indices or counts, which are never negative. A decreasing one is written
-    # with its first value in front.
+    # Numbers in a loop are indices or counts, which are never negative. If they decrease, the first
+    # value is written first.
     step, first = number.step, number.first
     if step < 0:
         text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"
@@ -300,6 +300,6 @@ def function_head(result: str, name: str, arguments: Collection[str]) -> str:
 
 
 def wrapped(items: Iterable[str]) -> list[str]:
-    """Return lines that are filled with items, each of which ends with a comma."""
+    """Return lines filled with items, each of which ends with a comma."""
     text = " ".join(f"{item}," for item in items)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

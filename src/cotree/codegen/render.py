@@ -73,9 +73,9 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
 
 def render(template: str, target: Target = DOUBLE, **context: object) -> str:
-    """Render the template at a path below the template folder.
+    """Return the rendered template at a path below the template folder.
 
-    Raises CodegenError if the text is too long, or a coefficient is outside the range of the type.
+    Raise CodegenError if the text is too long, or a coefficient is outside the range of the type.
     """
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
@@ -100,7 +100,7 @@ class Features:
     moving_breakpoints: bool = True
     implicit: bool = True  # whether an implicit method uses a Jacobian
     helper: bool = True  # whether a function of the caller finds states if iterations fail
-    mending: bool = True  # whether given values may change to satisfy constraints
+    mending: bool = True  # whether prescribed initial values may change to satisfy constraints
     sundials: bool = True  # whether SUNDIALS may integrate the model
     #: For FMUs: whether the start satisfies constraints or conditions, or selects modes; and
     #: whether there are time events or upper bounds of the step size.
@@ -143,7 +143,7 @@ def with_runtime(
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # the header is already present, or does not belong to the runtime
+            continue  # already present, or not part of the runtime
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)
@@ -155,7 +155,7 @@ def with_runtime(
 def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
     """Add the runtime modules that texts include, without unused parts; see ``with_runtime``.
 
-    Given sources remain complete.
+    The sources in ``files`` remain complete.
     """
     shared = _paths().keys() - {name for name in files if name.endswith(".c")}
     return without_unused(with_runtime(files, target, features=features), shared)
@@ -225,7 +225,7 @@ def _read(name: str) -> str:
 
 @cache
 def _sources(header: str) -> list[str]:
-    """Return the sources of a header, the one with the same name first."""
+    """Return the sources of a header, beginning with the source of the same name."""
     own = header.removesuffix(".h")
     found = []
     for name in _paths():

@@ -1,9 +1,9 @@
 """Combination of the files of a project into one header and one source.
 
 In: text by file name. Out: the text of ``<prefix>.h`` and ``<prefix>.c``. Names of the runtime also
-begin with the prefix, so that a program can contain several models. The text of each former source
-is a part. Its macros are undefined at its end. If another part contains a private name of the part,
-the name begins with that of the part.
+begin with the prefix, so that a program can contain several models. Each former source becomes a
+part of the new one. Its macros are undefined at its end. If another part contains a private name of
+the part, this name begins with the name of the part.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class StartTables:
     given: tuple[int, ...]
     seeds: tuple[int, ...]
     contents: tuple[int, ...]
-    #: Lists of the states that determine each redundant value, in compressed form.
+    #: States that determine each redundant value, in compressed form.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
     #: Names and units of the residuals, and of the redundant values.

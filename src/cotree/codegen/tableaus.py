@@ -39,8 +39,8 @@ class Tableau:
     def probe(self) -> int:
         """Index of the other stage at the end of a step, the latest before the last stage."""
         # For the stiffness test (Hairer and Wanner, section IV.2), both stages at the end of a step
-        # are evaluated at nearly the same point. The difference of their rates, divided by that of
-        # their points, estimates the largest eigenvalue.
+        # are evaluated at nearly the same point. The ratio of the differences of their rates and of
+        # their points estimates the largest eigenvalue.
         return max(i for i, node in enumerate(self.nodes, 1) if node == "1.0")
 
     @property
@@ -83,7 +83,7 @@ _DOPRI5 = Tableau(
         5: "11.0 / 84.0",
     },
     errors=(
-        # The solution of order 5 minus that of order 4.
+        # solution of order 5 minus solution of order 4
         {
             0: "71.0 / 57600.0",
             2: "-71.0 / 16695.0",
@@ -134,7 +134,7 @@ _RKF45 = Tableau(
         5: "2.0 / 55.0",
     },
     errors=(
-        # The solution of order 5 minus that of order 4.
+        # solution of order 5 minus solution of order 4
         {
             0: "1.0 / 360.0",
             2: "-128.0 / 4275.0",
@@ -242,7 +242,7 @@ _DOP853 = Tableau(
             10: "0.08192320648511571",
             11: "-0.022355307863886294",
         },
-        # The solution minus the embedded one of order 3, with the weights bhh of DOP853.
+        # Solution minus embedded solution of order 3, with the weights bhh of DOP853.
         {
             0: "-0.18980075407240762",
             5: "4.450312892752409",
@@ -264,7 +264,7 @@ TABLEAUS: dict[str, Tableau] = {row.name: row for row in (_DOPRI5, _RKF45, _DOP8
 
 @dataclass(frozen=True)
 class RosenbrockTableau:
-    """A stiffly accurate Rosenbrock method in a form without products of the Jacobian.
+    """A stiffly accurate Rosenbrock method in a form without products with the Jacobian.
 
     Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
     + h d_i f_t. The last stage is the error estimate, and the new solution includes it.
@@ -282,8 +282,7 @@ class RosenbrockTableau:
     #: Coefficients a and C, one row for each stage except the first.
     stages: tuple[tuple[str, ...], ...]
     couplings: tuple[tuple[str, ...], ...]
-    #: Weights of the stages in the interpolation polynomial of a step, one row for each degree,
-    #: beginning with 2.
+    #: Weights of the stages in the interpolation polynomial of a step, one row per degree from 2.
     dense: tuple[tuple[str, ...], ...]
 
     is_implicit = True

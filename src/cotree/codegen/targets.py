@@ -48,7 +48,7 @@ class Target:
 
     @property
     def has_lanes(self) -> bool:
-        """Whether maps may compute several columns at a time, for which vectors have doubles."""
+        """Whether maps may compute several columns at a time, which requires vectors of doubles."""
         return self.scalar != SINGLE.scalar
 
     @property
@@ -69,7 +69,7 @@ class Target:
     def constant(self, text: str) -> str:
         """Return the literal of a coefficient, a decimal number or a quotient of two.
 
-        Raises CodegenError if it is outside the range of the type.
+        Raise CodegenError if it is outside the range of the type.
         """
         parts = text.split(" / ")
         for part in parts:
