@@ -115,11 +115,6 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         locate_corners : bool, optional
             Deprecated name of ``locate_kinks``.
 
-        Returns
-        -------
-        Model
-            The compiled model.
-
         Raises
         ------
         ModelError
@@ -266,16 +261,11 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         return lint(self, allow)
 
     def save(self, path: str | Path) -> None:
-        """Write the scene to a TOML file, completely or not at all.
+        """Write the scene to a ``.toml`` file, completely or not at all.
 
         The file loads to the same scene, whatever the source of this one; comments and order of a
         scene file are kept. Types of :func:`cotree.register_component` are stored by name, and must
         be registered before the file is loaded.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file; its name ends in .toml.
 
         Raises
         ------

@@ -36,8 +36,6 @@ def state_space(
         The matrices; a single column of B and a single row of C may be lists of n numbers.
     D : array_like, shape (k, m), optional
         The feedthrough matrix; by default zero.
-    name : str
-        Name of the scene.
 
     Raises
     ------

@@ -216,7 +216,7 @@ class Model(Reported):
         return self.kernels.jacobian(t, y, p, u)
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the rates of the sensitivities.
+        """Evaluate the rates of the sensitivities, in the shape of ``s``.
 
         Parameters
         ----------
@@ -224,11 +224,6 @@ class Model(Reported):
             As for :meth:`rhs`.
         s : array_like, shape (n_states, n_parameters) or (n_states, n_parameters, m)
             Sensitivities of the states, in the order of :attr:`sensitivities`.
-
-        Returns
-        -------
-        ndarray, of the shape of ``s``
-            Their rates.
         """
         return self.kernels.sensitivity_rhs(t, y, s, p, u)
 
@@ -651,11 +646,6 @@ class Model(Reported):
             Platforms of its libraries: ``x86_64-linux``, ``aarch64-linux``, ``x86_64-windows``,
             ``x86_64-darwin``, ``aarch64-darwin``. By default this machine; others need the extra
             ``zig``. An FMU with an empty list contains sources only.
-
-        Returns
-        -------
-        Fmu
-            What was written.
 
         Raises
         ------

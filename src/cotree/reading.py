@@ -20,13 +20,11 @@ def read_urdf(
 
     Links become nodes, and joints become edges of the same name. Torques and forces of joints are
     inputs ``JOINT_torque`` and ``JOINT_force``. Masses, centres of mass, moments of inertia,
-    damping, friction and gravity are parameters. ``scene.origin`` lists ignored elements and
-    changed names.
+    damping, friction and gravity, 9.81 m/s^2 along -z, are parameters. All coordinates start at
+    zero. ``scene.origin`` lists ignored elements and changed names.
 
     Parameters
     ----------
-    path : str or Path
-        The file.
     base : {"fixed", "free"}
         Whether the root link is welded to the ground, or has a free joint named ``base``.
     mimic : bool
@@ -35,11 +33,6 @@ def read_urdf(
         Angles of frames closer than this, [rad], to a multiple of a quarter turn are rounded to it.
         Files often have quarter turns with few digits; exact ones save many operations. By default,
         zero, angles are not rounded.
-
-    Returns
-    -------
-    Scene
-        The robot at rest, all coordinates zero; gravity of 9.81 m/s^2 along -z.
 
     Raises
     ------
@@ -58,16 +51,6 @@ def read_spice(path: str | Path) -> Scene:
     point, or with ``uic`` at the initial values, and end at the time of ``.tran``. ``scene.origin``
     lists ignored statements and changed names; docs/spice.md lists the supported ones.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    Scene
-        The circuit.
-
     Raises
     ------
     SceneError
@@ -84,18 +67,8 @@ def read_sbml(path: str | Path) -> Scene:
     Parameters, sizes of compartments and initial values (``A_0`` of a species ``A``) are
     parameters. Variables and rates of reactions are outputs under their identifiers, with the
     values that they have in formulas of the model. ``scene.origin`` lists ignored elements and
-    changed names; docs/sbml.md lists the supported elements. Requires python-libsbml, which
-    ``pip install cotree[sbml]`` installs.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    Scene
-        The model, in the units of the file.
+    changed names; docs/sbml.md lists the supported elements. The scene has the units of the file.
+    Requires python-libsbml, which ``pip install cotree[sbml]`` installs.
 
     Raises
     ------

@@ -56,14 +56,9 @@ _ABANDONED_AFTER = 24.0 * 3600.0
 
 
 def cache_directory() -> Path:
-    """Return the cache folder, created with mode 0700 if it does not exist.
+    """Return the absolute path of the cache folder, created with mode 0700 if it does not exist.
 
     It is ``COTREE_CACHE_DIR`` or, by default, the platform's folder for caches.
-
-    Returns
-    -------
-    Path
-        An absolute path.
 
     Raises
     ------
@@ -246,15 +241,10 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 
 
 def clear_cache() -> int:
-    """Remove libraries, texts, sources of failed builds and files of interrupted builds.
+    """Remove libraries, texts and files of failed or interrupted builds; return their number.
 
     Other files in the folder remain. Loaded libraries remain usable, and other processes restart
     builds in progress.
-
-    Returns
-    -------
-    int
-        Number of files removed.
 
     Raises
     ------

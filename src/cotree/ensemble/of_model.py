@@ -73,17 +73,14 @@ def run_members(
     parameters, initial, inputs
         Values that all members share, as for :meth:`simulate`.
     threads : int, optional
-        Number of threads, by default the number of processors. It does not change any bit of the
-        results.
+        Number of threads, by default that of processors. It does not change any bit of the results.
     lanes : int, optional
-        Number of members that an explicit method integrates in one SIMD vector; 1 disables vectors.
-        By default it is the processor's vector width, and 1 for fewer than 100 members, which take
-        less time than compiling the vector code.
+        Number of members that an explicit method integrates in one SIMD vector, by default the
+        processor's vector width; 1, the default for fewer than 100 members, disables vectors.
     executor : concurrent.futures.Executor, optional
         Runs blocks of members instead of threads: ``ProcessPoolExecutor()``, a client of
         ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py. ``threads`` is then
-        the number of threads of each worker, by default one. Blocks of a worker that dies are
-        run again.
+        the number of threads of each worker, by default one. Blocks of dead workers are run again.
     store : path, optional
         A folder in which finished results are stored. If the call is interrupted, the same call
         computes only the missing results; several processes may run it at once. The values of
@@ -91,8 +88,7 @@ def run_members(
     progress : bool
         Whether to show a progress bar at a terminal, after the first second.
     on_error : {"keep", "raise"}
-        "keep" sets the results of a failed member to nan and stores its message; "raise" raises
-        MemberError.
+        Whether the results of a failed member are nan, with its message, or MemberError is raised.
     **settings
         Tolerances, budgets and other settings of each member, as for :meth:`simulate`.
 

@@ -156,7 +156,7 @@ def sample(
     method: str = "sobol",
     seed: int | None = None,
 ) -> Samples:
-    """Draw members from independent distributions.
+    """Draw ``n`` members from independent distributions.
 
     Parameters
     ----------
@@ -169,8 +169,6 @@ def sample(
         ``("lognormal", median, factor)`` whose logarithm deviates by that of the factor,
         ``("relative", share)``, uniform within that share of the model's own value, or any frozen
         distribution, such as ``scipy.stats.weibull_min(2.0)``.
-    n : int
-        Number of members.
     method : {"sobol", "latin", "halton", "random"}
         Scrambled Sobol or Halton points, a Latin hypercube, or independent points. The first
         three cover the space more evenly, so that means converge faster. Use a power of 2 for

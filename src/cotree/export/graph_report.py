@@ -52,13 +52,7 @@ class GraphReport:
         return draw_graphs(self._pairs(), figure_for_people, self.parts)
 
     def save(self, path: str | Path) -> None:
-        """Draw the graphs into an SVG, PNG or PDF file.
-
-        Raises
-        ------
-        SceneError
-            If the suffix is unknown or the file cannot be written.
-        """
+        """Draw the graphs into an SVG, PNG or PDF file; raise SceneError if that is impossible."""
         from cotree.plot import draw_graphs, save_figure
 
         save_figure(draw_graphs(self._pairs(), parts=self.parts), path)

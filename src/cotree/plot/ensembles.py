@@ -248,7 +248,7 @@ def curves(
     ax: Axes | None = None,
     make: Make = figure_for_people,
 ) -> Figure:
-    """Draw the curve of each member, coloured by one of its values.
+    """Draw the curve of each member, coloured by one of its values, in a panel for each name.
 
     Parameters
     ----------
@@ -256,11 +256,6 @@ def curves(
         As of :func:`bands`.
     color_by : str, optional
         Column of the members by which curves are coloured, by default the first.
-
-    Returns
-    -------
-    Figure
-        A panel for each name.
 
     Raises
     ------
@@ -293,7 +288,7 @@ def heat_map(
     ax: Axes | None = None,
     make: Make = figure_for_people,
 ) -> Figure:
-    """Draw one value of each member on a two-dimensional grid as a colour.
+    """Draw one value of each member on a two-dimensional grid as a colour; failed ones are grey.
 
     Parameters
     ----------
@@ -309,11 +304,6 @@ def heat_map(
         Summary of each curve, if no time is given.
     ax, make
         As of :func:`bands`.
-
-    Returns
-    -------
-    Figure
-        The picture; members that failed are grey.
 
     Raises
     ------

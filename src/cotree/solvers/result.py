@@ -273,14 +273,9 @@ class RunRecord(Reported):
         return table
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with the columns of ``columns()``.
+        """Return a pandas DataFrame with the columns of ``columns()``, units in ``attrs["units"]``.
 
-        ``attrs["units"]`` contains the units of its columns.
-
-        Raises
-        ------
-        Error
-            If pandas is not installed.
+        Raises Error if pandas is not installed.
         """
         table = frame(self.columns())
         own = {"t": "s", **self.units}
@@ -290,8 +285,7 @@ class RunRecord(Reported):
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the columns of ``columns()`` to a CSV file, with all digits of each number.
 
-        The file is replaced in one step, so it is never incomplete: if the call is interrupted, an
-        older file remains unchanged.
+        If the call is interrupted, an older file remains unchanged.
 
         Raises
         ------
