@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from cotree import Scene
 from cotree.components import COMPONENTS
-from cotree.errors import ParameterError, SceneError
+from cotree.errors import ParameterError, SceneError, SingularSystemError
 
 TIGHT = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
 EXACT = TIGHT | {"method": "DOP853"}
@@ -274,10 +275,67 @@ def test_a_pivot_of_negative_resistors_may_vanish():
     assert scene.compile().simulate((0, 1))["y"][-1] == pytest.approx(2.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("edge", ["translational_mass", "rotational_inertia", "capacitor"])
-def test_negative_storages_stay_refused(edge):
+def test_capacitors_may_be_negative():
+    """The leading minor 1 - 2 + 1 of the matrix of capacitances is zero, the matrix is regular."""
     scene = Scene("negative")
-    field = {"translational_mass": "mass", "rotational_inertia": "inertia"}.get(edge, "capacitance")
+    scene.parameter("C", -2.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
+    scene.edge("R1", "resistor", "a", "b", resistance=1.0)
+    scene.edge("R2", "resistor", "c", "ground", resistance=1.0)
+    scene.edge("C1", "capacitor", "b", "ground", capacitance=1.0)
+    scene.edge("C2", "capacitor", "b", "ground", capacitance="C")
+    scene.edge("C3", "capacitor", "b", "c", capacitance=1.0)
+    scene.edge("C4", "capacitor", "c", "ground", capacitance=1.0)
+    scene.output("b", "b.v")
+    run = scene.compile(["C"]).simulate((0, 1), rtol=1e-10, atol=1e-12)
+
+    def closed_form(capacitance):
+        rates = -np.linalg.inv([[2.0 + capacitance, -1.0], [-1.0, 2.0]])
+        # Rates are A (x - end), where the end is 1 V at b and 0 V at c.
+        return 1.0 - (expm(rates) @ [1.0, 0.0])[0]
+
+    # The solution grows by exp(2.4).
+    assert run["b"][-1] == pytest.approx(closed_form(-2.0), rel=1e-8)
+    slope = (closed_form(-2.0 + 1e-5) - closed_form(-2.0 - 1e-5)) / 2e-5
+    assert run.sensitivity("b", "C")[-1] == pytest.approx(slope, rel=1e-7)
+    assert [row.name for row in scene.lint() if row.rule == "magnitude"] == ["C2"]
+    scene.set("C", 0.0)
+    with pytest.raises(ParameterError, match="capacitance of edge 'C2' must not be zero"):
+        scene.compile()
+
+
+def test_inductors_may_be_negative():
+    """Of 1 H and -3 H in series, -2 H are left: the current grows."""
+    scene = Scene("negative")
+    scene.parameter("L", -3.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
+    scene.edge("R", "resistor", "a", "b", resistance=1.0)
+    scene.edge("L1", "inductor", "b", "c", inductance=1.0)
+    scene.edge("L2", "inductor", "c", "ground", inductance="L")
+    scene.output("y", "R.i")
+    run = scene.compile(["L"]).simulate((0, 1), rtol=1e-10, atol=1e-12)
+    assert run["y"][-1] == pytest.approx(1.0 - np.exp(0.5), rel=1e-8)
+    # d/dL of 1 - exp(-1/(1 + L)) at L = -3.
+    assert run.sensitivity("y", "L")[-1] == pytest.approx(-np.exp(0.5) / 4.0, rel=1e-8)
+
+
+@pytest.mark.parametrize("edge", ["capacitor", "inductor"])
+def test_storages_that_cancel_are_named(edge):
+    scene = Scene("cancelling")
+    field = {"capacitor": "capacitance", "inductor": "inductance"}[edge]
+    middle = "ground" if edge == "capacitor" else "c"
+    scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
+    scene.edge("R", "resistor", "a", "b", resistance=1.0)
+    scene.edge("x", edge, "b", middle, **{field: 1.0})
+    scene.edge("y", edge, "b" if edge == "capacitor" else "c", "ground", **{field: -1.0})
+    with pytest.raises(SingularSystemError, match="of opposite sign cancel"):
+        scene.compile().simulate((0, 1))
+
+
+@pytest.mark.parametrize("edge", ["translational_mass", "rotational_inertia"])
+def test_negative_masses_stay_refused(edge):
+    scene = Scene("negative")
+    field = {"translational_mass": "mass", "rotational_inertia": "inertia"}[edge]
     scene.edge("x", edge, "ground", "A", **{field: -1.0})
     with pytest.raises(ParameterError, match=f"{field} of edge 'x'.*positive"):
         scene.compile()

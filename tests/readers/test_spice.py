@@ -185,8 +185,6 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("R1 a 0 {foo(1)}", 2, "not a function here"),
         ("R1 a 0 1 tc3=1", 2, "no supported setting 'tc3'"),
         ("R1 a 0 4k7", 2, "4.7k in some simulators"),
-        ("C1 a 0 {-1u}", 2, "must be positive"),
-        ("L1 a 0 -1m", 2, "must be positive"),
         ("L1 a 0 0\nL2 b 0 1\nK1 L1 L2 .5", 2, "no inductance, so it cannot be coupled"),
         ("R1 a 0 1\n.param x", 3, "each with = and a value"),
         ("R1 a 0 {1", 2, "is unbalanced"),
@@ -715,6 +713,20 @@ def test_a_negative_resistance_is_read():
     circuit.output("b", "b.v")
     model = circuit.compile()
     assert model.output_values(0.0, model.start().y)[0] == pytest.approx(-12.0, rel=1e-12)
+
+
+def test_negative_storages_are_read():
+    """0.6 nF are left of the capacitors, and 0.6 mH of the inductors; ngspice runs both."""
+    circuit = read(
+        "title\nV1 a 0 1\nR1 a b 1k\nC1 b 0 1n\nC2 b 0 -0.4n\n"
+        "R2 a c 1k\nL1 c d 1m\nL2 d 0 -0.4m\n.tran 1n 1u uic\n"
+    )
+    circuit.output("b", "b.v")
+    circuit.output("c", "c.v")
+    result = circuit.compile().simulate(rtol=1e-9, atol=1e-12)
+    # Both time constants are 0.6 us.
+    assert result["b"][-1] == pytest.approx(1.0 - np.exp(-1.0 / 0.6), abs=1e-7)
+    assert result["c"][-1] == pytest.approx(np.exp(-1.0 / 0.6), abs=1e-7)
 
 
 def test_functions_of_a_netlist_and_nodes_of_all_circuits():

@@ -55,14 +55,14 @@ CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
     "capacitor whose capacitance may depend on states",
-    value("capacitance", "F", "capacitance C in i = C dv/dt"),
+    value("capacitance", "F", "capacitance C in i = C dv/dt", "nonzero"),
 )
 
 INDUCTOR = storage(
     _DOMAIN,
     "inductor",
     "inductor whose inductance may depend on states",
-    value("inductance", "H", "inductance L in v = L di/dt"),
+    value("inductance", "H", "inductance L in v = L di/dt", "nonzero"),
     Kind.THROUGH_STORAGE,
 )
 
