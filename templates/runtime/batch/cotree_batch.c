@@ -1,4 +1,4 @@
-/* cotree_batch.c: runs the members of a batch, one after another in each thread. */
+/* cotree_batch.c: runs of the members of a batch, one after another in each thread. */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
 /* For clock_gettime. NOLINTNEXTLINE(bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp) */
 #define _POSIX_C_SOURCE 199309L
@@ -80,8 +80,7 @@ int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, doubl
     return prepare_member(batch, member, k, z, &is_dependent);
 }
 
-/* Write the data that differ between members to the job, after the others were copied from the
- * pattern. */
+/* Write the data of the current member to its job, which is a copy of the pattern. */
 static int set_member_data(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -121,7 +120,8 @@ static int begin_member(cotree_worker *w)
     return batch->has_given_jobs ? 0 : set_member_data(w);
 }
 
-/* Evaluate the inputs at the stored points of a member; given inputs replace the scene's. */
+/* Evaluate the inputs at the stored points of a member. Given inputs replace those of the
+ * scene. */
 static int evaluate_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
 {
     const cotree_batch *const batch = w->batch;
@@ -190,8 +190,8 @@ static void append_events(cotree_worker *w)
     const size_t width = COTREE_EVENTS_RECORD((size_t)n_states, (size_t)m);
     int i, j;
     for (i = 0; i < job->n_records; ++i, ++w->n_events) {
-        /* record may have moved since the last reallocation: do not use the pointer stored in the
-         * job. */
+        /* The worker's records may have been reallocated: the pointer in the job may be
+         * outdated. */
         const double *const record = w->records + (size_t)i * width;
         double *const row = w->events + (size_t)w->n_events * (size_t)(3 + m);
         row[0] = (double)w->member;
@@ -201,7 +201,7 @@ static void append_events(cotree_worker *w)
     }
 }
 
-/* Store the counters of the job, and how it ended. */
+/* Store the counters of the job, and the code of its end. */
 static void store_counters(cotree_worker *w, int ended)
 {
     const cotree_batch *const batch = w->batch;
@@ -243,7 +243,7 @@ static int lacks_space(const cotree_job *job)
            job->most_records;
 }
 
-/* Return the code of the exhausted limit, checked in the same order as in a single run; 0: none. */
+/* Return the code of the limit that is exceeded, in the order of a single run; 0: none. */
 static int exceeded_budget(const cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
@@ -269,7 +269,7 @@ static int take_steps(cotree_worker *w)
     cotree_job *const job = &w->job;
     long most = COTREE_BATCH_STEPS;
     int result, over;
-    job->records = w->records; /* cotree_job may have reallocated the records */
+    job->records = w->records; /* the caller may have reallocated the records */
     job->most_records = w->most_records;
     if (lacks_space(job)) return COTREE_BATCH_NO_SPACE;
     if (batch->max_steps > 0 && batch->max_steps - job->n_steps < most) {

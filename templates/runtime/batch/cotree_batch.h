@@ -14,7 +14,7 @@ typedef struct cotree_worker cotree_worker;
 
 struct cotree_batch {
     /* Common to all members: a job that has not started (the pattern), and the functions that run
-     * and end it. */
+     * and end a job. */
     const cotree_job *pattern;
     int (*run)(cotree_job *job, long most_steps);
     void (*end)(cotree_job *job);
@@ -25,7 +25,7 @@ struct cotree_batch {
     int is_watched;    /* 1: a member is set aside if an explicit method finds it stiff */
     int n_full;        /* number of states and sensitivities */
     /* Data of the members, one row each. If has_given_jobs is set, the caller provides the job of
-     * each member, because its start needs a search or its time events differ. */
+     * each member: its start needs a search, or its time events differ. */
     int n_members;
     int has_given_jobs;
     const cotree_start_tables *start_tables;
@@ -56,11 +56,11 @@ struct cotree_batch {
     /* Shared by all threads. */
     int next;       /* next member to run; access it through cotree_batch_take */
     int is_stopped; /* nonzero: all workers return as soon as possible */
-    /* Runs several members at once, one in each SIMD lane, for workers without a current member;
-     * NULL: not available. Return values are those of cotree_batch_work; COTREE_BATCH_EMPTY if no
-     * member is left. Members that it cannot finish get the code COTREE_MEMBER_LEFT. */
+    /* Run several members at once, one in each SIMD lane, in a worker without a current member;
+     * NULL: not available. The return values are those of cotree_batch_work; COTREE_BATCH_EMPTY:
+     * no member is left. Members that lanes cannot finish get the code COTREE_MEMBER_LEFT. */
     int (*lanes)(cotree_worker *worker);
-    long most_in_lanes; /* `lanes` passes on a member after this number of steps; 0: no limit */
+    long most_in_lanes; /* maximum number of steps of a member in `lanes`; 0: no limit */
     /* Used by `lanes`: compute k and z at the start of a member; finish a member. Both return 0, or
      * the code of the member's failure. */
     int (*prepare)(const cotree_batch *batch, int member, double *k, double *z);
@@ -99,7 +99,7 @@ struct cotree_worker {
 #define COTREE_MEMBER_STEPS 7      /* step limit reached */
 #define COTREE_MEMBER_EVENTS 8
 #define COTREE_MEMBER_TIME 9
-#define COTREE_MEMBER_LEFT 10 /* passed on by `lanes`: scalar code runs it */
+#define COTREE_MEMBER_LEFT 10 /* returned by `lanes`, to be run by scalar code */
 
 #define COTREE_BATCH_EMPTY 0    /* no member is left */
 #define COTREE_BATCH_AGAIN 1    /* more members may be left: call again */

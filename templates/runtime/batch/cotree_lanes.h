@@ -1,8 +1,8 @@
 /* cotree_lanes.h: several members of an ensemble at once, one in each lane of a vector.
  *
  * Each SIMD lane has its own steps and error control; its results do not depend on the other
- * lanes. When a member ends, the next one takes its lane at once. A member that needs more than
- * plain steps is removed from its lane and run again from its start by the scalar code. */
+ * lanes. When a member ends, the next one starts in its lane. Scalar code runs a member again from
+ * its start if it needs more than plain steps. */
 #ifndef COTREE_LANES_H
 #define COTREE_LANES_H
 

@@ -23,8 +23,9 @@ typedef struct cotree_newton {
     /* Compute the time derivatives of all rates, with the inputs of the scene; NULL if they are
      * zero. */
     cotree_sensitivity_kernel time_slope;
-    /* Compute the derivatives of the rates of the sensitivities along a direction of the states;
-     * NULL if they are zero. */
+    /* curvature computes values at a point; from these, curvature_along computes the derivatives
+     * of the sensitivities' rates along a direction of the states. NULL: the derivatives are
+     * zero. */
     cotree_sensitivity_kernel curvature;
     cotree_parameter_kernel curvature_along;
 } cotree_newton;

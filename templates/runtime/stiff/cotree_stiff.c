@@ -1,4 +1,4 @@
-/* cotree_stiff.c: the linear systems of implicit methods. */
+/* cotree_stiff.c: the linear systems (shift M - J) x = b of implicit methods. */
 #include "cotree_stiff.h"
 
 typedef cotree_stiff cotree_systems;
@@ -48,7 +48,7 @@ static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void
     if (stiff->zero_sensitivities == NULL) {
         return stiff->newton->time_slope(t, z, z + N_STATES, run->u, run->p, run->k, dz);
     }
-    /* The kernel expects sensitivities, and also computes those of the model. */
+    /* The kernel includes sensitivities: pass zeros, and discard its results for them. */
     status = stiff->newton->time_slope(t, z, stiff->zero_sensitivities, run->u, run->p, run->k,
                                        stiff->zero_sensitivities + n_reached(MODEL));
     for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->zero_sensitivities[n_reached(MODEL) + i];
@@ -121,7 +121,8 @@ static inline void cotree_solve_blocks(const cotree_stiff *stiff, int n_blocks, 
     for (; n_blocks > 0; --n_blocks, x += N_STATES) cotree_lu_solve(&stiff->dense, x);
 }
 
-/* Solve for the states; check the first solution with new factors. */
+/* Solve for the states. Check the first solution with new factors; if it is inaccurate, factorise
+ * with row exchanges. */
 static int solve_states(cotree_stiff *stiff, cotree_real *x)
 {
     const int is_known = stiff->is_dense || stiff->is_checked;
@@ -167,7 +168,7 @@ static int solve(cotree_real *u, void *context)
  * error of the diode bridge is twelve tolerances. */
 #define LINEAR_SHARE COTREE_F(0.2)
 
-/* Shift that is so large that the states do not change. */
+/* Shift so large that the states do not change. */
 #define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
 
 /* Factorise for Newton's method on the algebraic unknowns, with the planned pivots. The shift keeps
@@ -180,8 +181,8 @@ static int linearise_algebraic(cotree_real t, const cotree_real *x, void *contex
     return status != 0 ? status : factorise_values(stiff, values, FIXING_SHIFT);
 }
 
-/* Compute the changes of the unknowns without rates that follow from changes u of the others. The
- * shift keeps the others constant. */
+/* Compute the changes of the algebraic unknowns that follow from the changes u of the other
+ * entries, which the shift keeps constant. */
 static int follow(cotree_real *u, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -192,8 +193,8 @@ static int follow(cotree_real *u, void *context)
     return status != 0 ? status : solve(u, stiff);
 }
 
-/* Return whether the last solution is so far from the start of its iteration that nonlinearity
- * matters. */
+/* Return whether the last correction of the algebraic unknowns left the range in which their
+ * equations are nearly linear. */
 static int is_bent(void *context)
 {
     return !(((cotree_stiff *)context)->run->bend <= LINEAR_SHARE);

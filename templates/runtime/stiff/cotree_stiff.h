@@ -35,7 +35,7 @@ typedef struct cotree_stiff {
     cotree_real *zero_sensitivities; /* zeros, used if only the states are integrated */
     cotree_lu dense;
     int *algebraic;
-    int n_algebraic; /* number of entries of z */
+    int n_algebraic; /* number of entries of z that are algebraic unknowns */
 } cotree_stiff;
 
 void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton *newton,
