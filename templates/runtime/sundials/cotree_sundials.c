@@ -9,7 +9,7 @@
 
 #include <string.h>
 
-/* Rounding errors of t are negligible below this fraction of the relative tolerance of a step. */
+/* A rounding error of t is negligible if it is below this fraction of rtol times the step. */
 #define NEGLIGIBLE_ROUNDING 1e-2
 
 /* Write the state of each vector entry, and the start of each block. */
@@ -128,9 +128,9 @@ static int solver_solve(void *solver, void *start, void *correction, void *weigh
     (void)is_matrix_old, (void)start;
     if (cotree_bdf_read_system(job, integrator, &system) != 0) return RATES_FAIL;
 #if COTREE_SIMULTANEOUS
-    if (is_together(job)) {
+    if (is_simultaneous(job)) {
         if (cotree_bdf_gather_system(job, integrator) != 0) return RATES_FAIL;
-        return cotree_bdf_solve_together(job, &system, weights, tolerance, correction);
+        return cotree_bdf_solve_simultaneous(job, &system, weights, tolerance, correction);
     }
 #endif
 #if COTREE_SENSITIVITIES
@@ -159,7 +159,8 @@ static int rate(double since, void *y, void *dy, void *data)
 }
 
 #else
-/* Not used: the nonlinear solver evaluates the residuals; only IDAS calls this function. */
+/* The nonlinear solver evaluates the residuals. Only IDAS calls this function, when they are
+ * known. */
 static int residual(double since, void *y, void *dy, void *left, void *data)
 {
 #if COTREE_SENSITIVITIES
@@ -228,7 +229,7 @@ static int set_tolerances(cotree_job *job)
 }
 
 /* Create the integrator. */
-static int make_integrator(cotree_job *job)
+static int create_integrator(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
@@ -263,7 +264,7 @@ static int make_integrator(cotree_job *job)
 }
 
 /* Create the vectors and the nonlinear solver. */
-static int make_parts(cotree_job *job)
+static int create_objects(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
@@ -287,7 +288,7 @@ static void close(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     int i;
-    if (c == NULL) return; /* the structure was never opened */
+    if (c == NULL) return; /* no integrator was opened */
     if (c->integrator != NULL) c->sundials->OF(Free)(&c->integrator);
     if (c->solver != NULL) c->sundials->SUNNonlinSolFreeEmpty(c->solver);
 #if COTREE_SENSITIVITIES
@@ -307,12 +308,12 @@ static int start(cotree_job *job, double end)
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
     const int is_first = c->context == NULL;
-    int flag = is_first ? make_parts(job) : 0;
+    int flag = is_first ? create_objects(job) : 0;
 #if COTREE_IDA
     double length = 0.0;
     if (flag == 0) flag = cotree_bdf_find_slopes(job, &length);
 #endif
-    if (flag == 0 && is_first) flag = make_integrator(job);
+    if (flag == 0 && is_first) flag = create_integrator(job);
     if (flag == 0 && !is_first) {
 #if COTREE_IDA
         flag = s->IDAReInit(c->integrator, 0.0, c->handles[Y], c->handles[SLOPES]);
@@ -371,14 +372,14 @@ static int complete(cotree_job *job, double t, double *w, int is_exact)
     cotree_run_unpack(run, z, run->full);
     cotree_run_narrow(run, t, run->full, w); /* uses the interpolated unknowns as a guess */
 #endif
-    /* A projection leaves a residual of the square of its last correction times the speeds: repeat
-     * it once. */
+    /* A projection leaves a residual proportional to the square of its last correction and to the
+     * speeds: repeat it once. */
     for (i = is_exact ? 1 : 0; i < 2 && is_constrained(job); ++i) {
         if (cotree_run_project(t, w, run) != 0) return COTREE_NOT_PROJECTED;
     }
 #if COTREE_IDA
     if (cotree_run_complete(run, t, w) == 0) return 0;
-    /* Extrapolated voltages are poor guesses if junctions start to conduct, so use the current
+    /* Extrapolated voltages are poor guesses if junctions start to conduct: use the current
      * point. */
     cotree_run_unpack(run, cotree_engine_of(job)->w, run->full);
     cotree_run_narrow(run, job->t, run->full, vector_of(job, MOVED));
@@ -435,9 +436,9 @@ static int has_cheap_matrices(const cotree_job *job)
 #endif
 }
 
-/* Steps end on the constraints. Rates are evaluated at projected points only if constraints are
- * dependent, or near singular positions. */
-static void hold_rates(const cotree_job *job)
+/* Set whether rates are evaluated at projected points: only if constraints are dependent, or near
+ * singular positions. Steps always end on the constraints. */
+static void set_rate_projection(const cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
     if (e->watched != e->run) e->watched->is_strict = job->is_strict;
@@ -452,9 +453,9 @@ static void open(cotree_job *job)
     list_blocks(job);
     bdf_of(job)->is_fresh = has_cheap_matrices(job);
 #if COTREE_SIMULTANEOUS
-    if (is_together(job)) bdf_of(job)->is_fresh = 0;
+    if (is_simultaneous(job)) bdf_of(job)->is_fresh = 0;
 #endif
-    hold_rates(job);
+    set_rate_projection(job);
     if (e->watched != e->run) {
         e->watched->rtol = job->rtol;
         cotree_run_narrow(e->watched, job->t, job->z, w);
@@ -468,7 +469,7 @@ static void open(cotree_job *job)
 #endif
 }
 
-/* A segment as short as rounding errors is skipped if it is below this fraction of the span. */
+/* A segment at rounding level is skipped if it is also below this fraction of the span. */
 #define NEGLIGIBLE 1e-9
 
 static int is_rounding(const cotree_job *job, double length, double t)
@@ -484,7 +485,7 @@ static int is_negligible(const cotree_job *job, double length)
            fabs(length) <= NEGLIGIBLE * fabs(span);
 }
 
-/* Restart: inputs may have jumped, or an event may have changed the states. */
+/* Restart at the current point, after a jump of inputs or an event. */
 static int begin(cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -492,11 +493,11 @@ static int begin(cotree_job *job)
     double *const y = vector_of(job, Y);
     const double end = job->breakpoints[job->segment + 1];
     int i, status;
-    hold_rates(job);
+    set_rate_projection(job);
     c->has_jacobian = c->has_matrix = c->has_failed = 0;
     c->step_of_solution = -1;
     c->bend = 1.0;
-    /* The unknowns after the last event are guesses. */
+    /* Use the unknowns after the last event as guesses. */
     if (e->watched != e->run && job->model->n_algebraic > 0) {
         cotree_run_narrow(e->of_states, job->t, e->watched->full, vector_of(job, STEP));
         cotree_run_narrow(e->run, job->t, e->watched->full, vector_of(job, STEP));

@@ -1,4 +1,4 @@
-/* cotree_sundials.h: functions of SUNDIALS that a job calls; they are loaded at run time.
+/* cotree_sundials.h: functions of SUNDIALS that a job calls, loaded at run time.
  *
  * Vectors, solvers and integrators are opaque pointers. Numbers are doubles, and indices have 64
  * bits. */

@@ -31,11 +31,11 @@ typedef struct cotree_solver {
 #define SIMULTANEOUS 1
 #endif
 
-/* Return values of an iteration. RATES_FAIL: the rates cannot be evaluated with any step size;
- * RATES_AGAIN: a smaller step may succeed; NOT_CONVERGED. The value for a smaller step differs
- * between versions of CVODE, which ignores unknown values, so that NOT_CONVERGED replaces it there.
- * OF: name of a function of CVODE or IDA, given without its prefix.
- * BLOCK: entries of a block: the states and, with IDA, the algebraic unknowns. */
+/* Return values of an iteration: RATES_FAIL if the rates cannot be evaluated with any step size,
+ * RATES_AGAIN if a smaller step may succeed, NOT_CONVERGED. CVODE's value for a smaller step
+ * differs between versions; as CVODE treats unknown values as failures to converge, NOT_CONVERGED
+ * replaces it. OF(name): function of CVODE or IDA without its prefix. BLOCK: number of entries of a
+ * block, the states and, with IDA, the algebraic unknowns. */
 #define RATES_FAIL (-8)
 #define NOT_CONVERGED 902
 #if COTREE_IDA
@@ -133,7 +133,7 @@ static inline cotree_bdf *bdf_of(const cotree_job *job)
 static inline size_t entries_of_jacobian(const cotree_model *model)
 {
     const int n = BLOCK(model);
-    const int is_dense_one = n < model->n_states; /* without algebraic unknowns */
+    const int is_dense_one = n < model->n_states; /* algebraic unknowns are eliminated */
     return is_dense_one ? (size_t)n * (size_t)n : (size_t)model->n_nonzeros;
 }
 
@@ -148,13 +148,13 @@ static inline cotree_run *states_of(const cotree_job *job)
 
 #if COTREE_SIMULTANEOUS
 /* Return whether one iteration solves for states and sensitivities. */
-static inline int is_together(const cotree_job *job)
+static inline int is_simultaneous(const cotree_job *job)
 {
     return job->has_sensitivities && bdf_of(job)->aid->corrector == SIMULTANEOUS;
 }
 
 #endif
-/* Return the run whose entries the state vector of SUNDIALS holds. */
+/* Return the run with the entries of SUNDIALS's state vector. */
 static inline cotree_run *own_run_of(const cotree_job *job)
 {
 #if COTREE_SENSITIVITIES
@@ -164,11 +164,11 @@ static inline cotree_run *own_run_of(const cotree_job *job)
 #endif
 }
 
-/* Return the run whose entries the first nonlinear solver computes. */
+/* Return the run with the entries that the first nonlinear solver computes. */
 static inline cotree_run *solved_of(const cotree_job *job)
 {
 #if COTREE_SIMULTANEOUS
-    return is_together(job) ? all_of(job) : states_of(job);
+    return is_simultaneous(job) ? all_of(job) : states_of(job);
 #else
     return own_run_of(job);
 #endif
@@ -252,8 +252,8 @@ COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integra
 COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e);
 #if COTREE_SIMULTANEOUS
-COTREE_PRIVATE int cotree_bdf_solve_together(cotree_job *job, cotree_system *s, void *weights,
-                                             double tolerance, void *correction);
+COTREE_PRIVATE int cotree_bdf_solve_simultaneous(cotree_job *job, cotree_system *s, void *weights,
+                                                 double tolerance, void *correction);
 #endif
 COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job);
 COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job);

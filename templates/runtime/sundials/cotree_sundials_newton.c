@@ -36,7 +36,7 @@
 #define MAX_CORRECTIONS 3
 #endif
 
-/* Number of corrections of sensitivities outside the error test. After a single one, the errors of
+/* Number of corrections of sensitivities outside the error test: after a single one, the errors of
  * outdated Jacobians would be visible. */
 #define CORRECTIONS 2
 
@@ -163,9 +163,9 @@ static double share_ratio(const cotree_job *job, const cotree_system *s)
     return old->of_own / s->shares.of_own * (old->of_rates / s->shares.of_rates);
 }
 
-/* Return the smallest weight of an unknown's correction with a new matrix. Above the forward
- * voltage of a junction, Newton's method advances by about one thermal voltage per iteration, which
- * is far below a loose tolerance of ten volts. */
+/* Return the minimum weight of a correction with a new matrix, so that loose tolerances do not end
+ * an iteration early: above the forward voltage of a junction, each correction is only about one
+ * thermal voltage. */
 static double least_weight(const cotree_job *job, int i, double value)
 {
     return 1.0 / (MAX_RTOL * fabs(value) + job->atols[i]);

@@ -105,8 +105,8 @@ COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system 
 
 #if COTREE_SIMULTANEOUS
 /* Solve for states and sensitivities in one iteration. */
-COTREE_PRIVATE int cotree_bdf_solve_together(cotree_job *job, cotree_system *s, void *weights,
-                                             double tolerance, void *correction)
+COTREE_PRIVATE int cotree_bdf_solve_simultaneous(cotree_job *job, cotree_system *s, void *weights,
+                                                 double tolerance, void *correction)
 {
     double *const e = vector_of(job, FOUND);
     int status;
@@ -199,7 +199,7 @@ COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
         }
     }
 #if COTREE_SIMULTANEOUS
-    if (is_together(job)) return 0;
+    if (is_simultaneous(job)) return 0;
 #endif
     c->follower = cotree_bdf_make_solver(job, follower_solve);
     return c->follower == NULL ? COTREE_NO_MEMORY : 0;
@@ -253,7 +253,7 @@ COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
     if (flag == 0) flag = s->OF(SetSensErrCon)(c->integrator, !c->aid->are_followed);
     if (flag != 0) return flag;
 #if COTREE_SIMULTANEOUS
-    if (is_together(job)) return s->CVodeSetNonlinearSolverSensSim(c->integrator, c->solver);
+    if (is_simultaneous(job)) return s->CVodeSetNonlinearSolverSensSim(c->integrator, c->solver);
 #endif
     flag = s->OF(SetNonlinearSolver)(c->integrator, c->solver);
     if (flag == 0) flag = s->OF(SetNonlinearSolverSensStg)(c->integrator, c->follower);

@@ -6,7 +6,7 @@
 /* Estimated error of the first step, as a fraction of the tolerance. */
 #define FIRST_ERROR 0.01
 
-/* Return a time that is short enough for differences over it to approximate derivatives. */
+/* Return a time increment over which difference quotients approximate derivatives. */
 static double small_time(const cotree_job *job)
 {
     const double *const y = vector_of(job, Y), *const slopes = vector_of(job, SLOPES);
