@@ -339,7 +339,7 @@ int fmu_reset(fmu *m)
 
 /* Saved states. */
 
-/* Identifies the header of a saved state when another instance reads it. */
+/* Marks the header of a serialized state. */
 #define MAGIC 0x46746f63
 
 typedef struct fmu_state_head {

@@ -86,8 +86,8 @@ typedef struct fmu_tables {
     fmu_pattern constraints; /* derivatives of the constraints, then of the conditions of the start,
                                 by all columns */
     cotree_state_kernel find_constraints;
-    /* Computes the upper bounds of the step size; then the first time and the period of each series
-     * of time events, and the derivatives of both by each parameter of sensitivity. */
+    /* Computes the upper bounds of the step size; then the first time and the period of each
+     * series of time events, and the derivatives of both by each parameter with sensitivities. */
     cotree_parameter_kernel find_stops;
 } fmu_tables;
 
@@ -146,8 +146,8 @@ int fmu_measure_state(fmu *m, const void *from, size_t *n);
 int fmu_write_state(fmu *m, const void *from, void *bytes, size_t n);
 int fmu_read_state(fmu *m, const void *bytes, size_t n, void **place);
 
-/* Directional derivatives: the seed belongs to the knowns, and the result to the unknowns. Adjoint
- * derivatives: the other way round. */
+/* Directional derivatives: the seed has an entry for each known, and the result for each unknown.
+ * Adjoint derivatives: vice versa. */
 typedef struct fmu_direction {
     const unsigned *unknowns;
     size_t n_unknowns;

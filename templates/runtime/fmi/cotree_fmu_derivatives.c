@@ -102,7 +102,7 @@ static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 
 #endif
 
-/* Add the product of the seed and the columns from first to last to the rows. */
+/* Add the columns from first to last - 1, multiplied by their seeds, to the rows. */
 static void multiply(fmu *m, int first, int last, const double *seed)
 {
     const fmu_pattern *const p = &m->tables->partials;

@@ -58,7 +58,7 @@ enum fmu_number {
     FMU_HIGH,
     FMU_NEXT,       /* next time event, or infinity */
     FMU_IS_STARTED, /* 1: the states are the start states for the current parameters */
-    FMU_IS_CHOSEN,  /* 1: the projection at the start is one of several */
+    FMU_IS_CHOSEN,  /* 1: the projection at the start is ambiguous */
     FMU_IS_BEGUN,   /* 1: events were processed at least once */
     FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
     FMU_IS_SOLVED,  /* 1: algebraic unknowns match `old` and the time in the next entry */
@@ -178,8 +178,8 @@ COTREE_PRIVATE void fmu_invalidate(fmu *m);
 /* Input function that writes the inputs set by the importer. */
 COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context);
 
-/* Initialization. fmu_move_start computes the entries of a direction that are not prescribed from
- * those of states, inputs and parameters that are. */
+/* Initialization. fmu_move_start computes the entries of a direction for states that are not
+ * prescribed from its entries for prescribed states, inputs and parameters. */
 COTREE_PRIVATE int fmu_start(fmu *m);
 COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
 

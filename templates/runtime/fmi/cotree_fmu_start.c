@@ -32,7 +32,7 @@ int fmu_enter_initialization(fmu *m)
 }
 
 /* Return whether a state without a value from the importer starts from its value in the tables. */
-static int is_found(const fmu *m, int state)
+static int starts_from_table(const fmu *m, int state)
 {
     const fmu_tables *const tables = m->tables;
     return state >= N_RATES || tables->is_at_rest ||
@@ -53,22 +53,22 @@ static int write_initial_values(fmu *m, double *z)
     if (m->model->initial(m->p, m->k, z) != 0)
         return fmu_refuse(m, "the initial states have no values");
     for (i = 0; i < N_STATES; ++i) {
-        if (is_found(m, i)) z[i] = m->tables->start[i];
+        if (starts_from_table(m, i)) z[i] = m->tables->start[i];
         if (m->is_own[i] != 0.0) z[i] = m->own_values[i];
     }
     return 0;
 }
 
-/* List the states whose initial values are prescribed: by the importer, or because they are states
- * of storage elements, which are not computed again for other parameters. */
-static void list_set(fmu *m, const double *initial)
+/* List the states whose initial values are prescribed: those that the importer set, and those of
+ * storage elements, which are not computed again for other parameters. */
+static void list_prescribed(fmu *m, const double *initial)
 {
     const cotree_start_tables *const tables = m->tables->start_tables;
     int i, j, n = 0;
     for (i = 0; i < N_STATES; ++i) {
         int is_set = m->is_own[i] != 0.0;
         for (j = 0; j < tables->n_contents; ++j)
-            is_set = is_set || (tables->contents[j] == i && is_found(m, i));
+            is_set = is_set || (tables->contents[j] == i && starts_from_table(m, i));
         if (!is_set) continue;
         m->set[n] = i;
         m->set_values[n++] = initial[i];
@@ -84,7 +84,7 @@ static int find_start(fmu *m, const double *initial)
     cotree_start *const start = &m->start;
     int status;
     fmu_set_up_run(m);
-    list_set(m, initial);
+    list_prescribed(m, initial);
     start->initial = initial;
     status = cotree_start_find(start, m->numbers[FMU_NOW], m->z);
     m->numbers[FMU_IS_CHOSEN] = (double)start->is_chosen;
@@ -245,7 +245,7 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
         for (i = initial->starts[j]; i < initial->starts[j + 1]; ++i) {
             const int row = initial->rows[i];
             const int is_fixed = m->is_own[row] != 0.0 || (is_known != NULL && is_known[row]);
-            if (is_found(m, row) || is_fixed) continue;
+            if (starts_from_table(m, row) || is_fixed) continue;
             seed[row] += m->initial[i] * of_p[j];
         }
     }

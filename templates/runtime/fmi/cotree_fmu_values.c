@@ -4,8 +4,8 @@
 void fmu_invalidate(fmu *m) { m->valid = 0; }
 
 #if COTREE_HAS_BREAKPOINTS
-/* Compute the rows of time events. Periods are positive, or zero if the time event is single. */
-static int find_stops(fmu *m)
+/* Compute the rows of time events. Periods are positive, or zero for single time events. */
+static int update_time_events(fmu *m)
 {
     const int n_sensitivities = m->stops.n_sensitivities, width = 2 + 2 * n_sensitivities;
     double *const rows = m->limits + m->tables->n_limits;
@@ -42,7 +42,7 @@ int fmu_prepare(fmu *m)
         return fmu_refuse(m, "the parameters cannot be used: a linear system is singular");
     m->is_prepared = 1;
 #if COTREE_HAS_BREAKPOINTS
-    return find_stops(m);
+    return update_time_events(m);
 #else
     return 0;
 #endif
@@ -351,7 +351,7 @@ static int check_set(const fmu *m, unsigned reference, double value)
     /* The standard allows changes of parameters only in Event Mode, and most importers follow it.
      * CasADi sets parameters at every evaluation, and integrates again for other values. */
     if (block == FMU_PARAMETERS) return 0;
-    /* Some importers set single states, like states that may be reinitialized. */
+    /* Some importers set single states, as if these were marked for reinitialisation. */
     if (block == FMU_STATES && index < N_RATES && (is_early || m->is_exchanged)) return 0;
     if (block == FMU_STATES && index < N_RATES) {
         return fmu_refuse(m, "state '%s' cannot be set in %s", m->model->states[index].name,
