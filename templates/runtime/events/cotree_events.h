@@ -1,8 +1,8 @@
 /* cotree_events.h: locates the zero crossings of a model's event functions and applies its events.
  *
- * An event takes place where its event function crosses zero in the event's direction. Each
- * accepted step is sampled at a few points, and more densely where an event function has an
- * extremum near zero, so that two crossings within one step are not missed.
+ * An event occurs when its event function crosses zero in the event's direction. Each accepted
+ * step is sampled at a few points, and more densely if an event function has an extremum near
+ * zero, so that two crossings within one step are found.
  *
  *     cotree_events_init(&e, &run, ...);
  *     status = cotree_events_begin(&e, t, w);            (at the start; may change w)
@@ -14,7 +14,7 @@
  *         ... restart at e.t from e.w with a new history, unless e.terminal_event >= 0
  *     }
  *
- * Nothing is allocated; events are written to the caller's records. */
+ * No memory is allocated; events are written to the caller's records. */
 #ifndef COTREE_EVENTS_H
 #define COTREE_EVENTS_H
 

@@ -1,13 +1,12 @@
-/* cotree_jumps.h: event functions of a model, and the jumps of states and sensitivities at its
- * events.
+/* cotree_jumps.h: event functions of a model, and jumps of states and sensitivities at its events.
  *
- * With the rates f, the event function g, the states R(x) after the event, and the marks - and +
- * for before and after it, the derivatives of the event time with respect to the parameters are
- * t_p = -(g_x S- + g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. If the
- * model has constraints, the states that the event sets are kept, and the others are projected with
- * minimum norm.
+ * Let f be the rates, g the event function and R(x) the states after the event; - and + denote
+ * values before and after it. The derivatives of the event time with respect to the parameters are
+ * t_p = -(g_x S- + g_p) / (g_x f- + g_t), and S+ = R_x S- + R_p + (R_x f- + R_t - f+) t_p. In
+ * models with constraints, the states that the event sets are kept, and the others are projected
+ * with minimum norm.
  *
- * w is the vector that a run integrates. Nothing is allocated. */
+ * w is the vector that a run integrates. No memory is allocated. */
 #ifndef COTREE_JUMPS_H
 #define COTREE_JUMPS_H
 
