@@ -37,8 +37,8 @@ typedef struct cotree_event {
     int direction;       /* direction of the zero crossing: -1 falling, 1 rising, 0 both */
     int is_terminal;     /* 1: the event ends the run */
     int kind;            /* 0, or a kind of cotree_event_kinds.h for events that select a mode */
-    int subtracts_mode;  /* 1: the event function is a value minus the mode; it rounds like both */
-    int n_prescribed;    /* the first targets, kept as set; later ones are speeds after an impact */
+    int subtracts_mode;  /* 1: the event function is a value minus the mode; rounding is relative to both */
+    int n_prescribed;    /* first targets, kept as set; the other ones are speeds after an impact */
     int n_targets;
     const int *targets;  /* states that the event sets */
     int branch;          /* for a kink: index of the branch that it ends */
@@ -58,7 +58,7 @@ typedef struct cotree_hybrid {
     int n_speeds;          /* number of speeds, which follow the coordinates */
     int n_values;          /* number of constraints on coordinates, which come first */
     int n_rows;            /* number of constraints on speeds, which follow; rows of the gradient */
-    const int *value_rows; /* n_values: their time derivatives among the constraints on speeds */
+    const int *value_rows; /* n_values: the constraint on speeds that is its derivative */
     int n_quaternions;
     const int *quaternions; /* first state of each quaternion */
 } cotree_hybrid;

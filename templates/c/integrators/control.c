@@ -57,8 +57,8 @@ static MASK is_passed(integrator *d)
 {
     const MASK is_small = d->error <= COTREE_F(1.0);
 #if COTREE_TWO_ERRORS
-    /* A second estimate is not sudden if it is below the tolerance or is that of a first step. An
-     * error that may be small by coincidence must be confirmed by a step of different size. */
+    /* The error may be small by coincidence if the second estimate exceeds the tolerance and its
+     * prediction from the last step. A step of different size must then confirm it. */
     const course *const on = ON(d);
     const REAL ratio = d->h / on->last_size, square = ratio * ratio, fourth = square * square;
     const REAL expected = SUDDEN * SUDDEN * on->last_rough * (fourth * fourth);

@@ -1,4 +1,4 @@
-/* With a relative tolerance of one or more, steps with any error would be accepted. */
+/* A relative tolerance of one or more would accept any error. */
 static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
     return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&

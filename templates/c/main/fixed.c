@@ -88,7 +88,7 @@ int main(int argc, char **argv)
     if (n_points > n + 1) return fail("there are fewer steps than points");
     if (n_points > 0) print_head();
     for (i = 0; i <= n && status == COTREE_OK; ++i) {
-        /* The row of a point contains the nearest step. */
+        /* Each row of the table contains the step that is nearest to its time. */
         if (row < n_points && i == step_of(row, n_points, n)) {
             if (complete(&d) != 0 || print_row(d.t, run.full) != 0) return EXIT_FAILURE;
             ++row;

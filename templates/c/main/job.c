@@ -114,7 +114,7 @@ static int integrate(cotree_real t_end)
     return result == COTREE_JOB_FAILED;
 }
 
-/* Allocate evenly spaced times up to the end, for which the job stores points. */
+/* Allocate evenly spaced times up to the end, at which the job stores points. */
 static int want_points(long n, cotree_real t_end)
 {
     const size_t row = N_UNKNOWNS, rows = (size_t)n;
