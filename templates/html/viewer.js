@@ -6,7 +6,7 @@
   const canvas = element("scene"), slider = element("slider");
   const gl = canvas.getContext("webgl", { antialias: true });
   if (!gl) {
-    element("note").textContent = "This browser shows no WebGL, which the picture needs.";
+    element("note").textContent = "This browser does not support WebGL, which the animation requires.";
     return;
   }
 
@@ -25,20 +25,20 @@
   const along = (axes, a) => add(add(scale(a[0], axes[0]), scale(a[1], axes[1])), scale(a[2], axes[2]));
   const matrix = (axes, at) => new Float32Array([...axes[0], 0, ...axes[1], 0, ...axes[2], 0, ...at, 1]);
 
-  // What is stored as differences of whole numbers, n in each row.
-  const summed = (rows, n, factor) => {
+  // Decode numbers that are stored as integer differences between rows of n numbers.
+  const decodeDifferences = (rows, n, factor) => {
     const out = new Float64Array(rows.length);
     for (let i = 0; i < rows.length; i++) out[i] = rows[i] + (i < n ? 0 : out[i - n]);
     return out.map((v) => v * factor);
   };
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
   const tracks = data.tracks.map((row) => ({
-    p: summed(row.p, 3, data.unit), q: summed(row.q, 4, data.turn),
+    p: decodeDifferences(row.p, 3, data.unit), q: decodeDifferences(row.q, 4, data.turn),
   }));
-  const centres = summed(data.centres, 3, data.unit);
+  const centres = decodeDifferences(data.centres, 3, data.unit);
   const last = data.frames - 1;
 
-  // A row of numbers at frame f, between two frames as well.
+  // Interpolate a row of n numbers at the fractional frame f.
   const row = (values, n, f) => {
     if (values.length === n) return Array.from(values);
     const i = Math.min(Math.floor(f), last - 1), x = f - i, out = [];
@@ -50,8 +50,8 @@
     return { at: row(track.p, 3, f), axes: axesOf(q.map((v) => v / size)) };
   };
 
-  // Triangles: every corner gets the mean normal of the faces around that bend little.
-  const corners = (mesh) => {
+  // Vertices of all triangles, with the mean normal of adjacent faces that are nearly parallel.
+  const triangleVertices = (mesh) => {
     const u = new Uint16Array(bytes(mesh.points)), raw = bytes(mesh.faces);
     const faces = mesh.wide ? new Uint32Array(raw) : new Uint16Array(raw);
     const point = (i) => [0, 1, 2].map((k) => mesh.low[k] + (mesh.span[k] * u[3 * i + k]) / 65535);
@@ -92,7 +92,7 @@
     uniform mat3 look;
     uniform float stretch;
     void main() {
-      // A stretched shape keeps normals that fit it.
+      // Normals scale with the inverse of the stretch.
       vec3 n = vec3(outwards.xy, outwards.z / stretch);
       vNormal = look * mat3(body) * vec3(n.xy, n.z / stretch);
       vColor = color;
@@ -124,8 +124,8 @@
       return buffer;
     }),
   });
-  const painted = (part) => {
-    const { places, outwards } = corners(part.mesh), colors = [];
+  const coloredVertices = (part) => {
+    const { places, outwards } = triangleVertices(part.mesh), colors = [];
     for (let i = 0; i < places.length; i += 3) colors.push(...part.color.map((c) => c / 255));
     return { places, outwards, colors };
   };
@@ -140,18 +140,18 @@
   const bodies = tracks.map((_, i) => {
     const all = { places: [], outwards: [], colors: [] };
     for (const solid of data.solids.filter((s) => s.track === i)) {
-      const own = painted(solid);
+      const own = coloredVertices(solid);
       for (const key of Object.keys(all)) all[key] = all[key].concat(own[key]);
     }
     return upload(all.places, all.outwards, all.colors);
   });
   const struts = data.struts.map((strut) => {
-    const own = painted(strut);
+    const own = coloredVertices(strut);
     return { ...strut, shape: upload(own.places, own.outwards, own.colors) };
   });
   const floor = upload(data.floor, data.floor.map(() => 0), data.floor.map(() => 0.865));
 
-  // Who looks: turned about the axis that points up, raised, moved, nearer or further.
+  // Camera: rotation about the upward axis, elevation, translation and zoom.
   const start = { turn: 0, raise: Math.asin(Math.max(-1, Math.min(1, dot(data.towards, data.up)))), move: [0, 0], zoom: 1 };
   const level = unit(sub(data.towards, scale(dot(data.towards, data.up), data.up)));
   let eye = { ...start };
@@ -250,11 +250,11 @@
     element("time").textContent = `${timeAt(f).toFixed(digits)} / ${timeAt(last).toFixed(digits)} s`;
   };
 
-  // Time goes on while it plays, waits a moment at the end, and begins again.
+  // Advance the frame during playback; pause at the end, then restart.
   let before = 0, waiting = 0, isAsked = false;
   const tick = (now) => {
     isAsked = false;
-    // The time of a frame may lie before the click that asked for it.
+    // The timestamp of a frame may be earlier than the click that requested it.
     const passed = Math.max(0, Math.min(0.1, (now - before) / 1000));
     before = now;
     if (state.isPlaying) {
@@ -284,7 +284,7 @@
     state.frame = Math.max(0, Math.min(last, f));
     ask();
   };
-  const pace = (by) => {
+  const changeSpeed = (by) => {
     const choice = element("speed");
     choice.selectedIndex = Math.max(0, Math.min(choice.options.length - 1, choice.selectedIndex + by));
     state.speed = Number(choice.value);
@@ -296,7 +296,7 @@
     ask();
   };
   const reset = () => { eye = { ...start, move: [0, 0] }; ask(); };
-  // What is under the pointer stays there.
+  // Zoom about the pointer, or about the centre of the view.
   const zoom = (factor, at) => {
     const near = () => { const c = camera(state.frame); return (2 * c.half) / c.height; };
     const old = near();
@@ -312,7 +312,7 @@
   element("play").addEventListener("click", () => play(!state.isPlaying));
   element("label").addEventListener("click", toggleNames);
   element("reset").addEventListener("click", reset);
-  element("speed").addEventListener("change", () => pace(0));
+  element("speed").addEventListener("change", () => changeSpeed(0));
   slider.addEventListener("input", () => seek(Number(slider.value)));
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -321,15 +321,15 @@
       " ": isControl ? null : () => play(!state.isPlaying),
       ArrowLeft: () => seek(Math.ceil(state.frame) - 1), ArrowRight: () => seek(Math.floor(state.frame) + 1),
       Home: () => seek(0), End: () => seek(last), n: toggleNames, r: reset,
-      "[": () => pace(-1), "]": () => pace(1), "+": () => zoom(1.25), "-": () => zoom(0.8),
+      "[": () => changeSpeed(-1), "]": () => changeSpeed(1), "+": () => zoom(1.25), "-": () => zoom(0.8),
     };
     if (!actions[event.key] || (event.target.tagName === "SELECT" && event.key.startsWith("Arrow"))) return;
     event.preventDefault();
     actions[event.key]();
   });
 
-  // One finger or button turns a spatial scene and moves a plane; with shift or the right button the
-  // other; two fingers move and zoom.
+  // Dragging rotates a spatial scene and pans a planar one; with shift or the right button, vice versa.
+  // Two fingers pan and zoom.
   const fingers = new Map();
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("pointerdown", (event) => {
