@@ -126,8 +126,8 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
             "the linear equations of the networks have no solution, or many, at these values of "
             "parameters and states: ideal couplings such as transformers contradict each other or "
             "leave something undetermined, capacitances or inductances of opposite sign cancel, or "
-            "springs at a node without mass have no stiffness at their stretch; change a ratio or a "
-            "start, or put a resistance or a damper between them"
+            "springs at a node without mass have no stiffness at their stretch; change a ratio or "
+            "a start, or put a resistance or a damper between them"
         )
     names = ", ".join(f"'{name}'" for name in layout.uncertain)
     place = _position(program, known.get("x"))
