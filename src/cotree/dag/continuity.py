@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import random
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
     Array = npt.NDArray[np.float64]
+    Places = npt.NDArray[np.intp]
     #: Function that returns the values of all symbols at an array of times.
     _Motion = Callable[[Array], Mapping[Node, Array]]
 
@@ -46,7 +48,7 @@ _STEEP, _ROUNDING = 10.0, 1e-10
 
 # Random points on a boundary are examined in blocks, which end at these numbers of points; and
 # number of points at which both sides must agree.
-_BLOCKS, _N_SHOWN = (0, 30, 600), 12
+_BLOCKS, _N_SHOWN = (0, 20, 600), 12
 
 # Range of random values, as powers of ten. A third of the values is instead close to a constant of
 # the law.
@@ -265,91 +267,107 @@ class _Boundary:
         self._order, self._own = order, reachable([boundary])
         constants = {abs(node.value) for node in order if node.op == "constant" and node.value}
         self._constants = sorted(value for value in constants if math.isfinite(value))
-        self._numbers = random.Random(1)
 
     @np.errstate(all="ignore")
     def is_continuous(self) -> bool:
         """Return whether both branches agree at all points on the boundary, and these suffice."""
         n_shown, met = 0, [set[float]() for _ in self._conditions]
         for first, end in pairwise(_BLOCKS) if self._moved else ():
-            is_shown, is_met, values = self._compare(first, end)
-            for i in np.flatnonzero(is_shown):
-                if not is_met[i]:
+            is_met, values = self._compare(first, end)
+            for agrees, conditions in zip(is_met, values.T, strict=True):
+                if not agrees:
                     return False
                 n_shown += 1
-                for known, value in zip(met, values[:, i], strict=True):
+                for known, value in zip(met, conditions, strict=True):
                     known.add(value)
                 if n_shown >= _N_SHOWN and all(map(_is_covered, met)):
                     return True
         return False
 
-    def _random(self) -> float:
-        size = math.pow(10.0, self._numbers.uniform(*_SIZES))
-        if self._constants and self._numbers.random() < 1 / 3:
-            size = self._numbers.choice(self._constants) * self._numbers.choice((0.5, 1.0, 2.0))
-        return size if self._numbers.random() < 0.5 else -size
+    def _draw(self, first: int, end: int) -> dict[Node, Array]:
+        """Return random values of all symbols for trials."""
+        place = {}
+        for i, symbol in enumerate(self._symbols):
+            exponents, which, constants, factors, signs = _uniform(i)[:, first:end]
+            low, high = _SIZES
+            sizes = 10.0 ** (low + (high - low) * exponents)
+            if self._constants:
+                near = np.array(self._constants)[(constants * len(self._constants)).astype(int)]
+                near = near * np.array([0.5, 1.0, 2.0])[(3.0 * factors).astype(int)]
+                sizes = np.where(which < 1 / 3, near, sizes)
+            place[symbol] = np.where(signs < 0.5, sizes, -sizes)
+        return place
 
-    def _compare(self, first: int, end: int) -> tuple[Array, Array, Array]:
-        """Return for each trial whether it is valid, whether both branches agree, and conditions.
+    def _compare(self, first: int, end: int) -> tuple[Array, Array]:
+        """Return whether both branches agree, and other conditions, in the valid trials of a block.
 
         A trial is invalid if its symbol does not reach the boundary, or a branch is undefined near
-        it. Conditions have shape (n_conditions, n_trials).
+        it. Conditions have shape (n_conditions, n_valid).
         """
-        rows = [[self._random() for _ in self._symbols] for _ in range(first, end)]
-        place = dict(zip(self._symbols, np.array(rows).T, strict=True))
+        place = self._draw(first, end)
         # Each trial moves one symbol.
         which = np.arange(first, end) % len(self._moved)
-        start = np.choose(which, [place[symbol] for symbol in self._moved])
+        start = np.array([place[symbol] for symbol in self._moved])[which, np.arange(end - first)]
 
-        def moved(at: Array) -> dict[Node, Array]:
-            """Return the places with the moved symbols at ``at``, shape (n, n_trials), flat."""
-            n = len(at)
-            given = {symbol: np.tile(values, n) for symbol, values in place.items()}
+        def moved(at: Array, trials: Places) -> dict[Node, Array]:
+            """Return places with the moved symbols of trials at ``at``, shape (n, n_trials)."""
+            n, own = len(at), which[trials]
+            given = {symbol: np.tile(values[trials], n) for symbol, values in place.items()}
             for k, symbol in enumerate(self._moved):
-                given[symbol] = np.where(np.tile(which == k, n), at.ravel(), given[symbol])
+                given[symbol] = np.where(np.tile(own == k, n), at.ravel(), given[symbol])
             return given
 
-        def boundary(at: Array) -> Array:
-            found: Array = _values(self._roots[:1], moved(at[None]), self._own)[0]
+        def boundary(at: Array, trials: Places) -> Array:
+            found: Array = _values(self._roots[:1], moved(at[None], trials), self._own)[0]
             return found
 
         at = _zeros(boundary, start)
+        trials = np.flatnonzero(np.isfinite(at))
+        at, start = at[trials], start[trials]
         scale = np.maximum(np.abs(start), np.abs(at))
         steps = [sign * distance for distance in (0.0, *_DISTANCES) for sign in (1.0, -1.0)]
         near = at + np.array(steps)[:, None] * scale
-        values = _values(self._roots, moved(near), self._order)
+        values = _values(self._roots, moved(near, trials), self._order)
         # Shape (n_roots, n_distances, 2, n_trials): the values on both sides of the boundary.
         sides = values.reshape(len(values), len(_DISTANCES) + 1, 2, -1)
         conditions, (side, above, below) = sides[3:, 0, 0], sides[:3, 1:]
-        upper = np.where(side[:, 0] < 0.0, 1, 0)[:, None]
-        side, above, below = (
-            np.take_along_axis(row, np.concatenate((upper, 1 - upper), axis=1), axis=1)
-            for row in (side, above, below)
-        )
-        above, below = above[:, 0], below[:, 1]
+        is_above = side[:, 0] > 0.0
+        above = np.where(is_above, above[:, 0], above[:, 1])
+        below = np.where(is_above, below[:, 1], below[:, 0])
         gaps = np.abs(above - below)
-        is_shown = ((side[:, 0] > 0.0) & (side[:, 1] < 0.0) & np.isfinite(gaps)).all(axis=0)
+        is_valid = ((np.sign(side).prod(axis=1) < 0.0) & np.isfinite(gaps)).all(axis=0)
         floor = _FLOOR * np.maximum(np.abs(above), np.abs(below)).max(axis=0)
         is_met = (gaps[1:] <= np.maximum(_FALLS * gaps[:-1], floor)).all(axis=0)
-        return is_shown, is_met, conditions
+        return is_met[is_valid], conditions[:, is_valid]
 
 
-def _zeros(function: Callable[[Array], Array], a: Array) -> Array:
-    """Search for zeros near each start by the secant method; those not found are nan."""
-    b = 1.1 * a + 0.1
-    at_a, at_b = function(a), function(b)
-    found, is_open = np.full(a.shape, math.nan), np.ones(a.shape, dtype=bool)
+@cache
+def _uniform(column: int) -> Array:
+    """Return random numbers between 0 and 1 for one symbol, the same in each run."""
+    numbers = random.Random(column)
+    return np.array([numbers.random() for _ in range(5 * _BLOCKS[-1])]).reshape(5, -1)
+
+
+def _zeros(function: Callable[[Array, Places], Array], start: Array) -> Array:
+    """Search for a zero near each start by the secant method; those not found are nan.
+
+    The function receives arguments and the places of their starts.
+    """
+    found, places = np.full(start.shape, math.nan), np.arange(len(start))
+    a, b = start, 1.1 * start + 0.1
+    at_a, at_b = function(a, places), function(b, places)
     for _ in range(_MOST_SECANTS):
-        is_zero = is_open & (at_b == 0.0)
-        found[is_zero] = b[is_zero]
-        is_open &= ~is_zero & np.isfinite(at_b - at_a) & (at_b != at_a)
-        if not is_open.any():
+        is_zero = at_b == 0.0
+        found[places[is_zero]] = b[is_zero]
+        is_open = ~is_zero & np.isfinite(at_b - at_a) & (at_b != at_a)
+        a, b, at_a, at_b, places = (row[is_open] for row in (a, b, at_a, at_b, places))
+        a, b, at_a = b, b - at_b * (b - a) / (at_b - at_a), at_b
+        has_ended = np.abs(b - a) <= 1e-15 * np.abs(b)
+        found[places[has_ended]] = b[has_ended]
+        a, b, at_a, places = (row[~has_ended] for row in (a, b, at_a, places))
+        if not len(places):
             break
-        a, b, at_a = b, np.where(is_open, b - at_b * (b - a) / (at_b - at_a), b), at_b
-        has_ended = is_open & (np.abs(b - a) <= 1e-15 * np.abs(b))
-        found[has_ended] = b[has_ended]
-        is_open &= ~has_ended
-        at_b = function(b)
+        at_b = function(b, places)
     return found
 
 

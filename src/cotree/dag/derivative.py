@@ -221,7 +221,7 @@ class Clips:
     def _valued(self, root: Node) -> tuple[float, ...]:
         """Evaluate a branch at random points; results are nan if it is undefined."""
         known = self._values
-        for node in reachable([root], stop=known):
+        for node in reachable([root], stop=known) if root not in known else ():
             if node in known:
                 continue
             if node.value is not None:

@@ -290,6 +290,9 @@ def apply_map(
 #: zero: a few hundred machine precisions.
 RANK_TOLERANCE = 1e-13
 
+#: Ratio of the singular values above which a matrix certainly has full rank.
+_REGULAR = 1e-6
+
 #: An unknown is determined if its entries in the basis of the null space are below this.
 NULL_TOLERANCE = 1e-9
 
@@ -402,6 +405,28 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
 
 
+def _solve_at_points(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
+    """Extend :func:`_evaluate_solve` to arrays; regular systems are solved together.
+
+    Solutions are nan where an argument is not finite.
+    """
+    if not any(np.ndim(value) for value in values):
+        return _evaluate_solve(data, values)
+    n, points = data.size, np.array(np.broadcast_arrays(*values), dtype=float).T
+    matrices, rhs = points[:, : n * n].reshape(-1, n, n), points[:, n * n : n * n + n]
+    found = np.full((len(points), n + 2), math.nan)
+    is_finite = np.isfinite(points).all(axis=1)
+    is_regular = is_finite & (len(values) == n * n + n + 1)
+    sizes = np.linalg.svd(matrices[is_regular], compute_uv=False)
+    largest = np.maximum(sizes[:, 0], points[is_regular, -1])
+    is_regular[is_regular] = sizes[:, -1] > _REGULAR * largest
+    found[is_regular, :n] = np.linalg.solve(matrices[is_regular], rhs[is_regular, :, None])[..., 0]
+    found[is_regular, n:] = n, 1.0
+    for i in np.flatnonzero(is_finite & ~is_regular):
+        found[i] = _evaluate_solve(data, points[i].tolist())
+    return list(found.T)
+
+
 def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
     x = values[0]
     place = complex(x).real
@@ -495,7 +520,7 @@ def _pointwise(
 
 
 SEVERAL: dict[str, Several] = {
-    "solve": _pointwise(_evaluate_solve, lambda shape: int(shape.size) + 2),
+    "solve": Several(_solve_at_points, lambda shape: int(shape.size) + 2),
     "table": _pointwise(_evaluate_table, lambda _: 2),
     "lookup": Several(lambda data, values: data.evaluate(values), lambda d: len(d.results)),
     "call": _pointwise(lambda f, values: f.evaluate(values), lambda f: int(f.n_results)),
