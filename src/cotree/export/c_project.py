@@ -67,17 +67,6 @@ _OF_START = (
 
 
 @dataclass(frozen=True)
-class Numbers:
-    """Default end time, tolerances and step size of a run."""
-
-    t_end: float  # end time of the run, [s]
-    #: Relative and absolute tolerances of the run.
-    rtol: float
-    atol: float
-    step: float | None = None  # step size for methods with a fixed step, [s]
-
-
-@dataclass(frozen=True)
 class MainContext:
     """The variables of the main program's template."""
 
@@ -135,10 +124,13 @@ def main_context(
     program: Program,
     model: ModelContext,
     methods: Sequence[str],
-    numbers: Numbers,
     start: Start | None,
     sizes: Sequence[float],
     *,
+    t_end: float,
+    rtol: float,
+    atol: float,
+    step: float | None,
     is_strict: bool,
     is_found: bool,
 ) -> MainContext:
@@ -160,12 +152,12 @@ def main_context(
         integrator=methods[0],
         methods=list(methods),
         implicit=implicit,
-        t_end=target.literal(numbers.t_end),
-        rtol=target.literal(numbers.rtol),
-        atol=target.literal(numbers.atol),
-        has_rtol=numbers.step is None or not implicit,
+        t_end=target.literal(t_end),
+        rtol=target.literal(rtol),
+        atol=target.literal(atol),
+        has_rtol=step is None or not implicit,
         # Fixed-step methods do not locate time events.
-        stops=[] if numbers.step is not None else _stop_rows(program, target),
+        stops=[] if step is not None else _stop_rows(program, target),
         max_step=target.literal(longest) if math.isfinite(longest) else "",
         # Initial values, too, may have sensitivities, but they are not parameters.
         seeds=[places.get(name, -1) for name in layout.sensitivities],
@@ -174,7 +166,7 @@ def main_context(
         # Algebraic unknowns, and the modes of friction and stops, need guesses.
         guess=_lines(sought.y, target) if sought is not None and has_guess else [],
         is_strict=is_strict,
-        step="" if numbers.step is None else target.literal(numbers.step),
+        step="" if step is None else target.literal(step),
         is_extended=has_explicit and program.traits.can_extend(layout) and not layout.events,
         sizes=_lines(sizes, target),
         held=wrapped(str(int(i in held)) for i in range(len(places))) if held else [],
@@ -345,15 +337,17 @@ def write_c_project(
         raise SolveError(found.on_jump)
     if target is not DOUBLE and rtol < _LEAST_RTOL:  # both are loosened by the same factor
         rtol, atol = _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
-    numbers = Numbers(t_end, rtol, atol, step)
     sizes = [] if found is None else evaluated.sizes(found)
     main = main_context(
         program,
         model,
         methods,
-        numbers,
         found,
         sizes,
+        t_end=t_end,
+        rtol=rtol,
+        atol=atol,
+        step=step,
         is_strict=is_dependent,
         # ``cotree_start.c`` finds the start, too, unless it was mended or has a note.
         is_found=found is not None and start is None and not (found.is_mended or found.note),
