@@ -73,9 +73,7 @@ class BuildError(Error, RuntimeError):
 
     def __init__(self, message: str, command: str = "", output: str = "", source: str = "") -> None:
         super().__init__(message)
-        self.command = command
-        self.output = output
-        self.source = source
+        self.command, self.output, self.source = command, output, source
 
 
 class SolveError(Error, RuntimeError):

@@ -150,7 +150,7 @@ class DatasetSchema:
         counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
         most = max((int(count.max(initial=0)) for count in counts), default=0)
         for name, mask, count in zip(names, own, counts, strict=True):
-            # Events are ordered by member; less the member's first index, they are numbered.
+            # Events are ordered by member: an index less the member's first one numbers them.
             starts = np.cumsum(count) - count
             member = members[mask]
             place = np.arange(len(member)) - starts[member]

@@ -202,6 +202,7 @@ class Preparation:
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
+        bound, layout = BoundModel(model, p, u), model.layout
         values = {
             **vars(self._template),
             "z0": start.z,
@@ -209,11 +210,20 @@ class Preparation:
             "u": u,
             "note": start.note,
             "native": model.native(p),
-            **self._functions(BoundModel(model, p, u)),
+            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
+            "rhs": bound.augmented_rates if model.sensitivities else bound.rates,
+            "jacobian": bound.jacobian,
+            "held": bound if self._is_held else None,
+            "singular": bound.singular if self._is_held and layout.constraint_edges else None,
+            "state_rhs": bound.rates,
+            "undefined": bound.undefined,
+            "sparse_jacobian": bound.sparse_jacobian if self._has_sparse else None,
+            "events": bound if layout.events else None,
+            "has_kinks": bool(layout.kinks),
         }
         if samples:
             values |= _replaced_inputs(signals)
-        if model.layout.followers:
+        if layout.followers:
             from cotree.model.unknowns import content_sizes
 
             values["sizes"] = content_sizes(at, start.y)
@@ -258,21 +268,6 @@ class Preparation:
             "breakpoints": restarts.times,
             # Sensitivities jump only at time events that depend on parameters.
             "shifts": restarts.moved,
-        }
-
-    def _functions(self, of: BoundModel) -> dict[str, Any]:
-        layout = self.model.layout
-        return {
-            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, as one system.
-            "rhs": of.augmented_rates if self.model.sensitivities else of.rates,
-            "jacobian": of.jacobian,
-            "held": of if self._is_held else None,
-            "singular": of.singular if self._is_held and layout.constraint_edges else None,
-            "state_rhs": of.rates,
-            "undefined": of.undefined,
-            "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
-            "events": of if layout.events else None,
-            "has_kinks": bool(layout.kinks),
         }
 
 

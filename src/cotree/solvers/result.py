@@ -175,21 +175,9 @@ class RunRecord(Reported):
         return (*self.states, *(row.name for row in self.positions), *self.outputs)
 
     def __getitem__(self, name: str) -> FloatArray:
-        """Return a state, position, output or input over time.
+        """Return a state, position, output or input over time, shape (n_t,); "t" is the time.
 
-        Parameters
-        ----------
-        name : str
-            Name of the variable, or "t".
-
-        Returns
-        -------
-        ndarray, shape (n_t,)
-
-        Raises
-        ------
-        UnknownNameError
-            If the name is unknown; the error is also a KeyError.
+        Raises UnknownNameError, which is also a KeyError, if the name is unknown.
         """
         if name == "t":
             return self.t
@@ -203,15 +191,8 @@ class RunRecord(Reported):
     def sensitivity(self, name: str, parameter: str) -> FloatArray:
         """Return the derivative of a state, position or output with respect to a parameter.
 
-        Returns
-        -------
-        ndarray, shape (n_t,), [unit of name / unit of parameter]
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such variable, or the sensitivities to this parameter were not
-            requested.
+        It has shape (n_t,), in [unit of name / unit of parameter]. Raises UnknownNameError if there
+        is no such variable, or the sensitivities to this parameter were not requested.
         """
         column = self._column(parameter)
         # Sensitivities of inputs are not stored.
@@ -224,14 +205,8 @@ class RunRecord(Reported):
     def event_sensitivity(self, event: str, parameter: str) -> FloatArray:
         """Return the derivatives of an event's times with respect to a parameter.
 
-        Returns
-        -------
-        ndarray, shape (n_events,), [s / unit of parameter]
-
-        Raises
-        ------
-        UnknownNameError
-            If the event is unknown, or the model has no sensitivities to this parameter.
+        They have shape (n_events,), in [s / unit of parameter]. Raises UnknownNameError if the
+        event is unknown, or the model has no sensitivities to this parameter.
         """
         column = self._column(parameter)
         if event not in self.events:
@@ -285,12 +260,8 @@ class RunRecord(Reported):
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the columns of ``columns()`` to a CSV file, with all digits of each number.
 
-        If the call is interrupted, an older file remains unchanged.
-
-        Raises
-        ------
-        SceneError
-            If the file cannot be written.
+        If the call is interrupted, an older file remains unchanged. Raises SceneError if the file
+        cannot be written.
         """
         table = self.columns()
         write_csv(path, itertools.chain([table], zip(*table.values(), strict=True)))

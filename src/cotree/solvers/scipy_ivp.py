@@ -74,7 +74,7 @@ _one_at_a_time = threading.RLock()
 # Number of evaluations with nan rates, after which methods shorten their step, that ends a run.
 _MOST_IGNORED = 1000
 
-# A step is stored if its time is rounded by less than this fraction of the last distance.
+# Largest rounding error of the time of a stored step, as a share of the time since the last.
 _FINE = 1e-2
 
 #: Message if a method such as Radau damps a growing mode, which its error estimate cannot detect.

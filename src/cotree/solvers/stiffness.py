@@ -293,13 +293,6 @@ def joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajector
 
 def summed(first: Statistics, second: Statistics) -> Statistics:
     """Return the total work of two integrations of one run."""
-    return replace(
-        second,
-        began_with=first.method,
-        nfev=first.nfev + second.nfev,
-        njev=first.njev + second.njev,
-        nlu=first.nlu + second.nlu,
-        n_steps=first.n_steps + second.n_steps,
-        seconds=first.seconds + second.seconds,
-        compile_seconds=first.compile_seconds + second.compile_seconds,
-    )
+    names = ("nfev", "njev", "nlu", "n_steps", "seconds", "compile_seconds")
+    work = {name: getattr(first, name) + getattr(second, name) for name in names}
+    return replace(second, began_with=first.method, **work)
