@@ -203,10 +203,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
     def graph(self, tree: TreeChoice = None) -> GraphReport:
         """Return the linear graphs with their trees and topology matrices.
 
-        Raises
-        ------
-        TopologyError
-            If a node is floating or the named edges are not a tree.
+        Raises TopologyError if a node is floating or the named edges are not a tree.
         """
         from cotree.export.graph_report import graph_report
         from cotree.pipeline import count_trees, draw_graphs
@@ -224,10 +221,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
     ) -> SymbolicEquations:
         """Form the governing and sensitivity equations as SymPy expressions.
 
-        Raises
-        ------
-        ModelError, FormulationError
-            As for :meth:`compile`.
+        Raises ModelError or FormulationError as :meth:`compile` does.
         """
         from cotree.export.symbolic import symbolic_equations
         from cotree.pipeline import formulate
@@ -265,13 +259,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
 
         The file loads to the same scene, whatever the source of this one; comments and order of a
         scene file are kept. Types of :func:`cotree.register_component` are stored by name, and must
-        be registered before the file is loaded.
-
-        Raises
-        ------
-        SceneError
-            If the file cannot be written, or attributes of the scene were changed without its
-            methods.
+        be registered before the file is loaded. Raises SceneError if the file cannot be written, or
+        attributes of the scene were changed without its methods.
         """
         from cotree.scene.toml_text import save_scene
 

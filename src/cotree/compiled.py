@@ -92,10 +92,7 @@ class Model(Reported):
     def spec(self) -> BuildSpec:
         """The specification that the model was compiled from.
 
-        Raises
-        ------
-        ModelError
-            If the model was unpickled and its scene cannot be read in this process.
+        Raises ModelError if the model was unpickled and its scene cannot be read in this process.
         """
         # Components of another process must be registered here before the model is opened.
         if isinstance(self._spec, bytes):

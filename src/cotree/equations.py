@@ -136,7 +136,7 @@ class ConstraintSet:
     #: Residuals of the conditions; then the values of the ``redundant`` variables as determined by
     #: the states, then as prescribed.
     start_values: tuple[Node, ...]
-    #: Derivatives of the conditions by the speeds, after one by time for coordinates.
+    #: Derivatives of the conditions, for coordinates of their rates, by the speeds.
     start_gradient: tuple[tuple[Node, ...], ...]
     #: Prescribed initial values of network variables that the states determine, too.
     redundant: tuple[RedundantRow, ...] = ()

@@ -51,11 +51,8 @@ def read_spice(path: str | Path) -> Scene:
     point, or with ``uic`` at the initial values, and end at the time of ``.tran``. ``scene.origin``
     lists ignored statements and changed names; docs/spice.md lists the supported ones.
 
-    Raises
-    ------
-    SceneError
-        If the file cannot be read or has unsupported contents; the message begins with file and
-        line.
+    Raises SceneError, beginning with file and line, if the file cannot be read or has unsupported
+    contents.
     """
     return read_spice_scene(path, Scene)
 
@@ -68,14 +65,8 @@ def read_sbml(path: str | Path) -> Scene:
     parameters. Variables and rates of reactions are outputs under their identifiers, with the
     values that they have in formulas of the model. ``scene.origin`` lists ignored elements and
     changed names; docs/sbml.md lists the supported elements. The scene has the units of the file.
-    Requires python-libsbml, which ``pip install cotree[sbml]`` installs.
 
-    Raises
-    ------
-    Error
-        If python-libsbml is not installed.
-    SceneError
-        If the file cannot be read or has unsupported contents; the message begins with file and
-        line.
+    Raises SceneError, beginning with file and line, if the file cannot be read or has unsupported
+    contents, and Error without python-libsbml, which ``pip install cotree[sbml]`` installs.
     """
     return read_sbml_scene(path, Scene)
