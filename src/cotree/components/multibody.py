@@ -88,11 +88,7 @@ ARM = Component(
 )
 
 WELD = Component(
-    "weld",
-    Role.ARM,
-    "rigid connection of two nodes",
-    fields=(_ROTATION,),
-    keeps_plane=Plane(),
+    "weld", Role.ARM, "rigid connection of two nodes", fields=(_ROTATION,), keeps_plane=Plane()
 )
 
 

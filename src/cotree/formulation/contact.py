@@ -47,8 +47,7 @@ class Slip:
         """Return the time derivative of the rate."""
         omega, alpha = _against_first(self.ends, view)
         carried = vector.add(
-            vector.cross(alpha, self.ends.reach(view)),
-            vector.cross(omega, self.ends.closing(view)),
+            vector.cross(alpha, self.ends.reach(view)), vector.cross(omega, self.ends.closing(view))
         )
         # Product rule for e.(r' - omega x r), with omega' = alpha; the term for e' is added below.
         own = vector.sub(self.ends.opening(view), carried)

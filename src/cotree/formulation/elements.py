@@ -198,10 +198,7 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
         # A cluster's wrenches are summed at its origin: add the moment of the arm.
         torque = vector.add(vector.cross(arm, action.force), action.torque)
         found.append(
-            (
-                point.cluster,
-                settled(motion, point, action.ancestor, sign, action.force, torque),
-            )
+            (point.cluster, settled(motion, point, action.ancestor, sign, action.force, torque))
         )
     return found
 

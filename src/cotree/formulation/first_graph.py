@@ -200,10 +200,7 @@ class FirstGraph:
 
 
 def form_first_graph(
-    scene: SceneDescription,
-    trees: Trees,
-    own_axes: Collection[int] = (),
-    baumgarte: float = 0.0,
+    scene: SceneDescription, trees: Trees, own_axes: Collection[int] = (), baumgarte: float = 0.0
 ) -> FirstGraph:
     """Form the governing equations of a scene in the coordinates of its branches.
 
@@ -276,11 +273,7 @@ def form_first_graph(
         conditions=start_conditions(scene, motion, still),
         measured=measured,
         reactions=reactions,
-        unknowns=(
-            *accelerations,
-            *constraints.multipliers,
-            *(row.multiplier for row in holdings),
-        ),
+        unknowns=(*accelerations, *constraints.multipliers, *(row.multiplier for row in holdings)),
         # If all pivots are positive, every coordinate moves inertia.
         matrix=LateMatrix(
             lambda: _bordered(form_mass(), constraints, holdings, dag),
@@ -296,12 +289,7 @@ def form_first_graph(
         ),
         # Multipliers have zeros on the diagonal, so their pivots are not positive.
         is_safe=(*is_safe, *(False for _ in (*constraints.rows, *holdings))),
-        guards=(
-            *system.guards,
-            *pivot_guards,
-            *idle_guards,
-            *(network.guards if network else ()),
-        ),
+        guards=(*system.guards, *pivot_guards, *idle_guards, *(network.guards if network else ())),
         states=started(states, outputs.jumps, system),
         rates=(
             *_kinematic_rates(system),

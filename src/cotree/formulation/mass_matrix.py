@@ -360,10 +360,7 @@ class LateMatrix(Sequence[Sequence["Node"]]):
     """
 
     def __init__(
-        self,
-        form: Callable[[], Sequence[Sequence[Node]]],
-        n: int,
-        border: Sequence[Sequence[Node]],
+        self, form: Callable[[], Sequence[Sequence[Node]]], n: int, border: Sequence[Sequence[Node]]
     ) -> None:
         self._form = form
         self._upper: Sequence[Sequence[Node]] | None = None

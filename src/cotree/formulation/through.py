@@ -114,9 +114,7 @@ def _joint_efforts(motion: Motion, first: Loads | None) -> list[Effort]:
 def resolved(inertia: Inertia, axes: Matrix) -> Inertia:
     """Transform an inertia to other axes."""
     return Inertia(
-        inertia.mass,
-        vector.times(axes, inertia.moment),
-        vector.congruence(axes, inertia.tensor),
+        inertia.mass, vector.times(axes, inertia.moment), vector.congruence(axes, inertia.tensor)
     )
 
 
@@ -297,11 +295,7 @@ def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
 
 
 def _project_column(
-    motion: Motion,
-    matrix: list[list[Node]],
-    geometry: Geometry,
-    column: int,
-    wrench: Wrench,
+    motion: Motion, matrix: list[list[Node]], geometry: Geometry, column: int, wrench: Wrench
 ) -> None:
     """Project a unit wrench on the motion spaces of all branches towards the ground."""
     frames = motion.frames

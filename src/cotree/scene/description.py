@@ -23,11 +23,7 @@ if TYPE_CHECKING:
     from cotree.scene.part import Part
     from cotree.scene.tables import LookupTable
 
-__all__ = [
-    "Edge",
-    "Input",
-    "SceneDescription",
-]
+__all__ = ["Edge", "Input", "SceneDescription"]
 
 
 #: Tables of a scene to which parts add rows.

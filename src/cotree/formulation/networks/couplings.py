@@ -15,14 +15,7 @@ from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.contact import touching
 from cotree.formulation.laws import Applied, JointElement, joint_measure
-from cotree.formulation.measures import (
-    Distance,
-    Ends,
-    Pull,
-    Spin,
-    carried_by,
-    chord_ends,
-)
+from cotree.formulation.measures import Distance, Ends, Pull, Spin, carried_by, chord_ends
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

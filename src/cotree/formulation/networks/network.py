@@ -252,10 +252,7 @@ def _is_passive(
 
 
 def _bind_fields(
-    ports: Mapping[str, Port],
-    symbols: Mapping[Variable, Node],
-    names: Names,
-    system: System,
+    ports: Mapping[str, Port], symbols: Mapping[Variable, Node], names: Names, system: System
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
     """Return the nodes of all components' fields, and the edges that may supply power."""
     fields: dict[tuple[str, str], Node] = {}
@@ -379,22 +376,12 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         return observe_motion(view.motion, name) is not None
 
     network, observed = form_network(
-        scene,
-        system,
-        couplings,
-        wanted,
-        is_motion=is_motion,
-        has_multipliers=True,
+        scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=True
     )
     if network.holding and not _is_linear(network, couplings, observed, named):
         # The forces are then algebraic unknowns.
         network, observed = form_network(
-            scene,
-            system,
-            couplings,
-            wanted,
-            is_motion=is_motion,
-            has_multipliers=False,
+            scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=False
         )
     reacting = frozenset(
         name

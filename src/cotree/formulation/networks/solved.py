@@ -83,9 +83,7 @@ def _undetermined(terminals: Terminals, variable: Variable) -> str:
 
 
 def _gather(
-    rule_of: Callable[[Variable], Rule],
-    roots: Iterable[Variable],
-    known: Container[Variable] = (),
+    rule_of: Callable[[Variable], Rule], roots: Iterable[Variable], known: Container[Variable] = ()
 ) -> dict[Variable, Rule]:
     """Return the rules of all variables that the roots require, except those already known."""
     rules: dict[Variable, Rule] = {}
@@ -422,12 +420,7 @@ def _solve_block(
     matrix: list[dict[int, Node]] = []
     if nodal is None:
         linear, nonlinear, matrix = _linearise(
-            solved,
-            block,
-            symbols,
-            trial,
-            partial(_stays, terminals),
-            may_share,
+            solved, block, symbols, trial, partial(_stays, terminals), may_share
         )
     else:
         linear = tuple(pair for pair in pairs if pair[0] not in nodal[1])
