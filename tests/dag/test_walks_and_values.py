@@ -75,6 +75,20 @@ def test_evaluate_on_arrays(dag, x, y):
     np.testing.assert_allclose(found[3], [0.0, 0.0, 0.0, 1.0, 0.0])
 
 
+def test_arrays_have_the_values_of_their_entries(dag, x, y):
+    """A system is singular at the third entry, where a call is undefined."""
+    data = Table((0.0, 1.0, 3.0), (1.0, 4.0, 2.0))
+    logarithm = Function("logarithm", 1, lambda a: [math.log(a[0])])
+    roots = [*table(dag, data, x), *solve(dag, [[x, y], [y, x]], [y, dag.one])]
+    at = {x: np.array([-1.0, 0.5, 2.0, 3.0, math.inf]), y: np.array([2.0, 1.5, -2.0, 4.0, 0.1])}
+    found = evaluate(roots, at, "array")
+    for i, (a, b) in enumerate(zip(at[x], at[y], strict=True)):
+        alone = evaluate(roots, {x: float(a), y: float(b)})
+        np.testing.assert_allclose([row[i] for row in found], alone, rtol=1e-15)
+    (found,) = evaluate(call(dag, logarithm, [y]), at, "array")
+    np.testing.assert_allclose(found, [*np.log([2.0, 1.5]), math.nan, *np.log([4.0, 0.1])])
+
+
 @pytest.mark.parametrize(
     ("at", "value", "slope"),
     [
