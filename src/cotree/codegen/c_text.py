@@ -59,6 +59,7 @@ def is_word(token: str) -> bool:
     return token[:1].isalpha() or token[:1] == "_"
 
 
+@cache
 def words(text: str) -> frozenset[str]:
     """Return the names and keywords in a text, except in comments and strings."""
     return frozenset(filter(is_word, tokens(text)))
@@ -207,21 +208,21 @@ def _reached(
 
     The scope of a private name is its source; the scope of other names is empty.
     """
-    by_name: dict[str, list[tuple[Item, str]]] = {}
+    by_name: dict[str, dict[str, list[tuple[Item, str]]]] = {}
     for row in rows:
+        scope = _scope(*row)
         for name in row[0].names:
-            by_name.setdefault(name, []).append(row)
+            by_name.setdefault(name, {}).setdefault(scope, []).append(row)
     reached: set[tuple[str, str]] = set()
     while fresh:
         item, file = fresh.pop()
-        for word in words(item.text):
-            for row in by_name.get(word, ()):
-                scope = _scope(*row)
+        for word in words(item.text) & by_name.keys():
+            for scope, declared in by_name[word].items():
                 # A header may use macros of the source that includes it.
                 is_known = scope in ("", file) or not file.endswith(".c")
                 if is_known and (word, scope) not in reached:
                     reached.add((word, scope))
-                    fresh += [other for other in by_name[word] if _scope(*other) == scope]
+                    fresh += declared
     return reached
 
 
