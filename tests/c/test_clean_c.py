@@ -17,6 +17,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import filelock
 import pytest
 from c_programs import SANITIZE, STRICT, execute, need
 
@@ -24,6 +25,7 @@ import cotree
 from cotree.codegen.c_files import INTEGRATORS
 from cotree.codegen.tableaus import FIXED
 from cotree.errors import CodegenError
+from cotree.export.c_checks import Evaluated
 from cotree.export.c_project import Kit, write_c_project
 from cotree.pipeline import formulate, generate
 
@@ -69,40 +71,56 @@ EVERY_RUN = [(name, "sanitizers", "double") for name in SCENES]
 EVERY_RUN += [("motor-linkage", "valgrind", "double"), ("bouncing-ball", "sanitizers", "float")]
 
 
-def written(folder: Path, names: Iterable[str], methods: Iterable[str], real: str) -> list[Path]:
-    """Write projects; return one place of each C text, since many share theirs."""
+def write_scene(folder: Path, name: str, methods: Iterable[str], reals: Iterable[str]) -> None:
+    """Write the projects of a scene, in a folder of each number type."""
+    scene = cotree.load(name)
+    for sensitivities in ((), tuple(scene.parameters)):
+        program = generate(formulate(scene, sensitivities, None)[1])[0]
+        evaluated = Evaluated(program)
+        for real, integrator in product(reals, methods):
+            to = folder / real / f"{name}-{len(sensitivities)}-{integrator}"
+            step = 1e-3 if integrator in FIXED else None
+            # Events or loops that an integrator does not take are refused with a sentence.
+            with contextlib.suppress(CodegenError):
+                kit = Kit(integrator, real)
+                write_c_project(program, to, kit, **RUN, step=step, evaluated=evaluated)
+
+
+def different(folder: Path, real: str) -> list[Path]:
+    """Return one place of each C text below a folder, since many projects share theirs."""
     found: dict[str, Path] = {}
-    for name in names:
-        scene = cotree.load(name)
-        for sensitivities in ((), tuple(scene.parameters)):
-            program = generate(formulate(scene, sensitivities, None)[1])[0]
-            for integrator in methods:
-                to = folder / f"{name}-{len(sensitivities)}-{integrator}"
-                step = 1e-3 if integrator in FIXED else None
-                # Events or loops that an integrator does not take are refused with a sentence.
-                with contextlib.suppress(CodegenError):
-                    made = write_c_project(program, to, Kit(integrator, real), **RUN, step=step)
-                    for file in made.files:
-                        if file.suffix in {".c", ".h"}:
-                            found.setdefault(file.name + file.read_text(), file)
+    for file in sorted(folder.glob(f"*/{real}/*/*.[ch]")):
+        found.setdefault(file.name + file.read_text(), file)
     return list(found.values())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def every_text(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """Return the texts of all projects by number type, which workers write together."""
+    folder, reals = tmp_path_factory.getbasetemp(), ("double", "float")
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    folder /= "every_text"
     methods = (*INTEGRATORS, *FIXED, "dopri5,rodas5")
-    return {
-        real: written(tmp_path_factory.mktemp(real), SCENES, methods, real)
-        for real in ("double", "float")
-    }
+    # Each second worker begins at the other end.
+    for name in SCENES[:: -1 if int(worker[2:]) % 2 else 1]:
+        own = folder / name
+        own.mkdir(parents=True, exist_ok=True)
+        with filelock.FileLock(own / "lock"):
+            if not (own / "complete").exists():
+                write_scene(own, name, methods, reals)
+                (own / "complete").touch()
+    return {real: different(folder, real) for real in reals}
 
 
 @pytest.fixture(scope="module")
 def some_texts(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """One scene with loops and one with events, with an explicit method; once each file."""
-    names = ("motor-linkage", "bouncing-ball")
-    files = written(tmp_path_factory.mktemp("some"), names, ("dopri5",), "double")
-    return list({path.name: path for path in files}.values())
+    folder = tmp_path_factory.mktemp("some")
+    for name in ("motor-linkage", "bouncing-ball"):
+        write_scene(folder / name, name, ("dopri5",), ("double",))
+    return list({path.name: path for path in different(folder, "double")}.values())
 
 
 def compiler_output(command: list[str], files: Iterable[Path]) -> list[str]:
