@@ -156,12 +156,12 @@ def test_main_program_takes_parameters_and_writes_a_table(program, tmp_path):
         ("--set L", "L: write --set NAME=VALUE", 2),
         ("--set L=nan", "L=nan: the value is not a finite number", 2),
         ("--set m1=-1", "mass of edge 'm5' must not be negative (parameter 'm1')", 1),
-        ("--method rk9", "rk9: this method is not compiled in: give one of dopri5, rodas5", 2),
+        ("--method rk9", "rk9: this method is not compiled in; choose one of dopri5, rodas5", 2),
         ("--unknown 1", "--unknown: there is no such option; --help lists them", 2),
         ("--csv", "--csv: its value is missing", 2),
         ("--csv /none/x", "/none/x: the file cannot be written", 2),
-        ("--rtol 2", "2: a relative tolerance lies between 0 and 1", 2),
-        ("1 2 3", "3: only the end time and the points stand without an option", 2),
+        ("--rtol 2", "2: the relative tolerance must be between 0 and 1", 2),
+        ("1 2 3", "3: only the end time and the number of points have no option", 2),
     ],
 )
 def test_main_program_refuses_bad_arguments_in_a_sentence(program, arguments, message, code):

@@ -397,10 +397,10 @@ def test_the_way_of_a_ball_leaves_events_to_the_other_stream(tmp_path, compiler)
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["1", "1"], "the number of points is not a whole number from 2 on"),
-        (["1", "2.5"], "the number of points is not"),
+        (["1", "1"], "the number of points must be an integer of at least 2"),
+        (["1", "2.5"], "the number of points must be"),
         (["0", "3"], "points need an end time other than 0"),
-        (["1", "3", "4"], "only the end time and the points stand without an option"),
+        (["1", "3", "4"], "only the end time and the number of points have no option"),
         (["x"], "the end time is not a finite number"),
     ],
 )

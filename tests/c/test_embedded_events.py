@@ -208,4 +208,4 @@ def test_what_ends_a_run_is_said(
     assert done.returncode == 1
     assert message in done.stderr
     done = execute([executable, "-1"], tmp_path)
-    assert "events happen forwards in time only" in done.stderr
+    assert "events are located in forward time only" in done.stderr

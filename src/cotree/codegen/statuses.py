@@ -5,7 +5,7 @@ from __future__ import annotations
 #: Descriptions of the values of ``cotree_status`` in their order, without a capital and full stop.
 #: The names have the prefix ``COTREE_`` in C.
 SENTENCES = {
-    "OK": "all is well",
+    "OK": "success",
     "BAD_ARGUMENT": "a size, time, tolerance or initial value is out of range",
     "TOO_MANY_STEPS": "too many steps are needed",
     "STEP_TOO_SMALL": "the step size fell to rounding level",
@@ -15,16 +15,16 @@ SENTENCES = {
     "PROJECTION_FAILED": (
         "the projection onto the constraints fails, or moves a step by many tolerances"
     ),
-    "NO_MEMORY": "SUNDIALS got no memory",
+    "NO_MEMORY": "SUNDIALS could not allocate memory",
     "NOT_FINITE": "the solution is no longer finite",
     "NOT_SOLVED": "the algebraic unknowns cannot be solved for",
-    "NOT_PROJECTED": "the constraints cannot be met",
-    "CANNOT_START": "it cannot start",
+    "NOT_PROJECTED": "the constraints cannot be satisfied",
+    "CANNOT_START": "the integrator cannot start",
     "TOO_TIGHT": "the tolerances are too tight for double precision",
-    "ERROR_TEST_FAILED": "the error test fails again and again, or the step size fell to its least",
-    "NOT_CONVERGED": "Newton's method fails again and again, or the step size fell to its least",
-    "SENSITIVITIES_FAILED": "the rates of sensitivities fail",
-    "FLAGGED": "the integrator gives a flag of its own",
+    "ERROR_TEST_FAILED": "the error test failed repeatedly, or at the minimum step size",
+    "NOT_CONVERGED": "Newton's method failed repeatedly, or at the minimum step size",
+    "SENSITIVITIES_FAILED": "the rates of the sensitivities cannot be evaluated",
+    "FLAGGED": "the integrator returned an unknown flag",
     "FOLD": "the algebraic unknowns would jump to another solution",
 }
 

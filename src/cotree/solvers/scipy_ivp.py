@@ -159,7 +159,7 @@ class _Run:
         limit = self.spent()
         # SciPy's computation of the first step would not end if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
-            limit = IntegrationStopError(FAILED, "it cannot start")
+            limit = IntegrationStopError(FAILED, "the integrator cannot start")
         if limit is not None:
             raise limit
         segment = _Segment(self, start, end)

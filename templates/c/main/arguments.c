@@ -49,7 +49,7 @@ static int choose_method(const char *name)
         method = methods + i;
         if (strcmp(method->name, name) == 0) return 0;
     }
-    return refuse(name, "this method is not compiled in: give one of " METHODS);
+    return refuse(name, "this method is not compiled in; choose one of " METHODS);
 }
 
 #endif
@@ -58,20 +58,20 @@ static int print_help(void)
 #if COTREE_MAIN_PARAMETERS
     int i;
 #endif
-    printf("%s: integrates the model and prints where it ends, or its way there.\n\n"
+    printf("%s: integrates the model and prints its final state, or a table over time.\n\n"
            "usage: " PROGRAM " [options] [end time [points]]\n\n"
 #if COTREE_MAIN_PARAMETERS
            "  --set NAME=VALUE  value of a parameter\n"
 #endif
            "  --t-end T         end time (%g)\n"
            "  --points N        number of evenly spaced times to print\n"
-           "  --csv FILE        file for these, as comma-separated values (%d points)\n",
+           "  --csv FILE        file for the table, as comma-separated values (%d points)\n",
            TITLE, request.t_end, N_POINTS);
 #if COTREE_MAIN_METHODS
     printf("  --method NAME     " METHODS "\n");
 #endif
 #if COTREE_MAIN_FIXED
-    printf("  --step H          length of the steps (%g)\n", request.step);
+    printf("  --step H          step size (%g)\n", request.step);
 #endif
 #if COTREE_MAIN_RTOL
     printf("  --rtol R          relative tolerance (%g)\n", request.rtol);
@@ -98,7 +98,7 @@ static int read_points(const char *text)
     char *end;
     request.n_points = strtol(text, &end, 10);
     if (end == text || *end != '\0' || request.n_points < 2 || request.n_points > 100000000) {
-        return refuse(text, "the number of points is not a whole number from 2 on");
+        return refuse(text, "the number of points must be an integer of at least 2");
     }
     return 0;
 }
@@ -121,18 +121,18 @@ static int read_option(const char *option, const char *value)
 #if COTREE_MAIN_FIXED
     if (strcmp(option, "--step") == 0) {
         return read_within(value, &request.step, COTREE_MIN, COTREE_INFINITY,
-                           "a step is a positive number");
+                           "the step size must be positive");
     }
 #endif
 #if COTREE_MAIN_RTOL
     if (strcmp(option, "--rtol") == 0) {
         return read_within(value, &request.rtol, COTREE_MIN, COTREE_F(1.0),
-                           "a relative tolerance lies between 0 and 1");
+                           "the relative tolerance must be between 0 and 1");
     }
 #endif
     if (strcmp(option, "--atol") == 0) {
         return read_within(value, &request.atol, COTREE_F(0.0), COTREE_INFINITY,
-                           "an absolute tolerance is a number that is not negative");
+                           "the absolute tolerance must not be negative");
     }
     return refuse(option, "there is no such option; --help lists them");
 }
@@ -154,7 +154,7 @@ static int read_arguments(int argc, char **argv)
             status = n_plain == 0 ? read_end(argv[i]) : read_points(argv[i]);
             ++n_plain;
         } else {
-            return refuse(argv[i], "only the end time and the points stand without an option");
+            return refuse(argv[i], "only the end time and the number of points have no option");
         }
     }
     if (status != 0) return status;

@@ -81,7 +81,7 @@ int main(int argc, char **argv)
     begin_run(&arena);
     /* This is the only allocation; without a heap, an array of this size can replace it. */
     arena.base = (char *)calloc(1, arena.used);
-    if (arena.base == NULL) return fail("there is no memory");
+    if (arena.base == NULL) return fail("out of memory");
     arena.used = 0;
     begin_run(&arena);
     status = set_up(&d, t_end < COTREE_F(0.0) ? -request.step : request.step);

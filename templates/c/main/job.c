@@ -38,7 +38,7 @@ static void report(void)
         const int state = job.turned % N_STATES, parameter = job.turned / N_STATES - 1;
         fprintf(stderr,
                 "%s: the sensitivity of '%s' to '%s' does not exist from t = %.10g on: "
-                "stops meet there that move differently with it.\n",
+                "time events coincide there that depend on it differently.\n",
                 TITLE, MODEL->states[state].name, MODEL->sensitivities[parameter], job.t);
         return;
     }
@@ -81,7 +81,7 @@ static int integrate(cotree_real t_end)
         return EXIT_FAILURE;
     }
     breakpoints = (cotree_real *)calloc((size_t)n_breakpoints, width * sizeof(cotree_real));
-    if (breakpoints == NULL) return fail("there is no memory");
+    if (breakpoints == NULL) return fail("out of memory");
     cotree_job_set_breakpoints(&job, &stops, COTREE_F(0.0), t_end, COTREE_F(0.0), SIZES, SEEDS,
                                breakpoints, tolerances);
 #else
@@ -90,7 +90,7 @@ static int integrate(cotree_real t_end)
 #endif
     if (job.n_wanted == 0) job.wanted = breakpoints; /* it is not read, but must not be NULL */
     job.memory = calloc(1, cotree_job_memory(&job));
-    if (job.memory == NULL) return fail("there is no memory");
+    if (job.memory == NULL) return fail("out of memory");
     while (result == COTREE_JOB_MORE) {
         const int segment = job.segment;
         result = cotree_job_run(&job, MOST_STEPS);
@@ -120,7 +120,7 @@ static int want_points(long n, cotree_real t_end)
     const size_t row = N_UNKNOWNS, rows = (size_t)n;
     cotree_real *const numbers = (cotree_real *)calloc(rows, (2 + row) * sizeof(cotree_real));
     long i;
-    if (numbers == NULL) return fail("there is no memory");
+    if (numbers == NULL) return fail("out of memory");
     for (i = 0; i < n; ++i) {
         numbers[i] = i == n - 1 ? t_end : t_end * ((cotree_real)i / (cotree_real)(n - 1));
     }
@@ -157,7 +157,7 @@ int main(int argc, char **argv)
         return refuse("--points", "points need an end time other than 0");
     }
 #if COTREE_MAIN_EVENTS
-    if (t_end < COTREE_F(0.0)) return refuse("--t-end", "events happen forwards in time only");
+    if (t_end < COTREE_F(0.0)) return refuse("--t-end", "events are located in forward time only");
 #endif
     if (begin() != 0) return EXIT_FAILURE;
     out = request.csv == NULL ? stdout : fopen(request.csv, "w");

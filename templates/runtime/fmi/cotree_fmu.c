@@ -131,7 +131,7 @@ static void reset(fmu *m)
     fmu_enter(m, FMU_INSTANTIATED);
 }
 
-/* Return a new instance, or NULL if there is no memory. */
+/* Return a new instance, or NULL if memory is exhausted. */
 static fmu *new_instance(const fmu_importer *importer, const fmu_tables *tables)
 {
     cotree_arena arena = {NULL, 0};
@@ -169,7 +169,7 @@ fmu *fmu_instantiate(const fmu_importer *importer, const char *token, int is_exc
     if (is_exchanged ? !tables->is_exchangeable : tables->stepper == NULL)
         return fmu_reject(importer, "the unit was exported without this interface type");
     m = new_instance(importer, tables);
-    if (m == NULL) return fmu_reject(importer, "there is no memory");
+    if (m == NULL) return fmu_reject(importer, "out of memory");
     m->is_exchanged = is_exchanged;
     m->returns_early = returns_early;
     return m;
@@ -395,7 +395,7 @@ static int check_state(const fmu *m, const void *own)
                       m->function);
 }
 
-/* Append a new state to the list of saved states. Return NULL if there is no memory. */
+/* Append a new state to the list of saved states. Return NULL if memory is exhausted. */
 static fmu_state *add_state(fmu *m)
 {
     fmu_state *const own = (fmu_state *)malloc(size_of_state(m));
@@ -450,7 +450,8 @@ static int is_mode(const fmu *m, double mode)
 
 int fmu_restore(fmu *m, const double *from)
 {
-    if (!is_mode(m, from[FMU_MODE])) return fmu_refuse(m, "this is no state of such an instance");
+    if (!is_mode(m, from[FMU_MODE]))
+        return fmu_refuse(m, "this is not a state of such an instance");
     memcpy(m->saved, from, m->n_saved * sizeof(double));
     m->mode = (int)m->numbers[FMU_MODE];
     m->is_prepared = 0;

@@ -55,13 +55,14 @@ static int check_variables(const fmu *m, const fmu_direction *d)
         const int row = row_of(m, d->unknowns[i]);
         const int state = row - m->tables->partials.n_rows;
         if (row < 0 || (state >= 0 && state < N_RATES && !is_start)) {
-            return fmu_refuse(m, "variable %u is no unknown with derivatives in %s", d->unknowns[i],
-                              fmu_mode_name(m));
+            return fmu_refuse(m, "variable %u is not an unknown with derivatives in %s",
+                              d->unknowns[i], fmu_mode_name(m));
         }
     }
     for (i = 0; i < d->n_knowns; ++i) {
         if (column_of(m, d->knowns[i]) < 0)
-            return fmu_refuse(m, "variable %u is no known in %s", d->knowns[i], fmu_mode_name(m));
+            return fmu_refuse(m, "variable %u is not a known in %s", d->knowns[i],
+                              fmu_mode_name(m));
     }
     return 0;
 }

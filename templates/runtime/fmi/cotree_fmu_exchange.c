@@ -28,7 +28,7 @@ int fmu_get_numbers(fmu *m, enum fmu_block block, double *values, size_t n)
 
 int fmu_set_time(fmu *m, double t)
 {
-    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the time is no finite number");
+    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the time is not a finite number");
     m->numbers[FMU_NOW] = t;
     fmu_invalidate(m);
     return 0;
@@ -60,7 +60,8 @@ static int find_drift(fmu *m, int *has_drifted)
     int i;
     if (fmu_refresh(m, FMU_POINT) != 0) return 1;
     if (m->model->constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, found) != 0) {
-        return fmu_refuse(m, "the constraints have no values at t = %.10g", m->numbers[FMU_NOW]);
+        return fmu_refuse(m, "the constraints cannot be evaluated at t = %.10g",
+                          m->numbers[FMU_NOW]);
     }
     for (i = 0; i < N_RATES; ++i) largest = fmax(largest, fabs(m->z[i]));
     for (i = 0; i < m->model->n_constraints; ++i) {
@@ -134,7 +135,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     }
     cotree_events_save(e, m->event_history);
     if (cotree_run_complete(&m->run, t, w) != 0) {
-        return fmu_refuse(m, "no values of the algebraic unknowns are found at t = %.10g", t);
+        return fmu_refuse(m, "the algebraic unknowns cannot be solved for at t = %.10g", t);
     }
     for (i = 0; i < N_STATES; ++i) m->z[i] = m->run.full[i];
     news->terminates = e->terminal_event >= 0;

@@ -5,7 +5,7 @@
 int fmu_set_up(fmu *m, const double *tolerance, double t, double end)
 {
     const double rtol = tolerance == NULL ? m->tables->rtol : *tolerance;
-    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the start time is no finite number");
+    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the start time is not a finite number");
     if (!(end > t)) {
         return fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
     }
@@ -190,9 +190,8 @@ static int complete_direction(fmu *m, double *seed, int level)
     }
     if (cotree_assembly_follow(&m->start.assembly, m->numbers[FMU_NOW], m->z, level, rates, seed) !=
         0) {
-        return fmu_refuse(
-            m, "the start has no such derivative: no motion makes up for what it changes "
-               "of the constraints");
+        return fmu_refuse(m, "the start has no such derivative: no change of the other states "
+                             "satisfies the constraints to first order");
     }
     return 0;
 }
@@ -204,7 +203,7 @@ static int complete_directions(fmu *m, const int *is_known, double *seed)
     int i, status;
     if (m->tables->start_tables->assembly == NULL) return 0;
     if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
-        return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
+        return fmu_refuse(m, "the start is one of several projections and has no derivatives: set "
                              "initial values that satisfy the constraints");
     }
     if (fmu_refresh(m, FMU_POINT) != 0) return 1;

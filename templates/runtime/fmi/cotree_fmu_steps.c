@@ -21,7 +21,7 @@ static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
     if (n > m->n_breakpoints) {
         const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
         double *const more = (double *)realloc(m->breakpoints, 2 * n * width * sizeof(double));
-        if (more == NULL) return fmu_refuse(m, "there is no memory");
+        if (more == NULL) return fmu_refuse(m, "out of memory");
         m->breakpoints = more;
         m->n_breakpoints = 2 * n;
     }
@@ -105,7 +105,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
         free(m->job_memory);
         m->job_memory = malloc(n_bytes);
         m->n_job_memory = m->job_memory == NULL ? 0 : n_bytes;
-        if (m->job_memory == NULL) return fmu_refuse(m, "there is no memory");
+        if (m->job_memory == NULL) return fmu_refuse(m, "out of memory");
     }
     memset(m->job_memory, 0, n_bytes); /* removes data of the previous step */
     job->memory = m->job_memory;
@@ -125,8 +125,8 @@ static int log_failure(fmu *m, const cotree_job *job, long n_events)
     if (job->status == COTREE_RUN_TURNED) {
         return fmu_discard(
             m,
-            "the sensitivity of '%s' to '%s' does not exist from t = %.10g on: stops meet "
-            "there that move differently with it",
+            "the sensitivity of '%s' to '%s' does not exist from t = %.10g on: time events "
+            "coincide there that depend on it differently",
             m->model->states[job->turned % N_STATES].name,
             m->model->sensitivities[job->turned / N_STATES - 1], job->t);
     }
@@ -209,7 +209,7 @@ static int check_step(const fmu *m, double t, double step)
 {
     const double at = m->numbers[FMU_NOW], end = m->numbers[FMU_END];
     if (!(step > 0.0 && step <= DBL_MAX)) {
-        return fmu_refuse(m, "the step size %g is no positive number", step);
+        return fmu_refuse(m, "the step size %g is not a positive number", step);
     }
     if (!(fabs(t - at) <= TIME_RTOL * fmax(1.0, fabs(at)))) {
         return fmu_refuse(m, "the step begins at t = %.10g, but the instance is at t = %.10g", t,

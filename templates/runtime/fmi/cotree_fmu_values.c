@@ -11,7 +11,7 @@ static int update_time_events(fmu *m)
     double *const rows = m->limits + m->tables->n_limits;
     int i, j;
     if (m->tables->find_stops(m->p, m->k, m->limits) != 0) {
-        return fmu_refuse(m, "the times of breakpoints have no values");
+        return fmu_refuse(m, "the times of time events cannot be computed");
     }
     /* From the last row to the first, since a row is longer than the kernel's result for it. */
     for (i = m->stops.n - 1; i >= 0; --i) {
@@ -131,7 +131,7 @@ static int compute_point(fmu *m)
     if (solve_unknowns(m) != 0) return 1;
 #endif
     if (cotree_run_inputs(&m->run, now(m)) == 0) return 0;
-    return fmu_discard(m, "the inputs have no values at t = %.10g", m->numbers[FMU_NOW]);
+    return fmu_discard(m, "the inputs cannot be computed at t = %.10g", m->numbers[FMU_NOW]);
 }
 
 static int evaluate(fmu *m, int what)
@@ -346,7 +346,7 @@ static int check_set(const fmu *m, unsigned reference, double value)
     const int is_early = (m->mode & (FMU_INSTANTIATED | FMU_INITIALIZATION)) != 0;
     if (block < 0) return fmu_refuse(m, "there is no variable %u", reference);
     if (!(fabs(value) <= DBL_MAX))
-        return fmu_refuse(m, "variable %u is set to no finite number", reference);
+        return fmu_refuse(m, "variable %u is set to a value that is not finite", reference);
     if (block == FMU_INPUTS) return 0;
     /* The standard allows changes of parameters only in Event Mode, and most importers follow it.
      * CasADi sets parameters at every evaluation, and integrates again for other values. */

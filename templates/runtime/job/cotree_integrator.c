@@ -5,7 +5,7 @@ const char *cotree_status_message(cotree_status status)
 {
     switch (status) {
     case COTREE_OK:
-        return "all is well";
+        return "success";
     case COTREE_BAD_ARGUMENT:
         return "a size, time, tolerance or initial value is out of range";
     case COTREE_TOO_MANY_STEPS:
@@ -29,22 +29,22 @@ const char *cotree_status_message(cotree_status status)
         return "the algebraic unknowns would jump to another solution";
 #endif
     case COTREE_NOT_PROJECTED:
-        return "the constraints cannot be met";
+        return "the constraints cannot be satisfied";
 #if COTREE_HAS_SUNDIALS
     case COTREE_NO_MEMORY:
-        return "SUNDIALS got no memory";
+        return "SUNDIALS could not allocate memory";
     case COTREE_CANNOT_START:
-        return "it cannot start";
+        return "the integrator cannot start";
     case COTREE_TOO_TIGHT:
         return "the tolerances are too tight for double precision";
     case COTREE_ERROR_TEST_FAILED:
-        return "the error test fails again and again, or the step size fell to its least";
+        return "the error test failed repeatedly, or at the minimum step size";
     case COTREE_NOT_CONVERGED:
-        return "Newton's method fails again and again, or the step size fell to its least";
+        return "Newton's method failed repeatedly, or at the minimum step size";
     case COTREE_SENSITIVITIES_FAILED:
-        return "the rates of sensitivities fail";
+        return "the rates of the sensitivities cannot be evaluated";
     case COTREE_FLAGGED:
-        return "the integrator gives a flag of its own";
+        return "the integrator returned an unknown flag";
 #endif
     }
     return "the status is unknown";

@@ -408,7 +408,7 @@ const char *cotree_start_message(int status)
     case COTREE_START_VIOLATED:
         return "the initial values violate the constraints, and given ones cannot be adjusted";
     case COTREE_START_STUCK:
-        return "no change of the states follows a parameter of sensitivity to first order";
+        return "a sensitivity is undefined: no change of the states satisfies the constraints";
     case COTREE_START_CONTRADICTED:
         return "initial values contradict each other";
     case COTREE_START_UNSOLVED:
@@ -418,7 +418,7 @@ const char *cotree_start_message(int status)
     case COTREE_START_REVERSED:
         return "a jump reverses its own condition";
     case COTREE_START_NO_MEMORY:
-        return "there is not enough memory";
+        return "out of memory";
     case COTREE_START_ON_JUMP:
         return "the start is at a jump that depends on a parameter: there are no sensitivities";
     case COTREE_START_UNDEFINED:

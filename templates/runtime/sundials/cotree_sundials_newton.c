@@ -467,7 +467,7 @@ static int solver_take_system(void *solver, void *system)
     return 0;
 }
 
-/* Return a nonlinear solver for SUNDIALS, or NULL if there is no memory. */
+/* Return a nonlinear solver for SUNDIALS, or NULL if memory is exhausted. */
 COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
 {
     const cotree_bdf *const c = bdf_of(job);
