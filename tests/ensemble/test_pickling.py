@@ -134,7 +134,7 @@ def test_equal_models_have_equal_digests_and_others_do_not():
 def test_another_version_is_refused(monkeypatch):
     data = pickle.dumps(cotree.load("slider-pendulum").compile())
     monkeypatch.setattr(loading, "VERSION", "9.9.9")
-    with pytest.raises(BuildError, match=r"pickled by cotree .* here is cotree 9\.9\.9 .*install"):
+    with pytest.raises(BuildError, match=r"pickled by cotree .* this is cotree 9\.9\.9 .*install"):
         pickle.loads(data)
 
 

@@ -243,7 +243,7 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ({"shared": ["R"], "per_experiment": ["R"]}, "'R' is in shared and in per_experiment"),
         ({"noise": "no"}, "noise is 'no': give 'given' or 'estimated'"),
         ({"loss": "l2"}, "loss is 'l2': give 'linear', 'soft_l1'"),
-        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs a given noise"),
+        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs known noise"),
         ({"starts": 0}, "starts is 0: give a whole number of at least 1"),
         ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": "a"}, "seed is 'a': give a whole number"),

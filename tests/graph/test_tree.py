@@ -45,7 +45,7 @@ def test_nodes_out_of_reach_are_named_with_their_edges(pendulum: LinearGraph):
     assert str(caught.value) == (
         "nodes 'B', 'C' of the translation graph are floating: edges m6, h2, r4 touch them, but no "
         "path of edges that may be branches leads there from 'ground'; connect one of them to "
-        "'ground' by one (in mechanics a joint, an arm or a body)"
+        "'ground' by such an edge (in mechanics a joint, an arm or a body)"
     )
 
 

@@ -65,7 +65,7 @@ def test_where_it_sticks_nothing_accelerates_it_and_the_force_holds_what_there_i
 @pytest.mark.parametrize(
     ("point", "why"),
     [
-        ([0.0, 0.0, 0.47], "'R' sticks .* beyond its limit by 16.8"),
+        ([0.0, 0.0, 0.47], "'R' sticks .* exceeds its limit by 16.8"),
         ([0.0, 0.5, 0.03], "'R' sticks .* its speed is 0.5"),
         ([-1.0, 0.5, 0.03], "'R' slides backwards .* its speed is 0.5"),
         ([0.5, 0.5, 0.03], "'R.mode' is 0.5 .* 0 means sticking"),
@@ -91,7 +91,7 @@ def test_a_clutch_that_nothing_presses_together_is_linearised_as_free():
     scene.edge("B", "brake", "ground", "a", normal_force="N", friction=0.5, radius=1.0)
     model = scene.compile()
     assert dict(model.linearize().modes) == {"B.mode": 2.0}
-    with pytest.raises(SolveError, match=r"'B' is disengaged .* its faces would rub with 0.5"):
+    with pytest.raises(SolveError, match=r"'B' is disengaged .* its grip would be 0.5"):
         model.linearize(y=[2.0, 1.0], p={"N": 1.0})
 
 
@@ -101,7 +101,7 @@ def test_what_sticks_is_an_equilibrium_anywhere_within_its_limits():
     assert point["force"] == pytest.approx(-K * 0.04, rel=1e-12)
     assert not point.is_unique
     assert point["R.mode"] == 0.0
-    with pytest.raises(SolveError, match=r"beyond its limit by 16\.8"):
+    with pytest.raises(SolveError, match=r"exceeds its limit by 16\.8"):
         oscillator(s=0.47).trim()
 
 

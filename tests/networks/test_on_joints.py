@@ -318,7 +318,7 @@ def _simpson(values, times):
 @pytest.mark.parametrize(
     ("fields", "told"),
     [
-        ({"joint": "rail", "velocity": "sign(t - 1)"}, "would take an impulse"),
+        ({"joint": "rail", "velocity": "sign(t - 1)"}, "would require an impulse"),
         ({"joint": "rail", "velocity": "rail.s"}, "may depend on parameters and t only"),
         ({"joint": "rial", "velocity": 1.0}, "joint 'rial'; did you mean 'rail'"),
         (

@@ -105,7 +105,7 @@ def test_small_motions_are_still_warned_of() -> None:
 def test_scenes_benches_and_projects_refuse_and_warn(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"of the simulation rtol is 1.0: errors as large"):
         scene(rtol=1.0)
-    with pytest.raises(SolveError, match=r"tolerances holds a wrong one: rtol is 2.0"):
+    with pytest.raises(SolveError, match=r"tolerances contains an invalid value: rtol is 2.0"):
         cotree.bench(scene(), tolerances=[2.0])
     with pytest.warns(RuntimeWarning, match="above 0.01"):
         scene(rtol=0.5).compile().write(tmp_path)

@@ -161,7 +161,7 @@ def test_methods_that_fail_or_are_too_slow_are_rows_with_their_reason() -> None:
     assert (refused.status, refused.message) == (-1, "this is not for RK23")
     assert slow.status == slower.status == -2
     assert "time limit of 0.2 s" in slow.message
-    assert slower.message == "not run: over the time limit at rtol 1e-04 already"
+    assert slower.message == "not run: a run at rtol 1e-04 exceeded the time limit"
     assert math.isnan(slow.seconds)
     assert math.isnan(slow.error)
     assert all(row.success for row in good)

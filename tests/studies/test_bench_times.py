@@ -140,8 +140,8 @@ def test_a_row_that_another_method_computed_is_marked_and_not_recommended(report
     replaced, own = report.rows
     assert (replaced.substitute, replaced.n_runs, own.substitute) == ("DOP853", 0, "")
     assert report.recommended(1e-3).method == "RK45"
-    assert "DOP853 stood in: not timed" in report.summary()
-    assert "DOP853 stood in: not timed" in report._repr_html_()
+    assert "replaced by DOP853: not timed" in report.summary()
+    assert "replaced by DOP853: not timed" in report._repr_html_()
     assert [row["substitute"] for row in report.to_dict()["rows"]] == ["DOP853", ""]
 
 
@@ -166,6 +166,6 @@ def test_a_quick_bench_has_three_tolerances(tmp_path: Path) -> None:
 
 def test_a_bench_ends_with_its_budget(model: Model) -> None:
     left = cotree.bench(model, (), ["RK45"], [1e-4], budget=1e-9, t_end=0.5)
-    assert left.rows[0].message == "not run: the budget of the bench is spent"
+    assert left.rows[0].message == "not run: the budget of the bench is exceeded"
     with pytest.raises(ParameterError, match="budget is 0"):
         cotree.bench(model, budget=0.0)

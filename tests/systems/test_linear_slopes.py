@@ -164,7 +164,7 @@ def test_other_libraries_take_a_linear_system(oscillator):
 def test_derivatives_that_were_not_asked_for_are_refused(oscillator):
     linear = oscillator.linearize(sensitivities=["m"])
     with pytest.raises(
-        cotree.ParameterError, match=r"derivatives by 'k' were not requested.*'m'|m"
+        cotree.ParameterError, match=r"with respect to 'k' were not requested.*'m'|m"
     ):
         linear.sensitivity("k")
     with pytest.raises(cotree.ParameterError, match="'mm' is not a tunable parameter"):

@@ -114,7 +114,7 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
     if "call" in ops:
-        return "a function from outside is called"
+        return "an external function is called"
     if sum(kernel.operations.total for kernel in kernels) > _MOST_OPERATIONS:
         return f"rates and their derivatives have more than {_MOST_OPERATIONS} operations"
     return ""

@@ -80,7 +80,7 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
-            f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
+            f"the C text has {len(text)} characters: request fewer sensitivities or outputs"
         )
     return text
 

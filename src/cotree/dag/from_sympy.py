@@ -61,7 +61,7 @@ def _maker(expression: Any) -> _Maker:
     if name in ("Max", "Min"):
         return lambda dag, arguments: _extreme(name, [part(dag, arguments) for part in parts], dag)
     if name not in _FUNCTIONS:
-        raise ValueError(f"the law uses the function '{name}', which cotree has no operation for")
+        raise ValueError(f"the law uses the function '{name}', which is not supported")
     function = _FUNCTIONS[name]
     return lambda dag, arguments: dag.function(function, *[part(dag, arguments) for part in parts])
 
@@ -115,8 +115,7 @@ def _piecewise(expression: Any) -> _Maker:
     value, condition = pairs[-1]
     if condition is not sympy.true:
         raise ValueError(
-            "the law has a Piecewise that is undefined elsewhere: "
-            "end it with a branch (value, True)"
+            "the law has a Piecewise without a default branch: end it with (value, True)"
         )
     # The first branch whose condition holds is selected, so selections are nested from the last to
     # the first branch.
@@ -144,7 +143,7 @@ def _chooser(condition: Any) -> _Chooser:
         inner = _chooser(condition.args[0])
         return lambda dag, arguments, accepted, refused: inner(dag, arguments, refused, accepted)
     if not isinstance(condition, (sympy.Ge, sympy.Gt, sympy.Le, sympy.Lt)):
-        raise ValueError("the law branches on something other than <, <=, > or >=")
+        raise ValueError("the law has a condition that is not a comparison by <, <=, > or >=")
     # A selection compares with zero: a >= b becomes a - b >= 0.
     excess = _maker(condition.gts - condition.lts)
     if isinstance(condition, (sympy.Gt, sympy.Lt)):  # strict comparison: false at equality

@@ -168,9 +168,9 @@ class _Watch:
         if time.perf_counter() - self._begun > self._limit:
             densest, period = self._densest.n_times, abs(self._densest.period)
             raise ValueError(
-                f"the time limit of {self._limit:g} s is spent on listing {self._n} time events, "
-                f"{densest} of them with a period of {period:.6g} s: check the unit of the "
-                "period, shorten the span, or raise time_limit"
+                f"the time limit of {self._limit:g} s was exceeded by the search for {self._n} "
+                f"time events, {densest} of them with a period of {period:.6g} s: check the unit "
+                "of the period, shorten the span, or raise time_limit"
             )
 
 

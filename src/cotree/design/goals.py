@@ -128,8 +128,8 @@ class Goals:
     def _read(self, text: object, where: str) -> ast.expr:
         if not isinstance(text, str) or len(text) > _LONGEST:
             raise ExpressionError(
-                f"{where} must be a text of at most {_LONGEST} characters in the grammar of "
-                f"expressions, not {brief(repr(text))}"
+                f"{where} must be an expression of at most {_LONGEST} characters, not "
+                f"{brief(repr(text))}"
             )
         try:
             return read_tree(text)

@@ -129,7 +129,7 @@ def optimise(
     9.487
     """
     described, method = scene_of(system), str(method).lower()
-    check_choice(method, "method (that of the runs is solver)", ("slsqp", "trust-constr"))
+    check_choice(method, "method (solver selects that of the runs)", ("slsqp", "trust-constr"))
     texts = check_names(subject_to, "subject_to", "conditions in quotes")
     tolerance = check_positive(tolerance, "tolerance")
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
@@ -240,8 +240,8 @@ def _check_objective(search: Search, start: Any) -> None:
     if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{row.name}'" for row in search.space.rows)
         raise ParameterError(
-            f"the objective does not change with {names}: vary something that it depends on, or "
-            "minimise something else"
+            f"the objective does not change with {names}: vary parameters that affect it, or "
+            "minimise another quantity"
         )
 
 

@@ -128,7 +128,7 @@ def _read_csv(path: Path, where: str) -> tuple[dict[str, Column], list[str]]:
             )
     if all(is_number(item) for item in header):
         raise ParameterError(
-            f"{where} begins with numbers: its first line must name the columns, time,v say"
+            f"{where} begins with numbers: its first line must name the columns, for example time,v"
         )
     if not lines:
         raise ParameterError(f"{where} has no numbers below its first line")

@@ -446,7 +446,7 @@ def _check_search(problem: Problem, search: Search) -> None:
     unknown = [name for name in problem.measured.noise if isinstance(name, str)]
     if search.loss != "linear" and unknown:
         raise ParameterError(
-            f"loss='{search.loss}' needs a given noise, but '{unknown[0]}' is estimated: give the "
+            f"loss='{search.loss}' needs known noise, but '{unknown[0]}' is estimated: give the "
             "standard deviation of every measured column"
         )
     if search.optimiser != "lm":

@@ -122,15 +122,14 @@ class Observer:
             close = nearest(left[0] if left else "", known)
             raise ParameterError(
                 f"{experiment.where}: no column is a state or an output of the model{close}; its "
-                f'columns are {listed}: say what they measure, observables={{"column": '
-                '"expression"}'
+                f'columns are {listed}: assign them by observables={{"column": "expression"}}'
             )
         if left:
             listed = ", ".join(f"'{brief(name)}'" for name in left[:8])
             close = nearest(left[0], known) if len(left) == 1 else ""
             warnings.warn(
                 f"{experiment.where}: no state, output or input of the model is called {listed}, "
-                f"which is ignored{close}; use observables to say which columns count",
+                f"which is ignored{close}; select the measured columns by observables",
                 RuntimeWarning,
                 stacklevel=6,
             )

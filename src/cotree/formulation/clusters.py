@@ -241,8 +241,8 @@ class _Walks:
         return (
             "the trees reach bodies in opposite orders: the rotation tree reaches node "
             f"'{step.child}' by '{turning.edge}' from node '{turning.parent}', which the "
-            f"translation tree cannot reach before it: name '{step.edge}' in the rotation tree in "
-            f"place of '{turning.edge}', or another tree of translation"
+            f"translation tree cannot reach before it: name '{step.edge}' instead of "
+            f"'{turning.edge}' in the rotation tree, or another translation tree"
         )
 
     def _entering(self, node: str) -> TreeStep:

@@ -379,8 +379,8 @@ def is_timed(value: Node, time: Node) -> bool:
 
 
 _BREACH = (
-    "jumps, or its rate does, which would take an impulse: give an expression of t whose value and "
-    "rate are continuous, such as max(0, t)**2 in place of max(0, t)"
+    "jumps, or its rate does, which would require an impulse: give an expression of t whose "
+    "value and rate are continuous, such as max(0, t)**2 instead of max(0, t)"
 )
 
 

@@ -227,8 +227,8 @@ class Observer:
         """Return the force and torque of an edge on its second node, in ground axes."""
         if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
             raise ExpressionError(
-                f"asks for the load of '{edge.name}', but its bodies are lumped to one: "
-                "insert a joint where the reaction is needed"
+                f"uses the reaction of '{edge.name}', but its bodies are lumped into one: insert "
+                "a joint where the reaction is needed"
             )
         pushing = self._transmitted(edge, "translation")
         turning = self._transmitted(edge, "rotation")

@@ -87,7 +87,8 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         graph,
         candidates,
         "edges that may be branches",
-        f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
+        f"connect {{them}} to '{graph.reference}' by such an edge (in mechanics a joint, an arm "
+        "or a body)",
     )
     # Kruskal's algorithm
     parts = Parts(graph.nodes)

@@ -117,8 +117,8 @@ class Algebraic:
         except np.linalg.LinAlgError:
             self._linear = None
             raise UnsolvedError(
-                f"the derivatives of the algebraic equations by {self._listed()} are singular or "
-                f"not finite at t = {float(t):.10g}"
+                f"the derivatives of the algebraic equations with respect to {self._listed()} are "
+                f"singular or not finite at t = {float(t):.10g}"
             ) from None
         self._linear = linear
         return matrix, linear
@@ -138,9 +138,9 @@ class Algebraic:
         if involved:
             names = ", ".join(f"'{self._names[self.cut + i]}'" for i in involved)
             raise SingularSystemError(
-                f"the algebraic equations do not determine {names}: their derivatives by these "
-                "are singular, so the system has an index higher than 1 or leaves them free; look "
-                "for values that are prescribed twice or not at all"
+                f"the algebraic equations do not determine {names}: the Jacobian with respect to "
+                "these is singular, so the system has an index higher than 1 or leaves them "
+                "free; look for values that are prescribed twice or not at all"
             )
 
     def _listed(self) -> str:

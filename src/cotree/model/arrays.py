@@ -57,7 +57,7 @@ def as_parameters(
         if name not in places:
             followers = [row for row in derived if row.name == name]
             if followers:
-                raise ParameterError(f"{followers[0].dependence}: give those, and it follows")
+                raise ParameterError(f"{followers[0].dependence}: set these instead")
             raise ParameterError(
                 f"the model has no tunable parameter '{name}'{nearest(name, places)}"
             )

@@ -79,12 +79,12 @@ def rates_of(
     if layout.n_algebraic or layout.constraints:
         what = "algebraic unknowns" if layout.n_algebraic else "constraints"
         raise ParameterError(
-            f"{bridge}() needs a model whose rates follow from its states alone, and "
+            f"{bridge}() needs a model without constraints and algebraic unknowns, but "
             f"'{layout.name}' has {what}: export an FMU, or call simulate"
         )
     if t is None and TIME in kinds_in(model.program.kernels["rhs"].results):
         raise ParameterError(
-            f"rates of '{layout.name}' depend on time: give a time, such as {bridge}(t=0.0)"
+            f"the rates of '{layout.name}' depend on time: pass a time, such as {bridge}(t=0.0)"
         )
     names = tuple(name for name in model.sensitivities if name in model.parameters)
     return Rates(model, linearizer, 0.0 if t is None else t, names)

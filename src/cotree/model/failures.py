@@ -119,21 +119,21 @@ def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularS
         at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
         return SingularSystemError(
             f"linear equations have no solution{at}, since a coefficient is not finite ({why}): "
-            "change what it depends on, or the expression"
+            "change the values on which it depends, or its expression"
         )
     if not layout.uncertain:
         return SingularSystemError(
-            "the linear equations of the networks have no solution, or many, at these values of "
-            "parameters and states: ideal couplings such as transformers contradict each other or "
-            "leave something undetermined, capacitances or inductances of opposite sign cancel, or "
-            "springs at a node without mass have no stiffness at their stretch; change a ratio or "
-            "a start, or put a resistance or a damper between them"
+            "the linear equations of the networks are singular at these values of parameters and "
+            "states: ideal couplings such as transformers contradict each other or leave a "
+            "variable undetermined, capacitances or inductances of opposite sign cancel, or "
+            "springs at a node without mass have zero stiffness at their stretch; change a ratio "
+            "or an initial value, or connect a resistance or a damper"
         )
     names = ", ".join(f"'{name}'" for name in layout.uncertain)
     place = _position(program, known.get("x"))
     return SingularSystemError(
-        f"the mass matrix is singular in the present configuration{place}: among {names}, whose "
-        "joints carry no inertia of their own, some motion moves no inertia; give the bodies that "
+        f"the mass matrix is singular in the present configuration{place}: a motion of {names}, "
+        "whose joints carry no inertia of their own, moves no inertia; give the bodies that "
         "these joints carry mass or inertia, or start at a position without parallel axes"
     )
 

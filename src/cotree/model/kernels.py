@@ -264,8 +264,8 @@ class Kernels:
 
 #: Error message of calls that need a compiler.
 NO_COMPILER = (
-    "There is no C compiler, and evaluations and simulations need one: `pip install ziglang` "
-    "brings one. Equations, C and FMU sources are written without it."
+    "Evaluations and simulations need a C compiler, and none was found: run `pip install "
+    "ziglang`. Equations, C and FMU sources can be written without a compiler."
 )
 
 

@@ -50,9 +50,9 @@ def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]
         found = values[np.flatnonzero(weak | near)[0]]
         shown = f"{found.real:.6g}" if found.imag == 0.0 else f"{found:.6g}"
         raise SingularSystemError(
-            f"the eigenvalue {shown} is a multiple eigenvalue, which is not differentiable: change "
-            "a parameter slightly, or remove states on which nothing depends, by reduced=True or "
-            "fewer joints"
+            f"the eigenvalue {shown} is a multiple eigenvalue, which is not differentiable: "
+            "change a parameter slightly, or remove states on which nothing depends, by "
+            "reduced=True or fewer joints"
         )
     slopes = np.einsum("ij,ik,kj->j", left.conj(), slope, right) / cosines
     return np.asarray(slopes[order_of(values)], dtype=complex)
@@ -155,8 +155,8 @@ class Linearization(Reported):
         """
         if name not in self.slopes:
             raise ParameterError(
-                f"derivatives by '{brief(name)}' were not requested{nearest(name, self.slopes)}; "
-                "name it in linearize(sensitivities=[...])"
+                f"derivatives with respect to '{brief(name)}' were not "
+                f"requested{nearest(name, self.slopes)}; add it to linearize(sensitivities=[...])"
             )
         return self.slopes[name]
 
@@ -218,9 +218,9 @@ class Linearization(Reported):
             size += f", in the modes {self.in_modes}"
         if not self.is_steady:
             return (
-                f"{size}, about a motion that is not steady in these coordinates: A holds at this "
-                "instant, and unless it is constant along the motion its eigenvalues do not "
-                "determine stability"
+                f"{size}, about a motion that is not steady in these coordinates: A is valid at "
+                "this instant, and its eigenvalues determine stability only if A is constant "
+                "along the motion"
             )
         if len(self.states) == len(self.basis) - len(self.modes):
             return f"{size}, about a steady motion"

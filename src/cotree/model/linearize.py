@@ -278,7 +278,8 @@ class Linearizer:
         except np.linalg.LinAlgError:
             names = ", ".join(f"'{state.name}'" for state in equations.states[-n:])
             raise SingularSystemError(
-                f"the derivatives of the algebraic equations by {names} are singular at this state"
+                f"the derivatives of the algebraic equations with respect to {names} are singular "
+                "at this state"
             ) from None
         return eliminated(moved, inverse.dot, len(moved) - n)
 
@@ -383,7 +384,7 @@ class Linearizer:
             column, row = divmod(int(wrong[0]), len(rows))
             what = "the rate of" if row < len(states) else "output"
             raise SingularSystemError(
-                f"the derivative of {what} '{rows[row]}' by '{columns[column]}' is "
+                f"the derivative of {what} '{rows[row]}' with respect to '{columns[column]}' is "
                 f"{numbers[wrong[0]]} at this state: linearise about another one"
             )
 

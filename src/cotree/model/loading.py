@@ -46,8 +46,8 @@ def load_model(
         reason = (
             "COTREE_COMPILER=none"
             if is_asked
-            else "no C compiler was found (CC, cc, gcc, clang); install one, or: "
-            "pip install ziglang"
+            else "no C compiler was found (CC, cc, gcc, clang): install one, or run `pip install "
+            "ziglang`"
         )
         warnings.warn(
             f"{reason}: models cannot be evaluated or simulated",
@@ -133,7 +133,7 @@ def _arrived(versions: dict[str, str], data: bytes) -> CompiledModel:
     # Another version may compute different results from the same program.
     if any(versions.get(name) != _versions()[name] for name in ("cotree", "ABI")):
         raise BuildError(
-            f"this model was pickled by cotree {_named(versions)}, and here is cotree "
+            f"this model was pickled by cotree {_named(versions)}, but this is cotree "
             f"{_named(_versions())}: install one version on all machines, or save the scene and "
             "compile it here"
         )

@@ -99,9 +99,8 @@ def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     found = starts.find(at, initial, given)
     if found.is_chosen and model.sensitivities and slopes:
         raise ParameterError(
-            f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
-            "constraints, and correcting them changes their sensitivities: give consistent "
-            "values of all states"
+            f"'{next(iter(slopes))}' is given, but the initial values violate the constraints, "
+            "and their correction changes this sensitivity: give consistent values of all states"
         )
     _check_followers(model, initial, found.y)
     return found
@@ -131,7 +130,7 @@ def check_start(model: CompiledModel) -> None:
             where = f" ({why})" if why else ""
             raise SingularSystemError(
                 f"the rate of '{name}' is not finite at the initial state{where}: check its "
-                "initial value, and the inertia and the laws that act on it"
+                "initial value, and the inertia and laws that determine it"
             )
 
 
@@ -158,8 +157,8 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
         number = check_number(value, f"initial value of '{name}'")
         if number != 0.0 and not model.structure.sensitivity_pattern[place]:
             raise ParameterError(
-                f"initial value of '{name}' is {number:.6g}, but no equation lets that state "
-                "depend on it, so that the sensitivity is left out of the code"
+                f"the initial value of '{name}' is {number:.6g}, but this sensitivity is always "
+                "zero, since no equation relates the state to the parameter: remove the value"
             )
         s[place] = number
 
@@ -198,7 +197,7 @@ def _no_state(model: CompiledModel, name: str) -> str:
     for row in model.layout.positions:
         if row.name == name:
             return (
-                f"the position '{name}' follows along an f-circuit: give initial values of "
-                f"{listed([model.states[i] for _, i in row.terms])}"
+                f"an f-circuit determines the position '{name}': give initial values of "
+                f"{listed([model.states[i] for _, i in row.terms])} instead"
             )
     return f"the model has no state '{name}'{nearest(name, model.states)}"

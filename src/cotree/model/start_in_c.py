@@ -229,8 +229,8 @@ class StartCall(CObjects):
         name, by = self._ffi.string(self.c.culprit), self._at.model.sensitivities[self.c.column]
         return (
             f"'{name.decode()}' occurs exactly at the start, t = {self._at.t:.6g}, and '{by}' "
-            "moves the start to either side of it: there is no derivative; start away from the "
-            "jump, or compile without this sensitivity"
+            "moves the start to either side of it, so there is no derivative: start away from "
+            "the jump, or compile without this sensitivity"
         )
 
     def fail(self, status: int) -> NoReturn:
@@ -388,7 +388,7 @@ class Report:
             f"'{value}' with {listed(map(repr, names))}" for value, names in following.items()
         )
         message = (
-            f"initial values change with parameters, so that those given before them are kept: "
+            "initial values change with parameters, since values given before them are kept: "
             f"{shown}. Give them as expressions of these parameters, or leave them out"
         )
         if is_warning:
@@ -426,11 +426,12 @@ class Report:
         order = [i for i in np.argsort(-size)[:4] if size[i] > 0.1 * np.max(size)]
         named = ", ".join(f"'{self._names[i]}'" for i in order)
         raise ParameterError(
-            f"the start has no derivative by '{self._model.sensitivities[self._c.column]}': it "
-            f"changes the {_LEVELS[self._c.level]} that the constraints require, and no change of "
-            f"the states follows to first order: {named} would be violated. The constraints are "
-            "dependent there: start elsewhere, let all affected values depend on that parameter, "
-            "or compile without this sensitivity"
+            "the start has no derivative with respect to "
+            f"'{self._model.sensitivities[self._c.column]}', which changes the "
+            f"{_LEVELS[self._c.level]} that the constraints require: to first order, any change "
+            f"of the states would violate {named}. The constraints are dependent there: start "
+            "elsewhere, let all affected values depend on that parameter, or compile without "
+            "this sensitivity"
         )
 
 
@@ -464,9 +465,9 @@ def contradiction(
         for j, i in np.argwhere(is_apart[1:])
     }
     return ParameterError(
-        "initial values agree for these parameters, but not as they change: "
-        f"{'; '.join(apart)}. Give them by expressions that agree for all values of the "
-        f"parameters, or leave these out{_hint(apart.values())}"
+        "initial values agree at these parameters, but their derivatives do not: "
+        f"{'; '.join(apart)}. Give expressions that agree for all values of the parameters, or "
+        f"leave these initial values out{_hint(apart.values())}"
     )
 
 

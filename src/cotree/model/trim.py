@@ -161,7 +161,7 @@ class TrimPoint(Reported):
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(
-                f"'{name}' is an unknown: differentiate by a given quantity instead"
+                f"'{name}' is an unknown: differentiate with respect to a known quantity instead"
             )
         direction = unit_direction(self.linearizer, self.at, name)
         changed = along(self.linearizer, self.at, self.y, direction)

@@ -58,8 +58,8 @@ def contradicting_jumps(at: EvaluationPoint) -> SolveError:
     rows = [row for row in model.layout.events if row.is_jump]
     names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
     return SolveError(
-        f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
-        "reverses its own condition"
+        f"no values of {names} are consistent with the states that result from them at t = "
+        f"{at.t:g}: the jump reverses its own condition"
     )
 
 
@@ -148,7 +148,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
             )
         grip = _values(at, y, ModePart.ENGAGED).get(place, 1.0)
         if (grip > 0.0) == (mode == _FREE):
-            raise _refused(edge, mode, f"its faces would rub with {grip:.6g}")
+            raise _refused(edge, mode, f"its grip would be {grip:.6g}")
         if mode == _FREE:
             continue
         if mode == _STUCK and abs(speed) > _still(y):
@@ -162,7 +162,7 @@ def check_friction(at: EvaluationPoint, y: Array) -> None:
         # The distances from both limits add up to the width of the range.
         width = sum(abs(way) for way in ways if np.isfinite(way))
         if min(ways) < -_CLOSE * width:
-            raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")
+            raise _refused(edge, mode, f"its force exceeds its limit by {-min(ways):.6g}")
 
 
 def _refused(edge: str, mode: float, why: str) -> SolveError:
@@ -170,8 +170,8 @@ def _refused(edge: str, mode: float, why: str) -> SolveError:
         zip(_MODES, ("sticks", "slides forwards", "slides backwards", "is disengaged"), strict=True)
     )[mode]
     return SolveError(
-        f"'{edge}' {shown} at this point by its mode {mode:g}, but {why}: give another state or "
-        f"guess, such as a state of a run, or another '{edge}.mode'"
+        f"'{edge}' {shown} at this point according to its mode {mode:g}, but {why}: give another "
+        f"state or guess, such as a state of a run, or another '{edge}.mode'"
     )
 
 

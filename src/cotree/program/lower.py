@@ -488,8 +488,8 @@ def _check_sensitivities(equations: Equations) -> None:
     for row in equations.sensitivities:
         if row.name in algebraic:
             raise ParameterError(
-                f"'{row.name}' is an algebraic unknown: its initial value is a guess, so that "
-                "no sensitivity to it exists; name a parameter, or a state that has a rate"
+                f"'{row.name}' is an algebraic unknown: its initial value is a guess, so it has "
+                "no sensitivity; name a parameter, or a state that has a rate"
             )
 
 

@@ -224,12 +224,11 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
             continue
         if name in derived:
             raise ParameterError(
-                f"{derived[name].dependence}: take sensitivities to those, which pass through it"
+                f"{derived[name].dependence}: request sensitivities to these instead"
             )
         if name in first.scene.parameters:
             raise ParameterError(
-                f"parameter '{name}' is not tunable, so that no sensitivity to it exists: "
-                "declare it tunable"
+                f"parameter '{name}' is not tunable, so it has no sensitivity: declare it tunable"
             )
         raise ParameterError(
             f"'{name}' is neither a parameter nor a state{nearest(name, [*tunable, *states])}"
@@ -635,8 +634,8 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
         # The start depends on states and parameters only; accelerations are computed later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
-                f"'{row.name}' follows from accelerations, so that its initial value cannot "
-                "be given: remove it"
+                f"'{row.name}' depends on accelerations, so it cannot have an initial value: "
+                "remove it"
             )
     return values
 

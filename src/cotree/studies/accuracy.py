@@ -306,7 +306,7 @@ class BenchRow:
         """Reason why the row has no errors or times; empty if it is complete."""
         if not self.success:
             return self.message
-        return f"{self.substitute} stood in: not timed" if self.substitute else ""
+        return f"replaced by {self.substitute}: not timed" if self.substitute else ""
 
     @property
     def spread(self) -> float:

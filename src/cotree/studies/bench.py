@@ -323,7 +323,7 @@ def _try_all(
         tell(f"{method} at rtol {trial.rtol:.0e}", _TO_BUILD + _TO_TRY * n_tried / len(trials))
         n_tried += 1
         if time.process_time() + expected[method] > until:
-            _leave_out([trial, *waiting[method]], "the budget of the bench is spent")
+            _leave_out([trial, *waiting[method]], "the budget of the bench is exceeded")
             waiting[method] = []
             continue
         start = time.perf_counter()
@@ -332,7 +332,7 @@ def _try_all(
         if trial.status == _SPENT:
             _leave_out(
                 [t for t in waiting[method] if t.rtol < trial.rtol],
-                f"over the time limit at rtol {trial.rtol:.0e} already",
+                f"a run at rtol {trial.rtol:.0e} exceeded the time limit",
             )
             waiting[method] = [t for t in waiting[method] if t.rtol == trial.rtol]
 
@@ -445,5 +445,5 @@ def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
         if not check_number(value, name) > 0.0:
             raise SolveError(f"tolerances holds {name} = {value}: give a positive number")
     if rtol_fault(rtol):
-        raise SolveError(f"tolerances holds a wrong one: {rtol_fault(rtol)}")
+        raise SolveError(f"tolerances contains an invalid value: {rtol_fault(rtol)}")
     return rtol, atol

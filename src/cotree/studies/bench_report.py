@@ -120,8 +120,8 @@ class BenchReport(Reported):
             f"{self.scene}: {self.n_states} states{to}, t = 0 to {self.t_end:g} s",
             f"reference: {self.reference.summary()}",
             f"error: {ERROR} over {self.n_points} points; own: {OWN_ERROR}",
-            f"seconds: medians of {self.repeats} runs at most, all methods in turn; spread: of the "
-            "median above the least",
+            f"seconds: medians of at most {self.repeats} runs, all methods in turn; spread: of "
+            "the median above the minimum",
             f"machine: {m['processor']}, {m['processors']} cores, load {m['load_at_start']} at the "
             f"start and {m['load_at_end']} at the end; compiler: {m['compiler']}",
             "versions: " + ", ".join(f"{name} {m[name.lower()]}" for name in versions),
@@ -209,7 +209,7 @@ class BenchReport(Reported):
                 texts.append("(small quantities are not judged by their own size here)")
             if not tied:
                 known = self.reference.agreement
-                of_it = f"not known: the reference is good to {known:.1e} only"
+                of_it = f"unknown: the reference is accurate only to {known:.1e}"
                 texts = ["none of these" if known <= target else of_it]
             for i, line in enumerate(texts):
                 yield f"{target:.0e}" if i == 0 else "tie" if i < len(tied) else "", line

@@ -252,8 +252,8 @@ class Animation:
     def __repr__(self) -> str:
         frames = self.drawing.frames
         return (
-            f"<Animation of {self.drawing.title}: {len(frames.times)} frames, "
-            f"{frames.speed:.3g} s of the run a second>"
+            f"<Animation of {self.drawing.title}: {len(frames.times)} frames, {frames.speed:.3g} "
+            "s of the run per second>"
         )
 
     def save(
@@ -340,8 +340,8 @@ def check_moving(scene: SceneDescription) -> None:
     """Raise SceneError if a scene has no multibody part."""
     if not scene.mechanics.edges:
         raise SceneError(
-            f"scene '{scene.name}' has no bodies or joints in space to be watched: only multibody "
-            "systems can be animated; plots show the others"
+            f"scene '{scene.name}' has no bodies or joints: only multibody systems can be "
+            "animated; plots show other results"
         )
 
 
@@ -357,12 +357,14 @@ def animate(
     """Return the animation of a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
-            "this result was copied or read from a file and has no model: "
-            "give it as result.animate(model=...)"
+            "this result was copied or read from a file and has no model: pass it as "
+            "result.animate(model=...)"
         )
     # A result does not refer to its model, so the names of the states are compared.
     if model.states != result.states:
-        raise SceneError("this model has other states than the result: give the one that made it")
+        raise SceneError(
+            "the states of this model differ from those of the result: pass the model of the run"
+        )
     first = model.spec.formed.first
     check_moving(first.scene)
     if view is not None:

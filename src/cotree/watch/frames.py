@@ -77,7 +77,7 @@ def choose_frames(
     else 1, 2 or 5 times a power of ten.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
-        raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
+        raise SceneError(f"fps is {fps:g}: give 1 to 100 frames per second")
     span = abs(end - start)
     if speed is None:
         is_comfortable = span == 0.0 or _SHORTEST <= span <= _LONGEST
@@ -86,7 +86,9 @@ def choose_frames(
         check_positive(speed, "speed")
     lasting = span / speed
     if lasting > _PATIENCE:
-        raise SceneError(f"at speed {speed:g} the run lasts {lasting:.3g} s: give a larger one")
+        raise SceneError(
+            f"at speed {speed:g} the animation lasts {lasting:.3g} s: give a larger speed"
+        )
     most = min(MOST_FRAMES, max(_FEWEST, MOST_POSES // max(n_bodies, 1)))
     n = max(round(min(lasting * fps, most - 1.0)) + 1, 2) if span else 1
     return Moments(np.linspace(start, end, n), lasting / (n - 1) if n > 1 else 1.0 / fps)

@@ -195,7 +195,7 @@ def test_an_equilibrium_of_a_pendulum_is_where_its_pivot_holds_it():
     assert abs(point["held"] + 2.0 * G * 1.3 * sin(0.05)) <= 1e-9
     # At rest the hinge bears m g, so that c m g is all that it holds.
     most = 2.0 * G * 1.3 * sin(0.5) - 0.1 * 2.0 * G
-    with pytest.raises(SolveError, match=rf"'R' sticks .* beyond its limit by {most:.4f}"):
+    with pytest.raises(SolveError, match=rf"'R' sticks .* exceeds its limit by {most:.4f}"):
         model.trim(guess={"h.theta": 0.5})
 
 

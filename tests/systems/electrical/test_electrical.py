@@ -464,12 +464,12 @@ def test_a_users_law_with_an_error_function():
         (
             lambda across: sympy.Piecewise((across, across < 1)),
             {},
-            "component 'own' has a Piecewise that is undefined elsewhere: end it with a branch",
+            "component 'own' has a Piecewise without a default branch",
         ),
         (
             lambda across: sympy.Piecewise((across, sympy.Eq(across, 1)), (0, True)),
             {},
-            "component 'own' branches on something other than <, <=, > or >=",
+            "component 'own' has a condition that is not a comparison",
         ),
         (lambda across: across, {"domain": "magnetic"}, "unknown domain"),
         ({"one": lambda across: across}, {"terminals": ("a", "b")}, "must state the two nodes of"),
@@ -534,7 +534,7 @@ def test_a_source_by_an_expression_that_cancels_a_resistance_is_refused():
     scene.edge("C", "capacitor", "c", "ground", capacitance=1e-6)
     scene.edge("B", "voltage_source", "d", "ground", voltage="2*c.v")
     scene.simulation(start="operating point")
-    with pytest.raises(SingularSystemError, match="no solution, or many"):
+    with pytest.raises(SingularSystemError, match="the networks are singular"):
         scene.compile()
 
 

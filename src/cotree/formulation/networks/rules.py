@@ -454,7 +454,6 @@ def higher_index(port: Port) -> FormulationError:
             "with it"
         )
     return FormulationError(
-        f"the equations of '{port.name}' have a higher index than supported: a storage is "
-        "connected to its nonlinear law such that the law's rate of change would be needed; "
-        "put a resistance between them"
+        f"the equations of '{port.name}' have a higher index than supported: a storage connected "
+        "to it requires the time derivative of its nonlinear law; put a resistance between them"
     )

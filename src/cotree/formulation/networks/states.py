@@ -167,9 +167,9 @@ def _check_content(port: Port, store: Store | None) -> None:
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
     symbol = row.across_symbol if is_across else row.through_symbol
     raise ParameterError(
-        f"'{state_name(port, content[0])}' has no initial value of its own, since "
-        f"'{port.name}' is connected to other storages or to sources: give '{symbol}' of it "
-        "or of these"
+        f"'{state_name(port, content[0])}' cannot have an initial value of its own, since "
+        f"'{port.name}' is connected to other storages or to sources: give initial values of "
+        f"'{symbol}' instead"
     )
 
 

@@ -348,8 +348,8 @@ class Terminals:
     def _refused(self, edge: str, reason: str) -> str:
         return (
             f"{reason}, but its rate of change is needed, since storages are connected to it: "
-            "give an expression of t, parameters and states of networks that does not jump, "
-            f"or add {self._remedy(edge)} between"
+            "give an expression of t, parameters and states of networks that does not jump, or "
+            f"add {self._remedy(edge)} between them"
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
