@@ -175,7 +175,6 @@ def shared_files(files: Iterable[str]) -> frozenset[str]:
 
 
 def _sources(modules: Iterable[str]) -> dict[str, str]:
-    """Return the sources of ``modules``."""
     return {
         name: text
         for module in modules

@@ -139,7 +139,6 @@ def _item(line: str, lines: Iterator[str]) -> Item:
 
 
 def _declared(text: str) -> tuple[str, ...]:
-    """Return the names that a declaration introduces."""
     bare = "".join(token for token in tokens(text) if not token.startswith("/*"))
     head, brace, body = bare.partition("{")
     if head.startswith("typedef ") and "(*" in head:  # a function type
@@ -233,7 +232,6 @@ def _scope(item: Item, file: str) -> str:
 
 
 def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
-    """Return whether any name that an item defines is in ``reached``."""
     scope = _scope(item, file)
     return any((name, scope) in reached for name in item.names)
 

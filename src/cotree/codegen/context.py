@@ -227,7 +227,6 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
 
 
 def _arguments(kernel: Kernel) -> list[Argument]:
-    """Return the arguments of a kernel, with the result as the last one."""
     read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
     return [*read, Argument(kernel.spec.result, is_constant=False)]
 

@@ -198,7 +198,6 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
 
 
 def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the output kernels."""
     names = ["outputs", *(["output_sensitivity"] if has_sensitivities else [])]
     return [program.kernels[name] for name in names]
 

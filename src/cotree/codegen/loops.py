@@ -201,7 +201,6 @@ def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
-    """Return a matrix of rows that are padded with zeros."""
     lengths = np.array([len(row) for row in rows], dtype=np.intp)
     width = int(lengths.max(initial=0))
     matrix = np.zeros((len(rows), width), dtype=np.int64)
@@ -366,7 +365,6 @@ class _LoopWriter:
 
 
 def _of_all(comments: Sequence[str]) -> str:
-    """Merge the comments on a repeated statement."""
     first, last = comments[0], comments[-1]
     if first == last or not first or not last:
         return first

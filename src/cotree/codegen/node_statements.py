@@ -299,7 +299,6 @@ class _StatementWriter:
             self._scalar(node)
 
     def _result(self, owner: Node, i: int) -> CExpression:
-        """Return a result of a node with several results."""
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:

@@ -195,7 +195,6 @@ class _Printer:
         return f"{constant}{head} = {{{', '.join(map(self.expression, row.values))}}};"
 
     def _compound(self, row: ConstantTable | Loop | When) -> Iterator[str]:
-        """Yield the lines of a statement on several lines."""
         if isinstance(row, ConstantTable):
             kind = self._target.type_of_entry(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"

@@ -198,7 +198,6 @@ def _has_code(text: str) -> bool:
 
 
 def _without_repeated_headers(text: str) -> str:
-    """Remove repeated inclusions of C library headers."""
     seen: set[str] = set()
     lines = []
     for line in text.splitlines(keepends=True):
@@ -211,7 +210,6 @@ def _without_repeated_headers(text: str) -> str:
 
 @cache
 def _paths() -> dict[str, Path]:
-    """Return all files of the runtime by name."""
     return {path.name: path for path in sorted(template_folder().glob("runtime/*/*.[ch]"))}
 
 

@@ -104,7 +104,6 @@ def _private(source: str) -> set[str]:
 
 
 def _undefined(text: str) -> str:
-    """Return directives that undefine the macros in a text."""
     macros = {name for item in items(text) if item.is_directive for name in item.names}
     return "".join(f"#undef {macro}\n" for macro in sorted(macros))
 

@@ -111,7 +111,6 @@ def find_restart_times(
 
 
 def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
-    """Return whether two times or slopes differ only by rounding."""
     same: npt.NDArray[np.bool_] = np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))
     return same
 
@@ -189,7 +188,6 @@ def _series_of(stop: TimeEvent, values: Mapping[Node, float], low: float, high: 
 
 
 def _times_of(stop: TimeEvent, own: _Series, values: Mapping[Node, float], m: int) -> _Times:
-    """Return the times of one time event with their derivatives."""
     along = np.zeros((2, m))
     if own.n_times:
         for j, row in enumerate(stop.along):

@@ -73,7 +73,6 @@ def scale(factor: Node, a: Vector) -> Vector:
 
 
 def _dot(a: Vector, b: Vector) -> Node:
-    """Form the scalar product of plain vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

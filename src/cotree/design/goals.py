@@ -300,7 +300,6 @@ def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Mo
 
 
 def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None:
-    """Add an output for an expression, or for its integral."""
     try:
         if not is_summed:
             scene.output(name, text)

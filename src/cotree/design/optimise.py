@@ -253,7 +253,6 @@ def _design(
     n_failed: int,
     most: int,
 ) -> Design:
-    """Return the result from the best point of all searches."""
     search = searches[best]
     at = search.best
     assert at is not None
@@ -303,7 +302,6 @@ def _message(
     *,
     is_optimal: bool,
 ) -> str:
-    """Return sentences that describe how the search ended."""
     work = f"after {end.nit} iterations and {search.evaluation.n_runs} runs"
     missed = [row for row in conditions if not row.holds]
     assert search.best is not None

@@ -179,7 +179,6 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
 def _columns(
     items: Iterable[tuple[str, Any]], rows: Sequence[str], where: str
 ) -> dict[str, Column]:
-    """Convert sequences to columns by name."""
     found: dict[str, Column] = {}
     for header, values in items:
         name, unit = split_unit(header)
@@ -241,7 +240,6 @@ def _time_column(columns: Mapping[str, Column], where: str, time: str | None) ->
 
 
 def _check_times(t: Array, rows: Sequence[str], where: str) -> None:
-    """Raise an error if times are not strictly increasing."""
     if not t.size:
         raise ParameterError(f"{where} holds no times, only missing values")
     wrong = np.flatnonzero(np.diff(t) <= 0.0)

@@ -201,7 +201,6 @@ class _Assembly:
         return full
 
     def _condition(self, run: Observed) -> Condition:
-        """Build the condition of an experiment."""
         row, model = run.experiment, run.model
         first = dict(zip(model.states, model.initial_state.tolist(), strict=True))
         units = {
@@ -287,7 +286,6 @@ def _apart(
 
 
 def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
-    """Return the initial guesses after checking them."""
     given = check_mapping(start, "start")
     names = (name.partition("[")[0] for name in given)
     check_known(names, ranges, "start names", _NOT_ESTIMATED, ParameterError)

@@ -391,7 +391,6 @@ class Start:
             self._best, self._least = theta.copy(), objective
 
     def _why(self, ended: OptimizeResult) -> str:
-        """Return the reason why the optimiser terminated."""
         if ended.status < 1:
             return (
                 f"it stopped after {counted(self._n_evaluations, 'evaluation')}, the limit, with "

@@ -109,7 +109,6 @@ class Observer:
         return found
 
     def _texts(self, found: Observed) -> dict[str, str]:
-        """Return the expression measured by each column."""
         experiment = found.experiment
         if experiment.observables is not None:
             return experiment.observables

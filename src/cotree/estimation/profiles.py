@@ -286,7 +286,6 @@ class _Walk:
 
 
 def _joined(found: Uncertainty, i: int, level: float, down: _Walk, up: _Walk) -> Profile:
-    """Combine both directions to a profile."""
     problem, theta = found.problem, found.theta
     points = sorted([*down.points[1:], *up.points], key=lambda row: row[0])
     thetas = np.array([row[2] for row in points])

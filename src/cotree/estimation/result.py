@@ -535,7 +535,6 @@ class FitResult(Reported):
         return rows
 
     def _agreement(self) -> dict[str, Any]:
-        """Return the goodness-of-fit statistics by name."""
         return {
             "values": len(self.problem.measured),
             "conditions": len(self.problem.conditions),
@@ -588,7 +587,6 @@ class FitResult(Reported):
         return f"The 95 % intervals use {law}{on_scale}."
 
     def _correlated(self) -> list[str]:
-        """Return sentences on the largest correlations."""
         found = [
             (abs(c), f"{self.names[i]} with {self.names[j]} {c:+.2f}")
             for i in range(len(self.names))

@@ -151,7 +151,6 @@ class Linearizer:
 
     @locked_cached_property
     def _inputs(self) -> Variation:
-        """Directional derivatives of the scene's inputs."""
         return Variation(self._equations.dag, self._equations.input_values)
 
     @property
@@ -374,7 +373,6 @@ class Linearizer:
         return moved
 
     def _check_finite(self, numbers: Array) -> None:
-        """Raise an error that names the first derivative that is not finite."""
         wrong = np.flatnonzero(~np.isfinite(numbers))
         if wrong.size:
             equations = self._equations
@@ -449,7 +447,6 @@ def linearize(
 
 
 def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]:
-    """Return the sensitivities of the initial states by name."""
     known = at.model.sensitivities
     for name in names:
         if name not in known:

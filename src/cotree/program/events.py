@@ -171,7 +171,6 @@ def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
 
 
 def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
-    """Return the quantities of ``values`` in order of evaluation."""
     found = {
         node
         for value in values

@@ -453,7 +453,6 @@ def lower(equations: Equations) -> Program:
 
 
 def _inputs_in(equations: Equations, nodes: Sequence[Node]) -> tuple[str, ...]:
-    """Return the inputs, by name, on which ``nodes`` depend."""
     read = set(symbols_in(nodes))
     pairs = zip(equations.inputs, equations.input_symbols, strict=True)
     return tuple(quantity.name for quantity, symbol in pairs if symbol in read)
@@ -474,7 +473,6 @@ def _of_time(
 def _timed(
     equations: Equations, stops: Mapping[str, tuple[TimeEvent, ...]]
 ) -> dict[str, tuple[TimeEvent, ...]]:
-    """Differentiate time events along each sensitivity."""
     seeds = [row.seed for row in equations.sensitivities]
     return {name: time_events_along(own, seeds) for name, own in stops.items()}
 

@@ -137,7 +137,6 @@ _FEWEST = 3
 
 
 def _packed(kernel: Kernel) -> Kernel:
-    """Combine the sines and cosines in a kernel."""
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)

@@ -196,6 +196,5 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Return the values of the parameter symbols on which ``roots`` depend."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

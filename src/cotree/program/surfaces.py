@@ -401,7 +401,6 @@ def _is_table(node: Node) -> bool:
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
-    """Return the points of a table along each axis."""
     return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 

@@ -385,7 +385,6 @@ def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
 
 
 def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node, Node, Node]:
-    """Differentiate the position, velocity and acceleration of a constraint."""
     value = measure.value(view)
     zero = view.motion.system.dag.zero
     return (

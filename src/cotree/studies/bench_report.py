@@ -223,7 +223,6 @@ def _shown(error: float, agreement: float) -> str:
 
 
 def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | None:
-    """Return the recommended method and all others that are as fast."""
     if not tied:
         return None
     first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)
