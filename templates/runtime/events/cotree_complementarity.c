@@ -6,6 +6,9 @@
  * friction slides, its force is at one of two limits; if a stop is open, its force is at its only
  * limit, zero.
  *
+ * The same walk solves for forces and accelerations while modes hold and, in an impact, for
+ * impulses and speeds. Only the tolerances differ, and the decision at zero acceleration.
+ *
  * A trial evaluates the forces and accelerations for one mode set. The forces move from their
  * current values towards those of the trial until the first one reaches a limit: that constraint
  * slides, or opens. If no force reaches a limit, a constraint whose acceleration violates its mode
@@ -38,6 +41,10 @@
 /* Maximum number of modes of one constraint. */
 #define MAX_MODES 3
 
+/* Smallest scale of a force, as a fraction of the largest force: its rounding is then below
+ * LIMIT_RTOL. */
+#define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
+
 /* List the modes that a constraint may have. Return their number. */
 static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
 {
@@ -56,18 +63,10 @@ static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
     return n;
 }
 
-/* Return the relative amount by which a constraint violates its current mode, and the mode that
- * removes the violation. */
-static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
+/* Return whether a constraint holds: friction sticks, or a stop is closed. */
+static int is_holding(const cotree_events *e, int k)
 {
-    *new_mode = -e->modes[k];
-    if (e->is_impact)
-        return cotree_is_contact_friction(e, k) ? cotree_tangential_violation(e, k, new_mode)
-                                                : cotree_normal_violation(e, k, new_mode);
-    if (k >= cotree_first_stop(e)) return cotree_stop_violation(e, k, t, new_mode);
-    if (cotree_is_load(e, k)) return cotree_load_violation(e, k, t);
-    return cotree_is_contact_friction(e, k) ? cotree_contact_friction_violation(e, k, t, new_mode)
-                                            : cotree_friction_violation(e, k, t, new_mode);
+    return (e->modes[k] != COTREE_F(0.0)) == (k >= cotree_first_stop(e));
 }
 
 /* Return the event that represents the limit of the force in the given mode, or -1. */
@@ -80,12 +79,151 @@ static int limit_event(const cotree_events *e, int k, cotree_real mode)
                                     : -1;
 }
 
+/* Return the magnitude of the largest force, or impulse, of a stop. */
+cotree_real cotree_largest_stop_force(const cotree_events *e)
+{
+    const cotree_real *const values = e->is_impact ? e->samples : e->value_scale;
+    cotree_real largest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < e->n_stops; ++i)
+        largest = COTREE_FMAX(largest, COTREE_FABS(values[e->force_events[i]]));
+    return largest;
+}
+
+/* Return the distance of a force from one of its limits. size: the width of the limits, or the
+ * magnitude of a force that has only one. */
+static cotree_real distance_to_limit(const cotree_events *e, int k, int limit, cotree_real *size)
+{
+    const int backward = PLACE(k, BACKWARD_LIMIT);
+    const cotree_real up = e->samples[limit];
+    if (k >= cotree_first_stop(e)) {
+        const cotree_real largest = cotree_largest_stop_force(e);
+        *size =
+            e->is_impact ? largest : COTREE_FMAX(e->value_scale[limit], MIN_FORCE_SHARE * largest);
+        return up;
+    }
+#if COTREE_HAS_DISCS
+    if (e->is_impact && cotree_is_disc(e, k)) {
+        cotree_real impulse[2];
+        cotree_friction_impulse(e, k, impulse);
+        *size = COTREE_SQRT(impulse[0] * impulse[0] + impulse[1] * impulse[1]);
+        return up - *size;
+    }
+#endif
+    *size = backward < 0 ? COTREE_FMAX(COTREE_FABS(up), e->value_scale[limit])
+                         : COTREE_FABS(e->samples[PLACE(k, FORWARD_LIMIT)] + e->samples[backward]);
+    return up;
+}
+
+/* Return the relative amount by which the force of a holding constraint exceeds one of its
+ * limits. */
+static cotree_real find_excess(const cotree_events *e, int k, cotree_real t, int limit)
+{
+    cotree_real size, g = distance_to_limit(e, k, limit, &size), excess;
+    excess = -g / COTREE_FMAX(size, COTREE_MIN);
+    if (e->is_impact) return excess > IMPULSE_RTOL ? excess : COTREE_F(0.0);
+    if (cotree_moving_side(e, limit, t, size) >= COTREE_F(0.0)) return COTREE_F(0.0);
+    if (g < -COTREE_FMAX(LIMIT_RTOL * size, e->force_noise)) return excess;
+    return k < e->n_frictions && e->is_resticking[k] ? COTREE_F(0.0) : COTREE_EPSILON;
+}
+
+/* Return the slip rate after an impact in the direction in which friction slides. */
+static cotree_real slip_along(const cotree_events *e, int k)
+{
+    cotree_real slip[2];
+    cotree_find_slip(e, k, slip);
+#if COTREE_HAS_DISCS
+    if (cotree_is_disc(e, k)) {
+        const cotree_real *const along = e->directions + 2 * e->disc[k];
+        return slip[0] * along[0] + slip[1] * along[1];
+    }
+#endif
+    return e->modes[k] * slip[0];
+}
+
+/* Return the relative amount by which a constraint that does not hold moves against its mode: the
+ * acceleration of a gap or slip or, in an impact, the speed after it beyond the required one. At
+ * zero acceleration its rate of change is decisive. */
+static cotree_real find_reversal(cotree_events *e, int k)
+{
+    const int is_stop = k >= cotree_first_stop(e), own = k - cotree_first_stop(e);
+    cotree_real none = ACCELERATION_RTOL * e->impact_speed, rate, jerk, largest;
+    if (e->is_impact) {
+        rate = is_stop ? cotree_opening_speed(e, k) : slip_along(e, k);
+        if (is_stop) none = COTREE_FMAX(none, cotree_zero_opening_speed(e, k));
+        /* The gap rate must reach the rate that restitution requires. */
+        if (is_stop && e->impact_role[own] > 0) rate -= e->required_speed[own];
+        return rate < -none ? -rate / COTREE_FMAX(e->impact_speed, COTREE_MIN) : COTREE_F(0.0);
+    }
+    rate = is_stop ? cotree_separation_acceleration(e, k) : e->jumps.rates[PLACE(k, SLIP)];
+    e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], COTREE_FABS(rate));
+    none = is_stop ? cotree_rest_tolerance(e, k) : cotree_slip_rest_tolerance(e, k);
+    if (rate < -none) return -rate / e->acceleration_scale[k];
+    if (rate > none) return COTREE_F(0.0);
+    largest = cotree_largest_acceleration_scale(e);
+    jerk = is_stop ? (e->later_acceleration[own] - rate) / (CURVATURE_STEP_SHARE * e->span)
+                   : e->curvature[PLACE(k, SLIP)];
+    if (!is_stop) largest = COTREE_FMAX(largest, e->largest_rate);
+    return jerk * e->span < -JERK_SHARE * largest ? COTREE_EPSILON : COTREE_F(0.0);
+}
+
+/* Return whether the normal force or impulse of a contact is tensile. */
+static int is_tensile(const cotree_events *e, int stop, cotree_real t)
+{
+    const int force = PLACE(stop, CONTACT_FORCE);
+    return (e->is_impact ? e->samples[force] : cotree_moving_side(e, force, t, COTREE_F(0.0))) <
+           COTREE_F(0.0);
+}
+
+/* Return the relative amount by which a constraint violates its current mode, and the mode that
+ * removes the violation. */
+static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
+{
+    const int is_stop = k >= cotree_first_stop(e);
+    cotree_real modes[MAX_MODES], excess;
+    int i, n;
+    *new_mode = -e->modes[k];
+    if (cotree_is_load(e, k)) {
+        i = PLACE(k, SLIP);
+        return cotree_moving_side(e, i, t, e->value_scale[i]) < COTREE_F(0.0) ? COTREE_F(1.0)
+                                                                              : COTREE_F(0.0);
+    }
+    if (cotree_is_contact_friction(e, k)) {
+        if (!e->is_impact)
+            e->acceleration_scale[k] =
+                COTREE_FMAX(e->acceleration_scale[k], cotree_largest_acceleration_scale(e));
+        if (is_tensile(e, e->normal_stop[k], t)) {
+            /* A sticking contact slides before its stop opens. */
+            *new_mode = cotree_is_disc(e, k) || e->samples[PLACE(k, FORWARD_LIMIT)] <
+                                                    e->samples[PLACE(k, BACKWARD_LIMIT)]
+                            ? COTREE_F(1.0)
+                            : -COTREE_F(1.0);
+            return is_holding(e, k) ? COTREE_F(1.0) : COTREE_F(0.0);
+        }
+    }
+    if (!is_holding(e, k)) {
+        *new_mode = is_stop ? e->closed_side[k - cotree_first_stop(e)] : COTREE_F(0.0);
+        return find_reversal(e, k);
+    }
+    /* In an impact, an unresolved gap opens, and closes again, at a speed below rounding. */
+    if (is_stop && (cotree_has_sticking_contact(e, k) ||
+                    (e->is_impact && cotree_closed_gap(e, k) == e->unresolved_gap)))
+        return COTREE_F(0.0);
+    n = list_allowed_modes(e, k, modes);
+    for (i = 0; i < n; ++i) {
+        *new_mode = modes[i];
+        if (limit_event(e, k, modes[i]) < 0) continue;
+        excess = find_excess(e, k, t, limit_event(e, k, modes[i]));
+        if (excess > COTREE_F(0.0)) return excess;
+    }
+    return COTREE_F(0.0);
+}
+
 /* Return whether the slacks of a constraint change with the forces. */
 static int has_moving_slack(const cotree_events *e, int k)
 {
     if (!cotree_may_change(e, k) || cotree_is_load(e, k)) return 0;
-    if (k >= cotree_first_stop(e)) return e->modes[k] != COTREE_F(0.0);
-    return e->modes[k] == COTREE_F(0.0) || cotree_is_contact_friction(e, k);
+    return is_holding(e, k) || cotree_is_contact_friction(e, k);
 }
 
 /* Initialise the slacks: friction forces are midway between their limits, and forces of stops are

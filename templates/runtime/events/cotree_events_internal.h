@@ -195,9 +195,6 @@ COTREE_PRIVATE int cotree_evaluate_motion(cotree_events *e, cotree_real t, const
 COTREE_PRIVATE cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t,
                                               cotree_real size);
 COTREE_PRIVATE cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k);
-COTREE_PRIVATE cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t,
-                                                     cotree_real *new_mode);
-COTREE_PRIVATE cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t);
 COTREE_PRIVATE int cotree_compute_later_accelerations(cotree_events *e, cotree_real t);
 COTREE_PRIVATE int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired);
 COTREE_PRIVATE int cotree_was_selected(const cotree_events *e, int i);
@@ -222,14 +219,11 @@ COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotr
 COTREE_PRIVATE int cotree_has_sticking_contact(const cotree_events *e, int k);
 COTREE_PRIVATE cotree_real cotree_separation_acceleration(const cotree_events *e, int k);
 COTREE_PRIVATE void cotree_find_active_stops(cotree_events *e);
+COTREE_PRIVATE cotree_real cotree_largest_acceleration_scale(const cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_rest_tolerance(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_marginally_open(const cotree_events *e, int k);
 COTREE_PRIVATE void cotree_store_later_accelerations(cotree_events *e);
 COTREE_PRIVATE void cotree_update_open_gaps(cotree_events *e, int k);
-COTREE_PRIVATE cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t,
-                                                 cotree_real *new_mode);
-COTREE_PRIVATE cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
-                                                             cotree_real *new_mode);
 
 #if COTREE_HAS_DISCS
 /* Defined in cotree_discs.c: */
@@ -245,16 +239,14 @@ COTREE_PRIVATE int cotree_turn_discs(cotree_events *e, int round);
 #endif
 
 /* Defined in cotree_complementarity.c: */
+COTREE_PRIVATE cotree_real cotree_largest_stop_force(const cotree_events *e);
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 
 /* Defined in cotree_impacts.c: */
 COTREE_PRIVATE int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w);
-COTREE_PRIVATE cotree_real cotree_normal_violation(const cotree_events *e, int k,
-                                                   cotree_real *new_mode);
-COTREE_PRIVATE cotree_real cotree_tangential_violation(const cotree_events *e, int k,
-                                                       cotree_real *new_mode);
+COTREE_PRIVATE void cotree_find_slip(const cotree_events *e, int k, cotree_real *slip);
 COTREE_PRIVATE void cotree_record_impacts(cotree_events *e, cotree_real t, int fired);
 COTREE_PRIVATE int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w,
                                           int fired);

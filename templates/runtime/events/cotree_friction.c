@@ -242,52 +242,6 @@ cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
                        TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
 }
 
-/* Return the relative violation of an active constraint's mode, and the new mode. */
-cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
-{
-    const int forward = PLACE(k, FORWARD_LIMIT), backward = PLACE(k, BACKWARD_LIMIT),
-              i = PLACE(k, SLIP);
-    const cotree_real rate = e->jumps.rates[i];
-    cotree_real up, down, width, largest = COTREE_F(0.0);
-    int n;
-    if (e->modes[k] != COTREE_F(0.0)) {
-        const cotree_real size = e->acceleration_scale[k] =
-            COTREE_FMAX(e->acceleration_scale[k], COTREE_FABS(rate));
-        const cotree_real none = cotree_slip_rest_tolerance(e, k);
-        *new_mode = COTREE_F(0.0);
-        if (rate < -none) return -rate / size;
-        if (rate > none) return COTREE_F(0.0);
-        largest = e->largest_rate;
-        for (n = 0; n < e->n_frictions; ++n)
-            largest = COTREE_FMAX(largest, e->acceleration_scale[n]);
-        return e->curvature[i] * e->span < -JERK_SHARE * largest ? COTREE_EPSILON : COTREE_F(0.0);
-    }
-    up = e->samples[forward];
-    down = backward < 0 ? COTREE_INFINITY : e->samples[backward];
-    /* The normal force of a contact that closes may be negative by rounding. */
-    width = backward < 0 ? COTREE_FMAX(COTREE_FABS(up), e->value_scale[forward])
-                         : COTREE_FABS(up + down);
-    if (cotree_moving_side(e, forward, t, width) < COTREE_F(0.0)) {
-        *new_mode = COTREE_F(1.0);
-        if (up < -COTREE_FMAX(LIMIT_RTOL * width, e->force_noise)) return -up / width;
-        return e->is_resticking[k] ? COTREE_F(0.0) : COTREE_EPSILON;
-    }
-    if (backward >= 0 && cotree_moving_side(e, backward, t, width) < COTREE_F(0.0)) {
-        *new_mode = -COTREE_F(1.0);
-        if (down < -COTREE_FMAX(LIMIT_RTOL * width, e->force_noise)) return -down / width;
-        return e->is_resticking[k] ? COTREE_F(0.0) : COTREE_EPSILON;
-    }
-    return COTREE_F(0.0);
-}
-
-/* Return 1 if the sign of a load differs from the sign that its laws assume, else 0. */
-cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
-{
-    const int i = PLACE(k, SLIP);
-    return cotree_moving_side(e, i, t, e->value_scale[i]) < COTREE_F(0.0) ? COTREE_F(1.0)
-                                                                          : COTREE_F(0.0);
-}
-
 /* Evaluate the rates of change of accelerations if a constraint opens at zero acceleration. */
 int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
 {

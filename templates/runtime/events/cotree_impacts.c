@@ -85,94 +85,10 @@ int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-static cotree_real largest_impulse(const cotree_events *e)
-{
-    cotree_real largest = COTREE_F(0.0);
-    int i;
-    for (i = 0; i < e->n_stops; ++i)
-        largest = COTREE_FMAX(largest, COTREE_FABS(e->jumps.impulse_forces[i]));
-    return largest;
-}
-
-/* Return the relative amount by which a closed stop violates the impact law, and its new mode. */
-cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *new_mode)
-{
-    const int own = k - cotree_first_stop(e), is_hit = e->modes[k] != COTREE_F(0.0);
-    cotree_real least;
-    *new_mode = is_hit ? COTREE_F(0.0) : e->closed_side[own];
-    /* An unresolved gap opens, and closes again, at a speed below rounding. */
-    if (is_hit && cotree_closed_gap(e, k) == e->unresolved_gap) return COTREE_F(0.0);
-    if (is_hit) {
-        const cotree_real impulse = e->samples[PLACE(k, CONTACT_FORCE)],
-                          largest = largest_impulse(e);
-        if (cotree_has_sticking_contact(e, k))
-            return COTREE_F(0.0); /* friction starts to slide before the stop opens */
-        return impulse < -IMPULSE_RTOL * largest ? -impulse / largest : COTREE_F(0.0);
-    }
-    /* The gap rate must reach the rate that restitution requires. */
-    least = e->impact_role[own] > 0 ? e->required_speed[own] : COTREE_F(0.0);
-    return cotree_opening_speed(e, k) < least - COTREE_FMAX(cotree_zero_opening_speed(e, k),
-                                                            ACCELERATION_RTOL * e->impact_speed)
-               ? (least - cotree_opening_speed(e, k)) / COTREE_FMAX(e->impact_speed, COTREE_MIN)
-               : COTREE_F(0.0);
-}
-
-/* Return the slip rate after the impact. */
-static cotree_real slip_after_impact(const cotree_events *e, int k)
-{
-    return -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
-}
-
-#if COTREE_HAS_DISCS
-/* As cotree_tangential_violation, for friction on a plane in space. */
-static cotree_real disc_violation(const cotree_events *e, int k, cotree_real *new_mode)
-{
-    const cotree_real normal = e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)],
-                      radius = e->samples[PLACE(k, FORWARD_LIMIT)];
-    const cotree_real *const along = e->directions + 2 * e->disc[k];
-    cotree_real own[2], size;
-    if (e->modes[k] == COTREE_F(0.0)) {
-        cotree_friction_impulse(e, k, own);
-        size = COTREE_SQRT(own[0] * own[0] + own[1] * own[1]);
-        *new_mode = COTREE_F(1.0);
-        if (normal < COTREE_F(0.0)) return COTREE_F(1.0);
-        return size - radius > IMPULSE_RTOL * size ? (size - radius) / size : COTREE_F(0.0);
-    }
-    *new_mode = COTREE_F(0.0);
-    if (normal < COTREE_F(0.0)) return COTREE_F(0.0);
-    cotree_slip_vector(e, k, own);
-    size = own[0] * along[0] + own[1] * along[1];
-    return size < -ACCELERATION_RTOL * e->impact_speed ? -size / e->impact_speed : COTREE_F(0.0);
-}
-
-#endif
-/* Return the relative amount by which contact friction violates the impact law, and its new mode.
- * Friction sticks if its impulse is within the limits; otherwise it slides in the direction of the
- * slip. */
-cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_real *new_mode)
-{
-    const cotree_real up = e->samples[PLACE(k, FORWARD_LIMIT)],
-                      down = cotree_is_disc(e, k) ? up : e->samples[PLACE(k, BACKWARD_LIMIT)];
-    const cotree_real least = ACCELERATION_RTOL * e->impact_speed, speed = slip_after_impact(e, k);
-#if COTREE_HAS_DISCS
-    if (cotree_is_disc(e, k)) return disc_violation(e, k, new_mode);
-#endif
-    if (e->modes[k] == COTREE_F(0.0)) {
-        const cotree_real over = -COTREE_FMIN(up, down), width = up + down;
-        *new_mode = up < down ? COTREE_F(1.0) : -COTREE_F(1.0);
-        if (e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)] < COTREE_F(0.0))
-            return COTREE_F(1.0);
-        return over > IMPULSE_RTOL * width ? over / COTREE_FMAX(width, COTREE_MIN) : COTREE_F(0.0);
-    }
-    *new_mode = COTREE_F(0.0);
-    if (e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)] < COTREE_F(0.0)) return COTREE_F(0.0);
-    return speed * e->modes[k] < -least ? -speed * e->modes[k] / e->impact_speed : COTREE_F(0.0);
-}
-
 /* Write both components of the slip after the impact. */
-static void find_slip(const cotree_events *e, int k, cotree_real *slip)
+void cotree_find_slip(const cotree_events *e, int k, cotree_real *slip)
 {
-    slip[0] = slip_after_impact(e, k);
+    slip[0] = -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
     slip[1] = COTREE_F(0.0);
 #if COTREE_HAS_DISCS
     if (cotree_is_disc(e, k)) cotree_slip_vector(e, k, slip);
@@ -203,7 +119,7 @@ static int gains_energy(const cotree_events *e)
         cotree_real impulse[2] = {COTREE_F(0.0), COTREE_F(0.0)}, after[2];
         if (!has_resolved_impulse(e, e->normal_stop[i])) continue;
         if (!cotree_is_disc(e, i) && e->modes[i] != COTREE_F(0.0)) continue;
-        find_slip(e, i, after);
+        cotree_find_slip(e, i, after);
 #if COTREE_HAS_DISCS
         if (cotree_is_disc(e, i)) cotree_friction_impulse(e, i, impulse);
 #endif
@@ -220,9 +136,10 @@ static int gains_energy(const cotree_events *e)
  * the slip of the teeth may reverse during an impact. */
 static int find_lossy_load(const cotree_events *e)
 {
+    const cotree_real least = IMPULSE_RTOL * cotree_largest_stop_force(e);
     int k;
     for (k = e->n_frictions; k < cotree_first_stop(e); ++k) {
-        if (COTREE_FABS(e->samples[PLACE(k, SLIP)]) > IMPULSE_RTOL * largest_impulse(e)) return k;
+        if (COTREE_FABS(e->samples[PLACE(k, SLIP)]) > least) return k;
     }
     return -1;
 }
@@ -324,7 +241,7 @@ static void init_impact(cotree_events *e)
         e->is_active[i] = takes_part(e, e->normal_stop[i]);
         e->slip_sign[i] = COTREE_F(0.0);
         e->modes[i] = e->modes[e->normal_stop[i]] == COTREE_F(0.0) ? COTREE_F(2.0) : COTREE_F(0.0);
-        find_slip(e, i, e->slip_speed + 2 * k);
+        cotree_find_slip(e, i, e->slip_speed + 2 * k);
         e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->slip_speed[2 * k]) +
                                                            COTREE_FABS(e->slip_speed[2 * k + 1]));
     }
@@ -337,8 +254,8 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     init_impact(e);
     e->is_impact = 1;
     status = cotree_solve_modes(e, t, w);
-    e->is_impact = 0;
     lossy = status == 0 ? find_lossy_load(e) : -1;
+    e->is_impact = 0;
     if (lossy >= 0) return cotree_fail(e, PLACE(lossy, SLIP), t, COTREE_EVENTS_LOSSY_IMPACT);
     if (status != 0 || e->n_contact_friction == 0 || !gains_energy(e)) return status;
     return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_ENERGY_GAIN);

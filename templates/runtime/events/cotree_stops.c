@@ -6,10 +6,6 @@
 #include <stddef.h>
 
 #if COTREE_HAS_MODES
-/* Smallest scale of a force, as a fraction of the largest force: its rounding is then below
- * LIMIT_RTOL. */
-#define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
-
 /* Fraction by which states are changed to find the magnitude of the terms of gaps, and the fraction
  * by which that change varies from state to state. */
 #define TERM_SHARE COTREE_SELECT(1e-7, 1e-3f)
@@ -246,7 +242,7 @@ void cotree_find_active_stops(cotree_events *e)
     }
 }
 
-static cotree_real largest_acceleration_scale(const cotree_events *e)
+cotree_real cotree_largest_acceleration_scale(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
     int k;
@@ -262,7 +258,8 @@ static cotree_real largest_acceleration_scale(const cotree_events *e)
 cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
-                       ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING * largest_acceleration_scale(e));
+                       ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING *
+                           cotree_largest_acceleration_scale(e));
 }
 
 /* Return whether a closed stop is open in this trial but has zero acceleration, so that the rate of
@@ -295,56 +292,5 @@ void cotree_update_open_gaps(cotree_events *e, int k)
         e->stays_at_zero[i] = is_free && i == cotree_closed_gap(e, k);
         e->gap_at_release[i] = e->stays_at_zero[i] ? e->gaps[own] : COTREE_F(0.0);
     }
-}
-
-static cotree_real largest_force(const cotree_events *e)
-{
-    cotree_real largest = COTREE_F(0.0);
-    int k;
-    for (k = 0; k < e->n_stops; ++k)
-        largest = COTREE_FMAX(largest, e->value_scale[e->force_events[k]]);
-    return largest;
-}
-
-/* Return the relative violation of an active stop's mode, and the new mode. */
-cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
-{
-    const int own = k - cotree_first_stop(e), force = PLACE(k, CONTACT_FORCE);
-    cotree_real rate;
-    if (e->modes[k] != COTREE_F(0.0)) {
-        const cotree_real size =
-            COTREE_FMAX(e->value_scale[force], MIN_FORCE_SHARE * largest_force(e));
-        *new_mode = COTREE_F(0.0);
-        if (cotree_moving_side(e, force, t, size) >= COTREE_F(0.0) ||
-            cotree_has_sticking_contact(e, k))
-            return COTREE_F(0.0);
-        return COTREE_FMAX(-e->samples[force] / COTREE_FMAX(size, COTREE_MIN), COTREE_EPSILON);
-    }
-    *new_mode = e->closed_side[own];
-    rate = cotree_separation_acceleration(e, k);
-    e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], COTREE_FABS(rate));
-    if (rate < -cotree_rest_tolerance(e, k)) return -rate / e->acceleration_scale[k];
-    if (rate > cotree_rest_tolerance(e, k)) return COTREE_F(0.0);
-    rate = (e->later_acceleration[own] - rate) / (CURVATURE_STEP_SHARE * e->span);
-    return rate * e->span < -JERK_SHARE * largest_acceleration_scale(e) ? COTREE_EPSILON
-                                                                        : COTREE_F(0.0);
-}
-
-/* Return the relative violation of the mode of contact friction, and the new mode. Its limits
- * depend on the normal force. */
-cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
-                                              cotree_real *new_mode)
-{
-    e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], largest_acceleration_scale(e));
-    if (cotree_moving_side(e, PLACE(e->normal_stop[k], CONTACT_FORCE), t, COTREE_F(0.0)) <
-        COTREE_F(0.0)) {
-        /* A sticking contact slides before its stop opens. */
-        *new_mode = cotree_is_disc(e, k) || e->samples[PLACE(k, FORWARD_LIMIT)] <
-                                                e->samples[PLACE(k, BACKWARD_LIMIT)]
-                        ? COTREE_F(1.0)
-                        : -COTREE_F(1.0);
-        return e->modes[k] == COTREE_F(0.0) ? COTREE_F(1.0) : COTREE_F(0.0);
-    }
-    return cotree_friction_violation(e, k, t, new_mode);
 }
 #endif
