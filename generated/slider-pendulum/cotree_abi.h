@@ -90,7 +90,7 @@ typedef struct cotree_model {
     const int *sensitivity_rows;
     /* The kernels and their results; NULL if the model does not need the kernel. */
 
-    /* k: values that depend on parameters only, n_prepared of them */
+    /* k: the n_prepared values that depend only on parameters */
     cotree_prepare_kernel prepare;
     /* x: initial states */
     cotree_parameter_kernel initial;
@@ -100,11 +100,11 @@ typedef struct cotree_model {
     cotree_input_kernel inputs_of_time;
     /* dx: rates of the states */
     cotree_state_kernel rhs;
-    /* values: derivatives of rhs by the states: n_nonzeros values, by columns */
+    /* values: derivatives of rhs with respect to the states: n_nonzeros values, column by column */
     cotree_state_kernel jacobian;
-    /* dz: rates of the states, then of the nonvanishing sensitivities, the only ones in s */
+    /* dz: rates of the states, then of the sensitivities; s and dz omit those that are always zero */
     cotree_sensitivity_kernel augmented_rhs;
-    /* ds: rates of the nonvanishing sensitivities, the only ones in s */
+    /* ds: rates of the sensitivities; s and ds omit those that are always zero */
     cotree_sensitivity_kernel sensitivity_rhs;
     /* y: outputs */
     cotree_state_kernel outputs_of_state;
@@ -114,40 +114,42 @@ typedef struct cotree_model {
     cotree_state_kernel constraints;
     /* dc: sensitivities of the constraints */
     cotree_sensitivity_kernel constraint_sensitivity;
-    /* g: derivatives of the constraints' rates by the speeds, row by row */
+    /* g: derivatives of the constraint rates with respect to the speeds, row by row */
     cotree_state_kernel gradient;
-    /* c: initial conditions: residuals; redundant values as they follow, then as given */
+    /* c: residuals of the initial conditions; redundant values from the states, then as
+     * prescribed */
     cotree_state_kernel start;
-    /* g: derivatives of these by the speeds, row by row */
+    /* g: derivatives of start with respect to the speeds, row by row */
     cotree_state_kernel start_gradient;
-    /* dc: sensitivities of these */
+    /* dc: sensitivities of start */
     cotree_sensitivity_kernel start_sensitivity;
     /* dx: a Newton step from the states towards the constraints */
     cotree_state_kernel projection;
-    /* ds: the step that makes sensitivities satisfy the differentiated constraints */
+    /* ds: the step after which sensitivities satisfy the differentiated constraints */
     cotree_sensitivity_kernel sensitivity_projection;
-    /* g: event functions, then switching functions; the numbers of branches of tables; quantities */
+    /* g: event functions, then switching functions; branch numbers of tables; quantities */
     cotree_state_kernel events;
     /* r: new values of the targets of each event, in order */
     cotree_state_kernel jumps;
-    /* dg: sensitivities of events, zeros for kinks, then of new values, by parameters */
+    /* dg: for each parameter, sensitivities of events, zeros for kinks, sensitivities of new
+     * values */
     cotree_sensitivity_kernel event_sensitivity;
     /* dg: time derivatives of events, kinks, new values and residuals of algebraic unknowns; s
-     * contains those of the states */
+     * contains the rates of the states */
     cotree_sensitivity_kernel event_rates;
-    /* r: for each nonlinear event or kink the bounds of its value and of its rate; s contains the
+    /* r: bounds of the value and of the rate of each nonlinear event or kink; s contains the
      * lower and upper bounds of all quantities, then of their rates */
     cotree_sensitivity_kernel event_ranges;
     /* d: a step from a guess of the algebraic unknowns: rates of the states after it; the step
      * and its last term, n_algebraic each; its size relative to the radius of convergence,
-     * about 1 if the series fails; the error growth of pivots */
+     * about 1 if the series fails; error growth of pivots */
     cotree_state_kernel algebraic_step;
     /* dx: rates of states and algebraic unknowns */
     cotree_state_kernel extended_rhs;
-    /* dz: rates of states and algebraic unknowns, then of the states' sensitivities, the only ones
-     * in s */
+    /* dz: rates of states and algebraic unknowns, then of the states' sensitivities; s and dz omit
+     * those that are always zero */
     cotree_sensitivity_kernel extended_augmented_rhs;
-    /* ds: sensitivities of the algebraic unknowns; s contains those of the states only */
+    /* ds: sensitivities of the algebraic unknowns; s contains only those of the states */
     cotree_sensitivity_kernel algebraic_sensitivity;
     const cotree_hybrid *hybrid; /* NULL: the model has no events and no kinks */
 } cotree_model;

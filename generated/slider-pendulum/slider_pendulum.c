@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Values that depend on parameters only, n_prepared of them.
+/* The n_prepared values that depend only on parameters.
  * Values: 7. Operations: 20. Temporaries: 7. */
 int slider_pendulum_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)
 {
@@ -91,7 +91,7 @@ int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x, const double 
     return 0;
 }
 
-/* Derivatives of rhs by the states: n_nonzeros values, by columns.
+/* Derivatives of rhs with respect to the states: n_nonzeros values, column by column.
  * Values: 8. Operations: 45. Temporaries: 11. */
 int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                              const double *COTREE_RESTRICT u, const double *COTREE_RESTRICT p,
@@ -127,7 +127,7 @@ int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the states, then of the sensitivities; s and dz omit those that are always zero.
  * Values: 8. Operations: 52. Temporaries: 15. */
 int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                   const double *COTREE_RESTRICT s, const double *COTREE_RESTRICT u,
@@ -170,7 +170,7 @@ int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the sensitivities; s and ds omit those that are always zero.
  * Values: 4. Operations: 52. Temporaries: 1. */
 int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                     const double *COTREE_RESTRICT s,

@@ -70,7 +70,7 @@ enum slider_pendulum_sensitivity {
 
 COTREE_BEGIN_DECLS
 
-/* Values that depend on parameters only, n_prepared of them.
+/* The n_prepared values that depend only on parameters.
  * Values: 7. Stack: 96 bytes at most. */
 COTREE_EXPORT int slider_pendulum_prepare(const double *COTREE_RESTRICT p,
                                           double *COTREE_RESTRICT k);
@@ -94,7 +94,7 @@ COTREE_EXPORT int slider_pendulum_rhs(double t, const double *COTREE_RESTRICT x,
                                       const double *COTREE_RESTRICT p,
                                       const double *COTREE_RESTRICT k, double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: n_nonzeros values, by columns.
+/* Derivatives of rhs with respect to the states: n_nonzeros values, column by column.
  * Values: 8. Stack: 192 bytes at most. */
 COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRICT x,
                                            const double *COTREE_RESTRICT u,
@@ -102,7 +102,7 @@ COTREE_EXPORT int slider_pendulum_jacobian(double t, const double *COTREE_RESTRI
                                            const double *COTREE_RESTRICT k,
                                            double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the states, then of the sensitivities; s and dz omit those that are always zero.
  * Values: 8. Stack: 240 bytes at most. */
 COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                 const double *COTREE_RESTRICT s,
@@ -111,7 +111,7 @@ COTREE_EXPORT int slider_pendulum_augmented_rhs(double t, const double *COTREE_R
                                                 const double *COTREE_RESTRICT k,
                                                 double *COTREE_RESTRICT dz);
 
-/* Rates of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the sensitivities; s and ds omit those that are always zero.
  * Values: 4. Stack: 432 bytes at most. */
 COTREE_EXPORT int slider_pendulum_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                   const double *COTREE_RESTRICT s,

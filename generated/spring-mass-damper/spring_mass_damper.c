@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Values that depend on parameters only, n_prepared of them.
+/* The n_prepared values that depend only on parameters.
  * Values: 3. Operations: 5. Temporaries: 1. */
 int spring_mass_damper_prepare(const double *COTREE_RESTRICT p, double *COTREE_RESTRICT k)
 {
@@ -57,7 +57,7 @@ int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Derivatives of rhs by the states: n_nonzeros values, by columns.
+/* Derivatives of rhs with respect to the states: n_nonzeros values, column by column.
  * Values: 3. Operations: 0. Temporaries: 0. */
 int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                 const double *COTREE_RESTRICT u, const double *COTREE_RESTRICT p,
@@ -73,7 +73,7 @@ int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the states, then of the sensitivities; s and dz omit those that are always zero.
  * Values: 4. Operations: 15. Temporaries: 0. */
 int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                      const double *COTREE_RESTRICT s,
@@ -89,7 +89,7 @@ int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
     return 0;
 }
 
-/* Rates of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the sensitivities; s and ds omit those that are always zero.
  * Values: 2. Operations: 15. Temporaries: 1. */
 int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                        const double *COTREE_RESTRICT s,

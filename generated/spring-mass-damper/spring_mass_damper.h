@@ -66,7 +66,7 @@ enum spring_mass_damper_sensitivity {
 
 COTREE_BEGIN_DECLS
 
-/* Values that depend on parameters only, n_prepared of them.
+/* The n_prepared values that depend only on parameters.
  * Values: 3. Stack: 48 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_prepare(const double *COTREE_RESTRICT p,
                                              double *COTREE_RESTRICT k);
@@ -91,7 +91,7 @@ COTREE_EXPORT int spring_mass_damper_rhs(double t, const double *COTREE_RESTRICT
                                          const double *COTREE_RESTRICT k,
                                          double *COTREE_RESTRICT dx);
 
-/* Derivatives of rhs by the states: n_nonzeros values, by columns.
+/* Derivatives of rhs with respect to the states: n_nonzeros values, column by column.
  * Values: 3. Stack: 64 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RESTRICT x,
                                               const double *COTREE_RESTRICT u,
@@ -99,7 +99,7 @@ COTREE_EXPORT int spring_mass_damper_jacobian(double t, const double *COTREE_RES
                                               const double *COTREE_RESTRICT k,
                                               double *COTREE_RESTRICT values);
 
-/* Rates of the states, then of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the states, then of the sensitivities; s and dz omit those that are always zero.
  * Values: 4. Stack: 112 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTREE_RESTRICT x,
                                                    const double *COTREE_RESTRICT s,
@@ -108,7 +108,7 @@ COTREE_EXPORT int spring_mass_damper_augmented_rhs(double t, const double *COTRE
                                                    const double *COTREE_RESTRICT k,
                                                    double *COTREE_RESTRICT dz);
 
-/* Rates of the nonvanishing sensitivities, the only ones in s.
+/* Rates of the sensitivities; s and ds omit those that are always zero.
  * Values: 2. Stack: 272 bytes at most. */
 COTREE_EXPORT int spring_mass_damper_sensitivity_rhs(double t, const double *COTREE_RESTRICT x,
                                                      const double *COTREE_RESTRICT s,

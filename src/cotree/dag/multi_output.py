@@ -408,7 +408,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
 def _solve_at_points(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     """Extend :func:`_evaluate_solve` to arrays; regular systems are solved together.
 
-    Solutions are nan where an argument is not finite.
+    Solutions are nan if an argument is not finite.
     """
     if not any(np.ndim(value) for value in values):
         return _evaluate_solve(data, values)

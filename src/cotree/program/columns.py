@@ -521,7 +521,7 @@ _ALONG = KernelSpec(
     "curvature_along",
     ("v", "k"),
     "values",
-    "derivatives of the sensitivities' rates along the direction v of the states: nonzeros",
+    "nonzero derivatives of the sensitivity rates along the direction v of the states",
 )
 
 
@@ -572,7 +572,7 @@ _SPEC = KernelSpec(
     "time_slope",
     KERNELS["augmented_rhs"].arguments,
     "dz",
-    "derivatives by time of the rates of the states, then of the sensitivities",
+    "time derivatives of the rates of the states, then of the sensitivities",
 )
 
 

@@ -62,7 +62,7 @@ _ROWS = (
         "prepare",
         ("p",),
         "k",
-        "values that depend on parameters only, n_prepared of them",
+        "the n_prepared values that depend only on parameters",
         is_required=True,
     ),
     KernelSpec("initial", ("p", "k"), "x", "initial states", is_required=True),
@@ -73,21 +73,21 @@ _ROWS = (
         "jacobian",
         _STATE,
         "values",
-        "derivatives of rhs by the states: n_nonzeros values, by columns",
+        "derivatives of rhs with respect to the states: n_nonzeros values, column by column",
         is_required=True,
     ),
     KernelSpec(
         "augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of the states, then of the nonvanishing sensitivities, the only ones in s",
+        "rates of the states, then of the sensitivities; s and dz omit those that are always zero",
         is_packed=True,
     ),
     KernelSpec(
         "sensitivity_rhs",
         _SENSITIVITY,
         "ds",
-        "rates of the nonvanishing sensitivities, the only ones in s",
+        "rates of the sensitivities; s and ds omit those that are always zero",
         # The called kernel must precede this one in the C text.
         tail_of="augmented_rhs",
         is_packed=True,
@@ -102,49 +102,57 @@ _ROWS = (
     ),
     KernelSpec("constraint_sensitivity", _SENSITIVITY, "dc", "sensitivities of the constraints"),
     KernelSpec(
-        "gradient", _STATE, "g", "derivatives of the constraints' rates by the speeds, row by row"
+        "gradient",
+        _STATE,
+        "g",
+        "derivatives of the constraint rates with respect to the speeds, row by row",
     ),
     KernelSpec(
         "start",
         _STATE,
         "c",
-        "initial conditions: residuals; redundant values as they follow, then as given",
+        "residuals of the initial conditions; redundant values from the states, then as prescribed",
     ),
-    KernelSpec("start_gradient", _STATE, "g", "derivatives of these by the speeds, row by row"),
-    KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of these"),
+    KernelSpec(
+        "start_gradient",
+        _STATE,
+        "g",
+        "derivatives of start with respect to the speeds, row by row",
+    ),
+    KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of start"),
     KernelSpec("projection", _STATE, "dx", "a Newton step from the states towards the constraints"),
     KernelSpec(
         "sensitivity_projection",
         _SENSITIVITY,
         "ds",
-        "the step that makes sensitivities satisfy the differentiated constraints",
+        "the step after which sensitivities satisfy the differentiated constraints",
     ),
     KernelSpec(
         "events",
         _STATE,
         "g",
-        "event functions, then switching functions; the numbers of branches of tables; quantities",
+        "event functions, then switching functions; branch numbers of tables; quantities",
     ),
     KernelSpec("jumps", _STATE, "r", "new values of the targets of each event, in order"),
     KernelSpec(
         "event_sensitivity",
         _SENSITIVITY,
         "dg",
-        "sensitivities of events, zeros for kinks, then of new values, by parameters",
+        "for each parameter, sensitivities of events, zeros for kinks, sensitivities of new values",
     ),
     KernelSpec(
         "event_rates",
         _SENSITIVITY,
         "dg",
         "time derivatives of events, kinks, new values and residuals of algebraic unknowns; s "
-        "contains those of the states",
+        "contains the rates of the states",
     ),
     KernelSpec(
         "event_ranges",
         _SENSITIVITY,
         "r",
-        "for each nonlinear event or kink the bounds of its value and of its rate; s contains the "
-        "lower and upper bounds of all quantities, then of their rates",
+        "bounds of the value and of the rate of each nonlinear event or kink; s contains the lower "
+        "and upper bounds of all quantities, then of their rates",
     ),
     KernelSpec(
         "algebraic_step",
@@ -152,22 +160,22 @@ _ROWS = (
         "d",
         "a step from a guess of the algebraic unknowns: rates of the states after it; the step and "
         "its last term, n_algebraic each; its size relative to the radius of convergence, about 1 "
-        "if the series fails; the error growth of pivots",
+        "if the series fails; error growth of pivots",
     ),
     KernelSpec("extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns"),
     KernelSpec(
         "extended_augmented_rhs",
         _SENSITIVITY,
         "dz",
-        "rates of states and algebraic unknowns, then of the states' sensitivities, the only ones "
-        "in s",
+        "rates of states and algebraic unknowns, then of the states' sensitivities; s and dz omit "
+        "those that are always zero",
         is_packed=True,
     ),
     KernelSpec(
         "algebraic_sensitivity",
         _SENSITIVITY,
         "ds",
-        "sensitivities of the algebraic unknowns; s contains those of the states only",
+        "sensitivities of the algebraic unknowns; s contains only those of the states",
         is_packed=True,
     ),
 )
