@@ -117,7 +117,7 @@ def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
 #: All integrators with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
-#: Names of all C steppers: those of cotree's methods, and the SUNDIALS libraries.
+#: Names of all C steppers: cotree's methods and the SUNDIALS libraries.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
 #: Modules that all engines share and that include only each other; they are compiled once.

@@ -114,7 +114,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
     names = frozenset(chain.from_iterable(arg.names for arg in args))
     temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
-    # The numbers of an argument follow those of the previous arguments.
+    # The numbers are in argument order.
     start = 0
     for arg in args:
         temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
@@ -213,7 +213,7 @@ def temporary(prefix: str, value: int) -> CExpression:
 def apply(op: str, *args: CExpression) -> CExpression:
     """Build an operation of :data:`cotree.dag.operations.OPERATIONS`, or one that only C has.
 
-    The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with zero.
+    Operations of C only are ``real``, a conversion; ``not``; and ``fails``, a comparison with zero.
     """
     if op in _ARRANGED:
         # Arguments are listed in the order of the text, including repetitions.

@@ -189,7 +189,7 @@ def lanes_declarations(model: LanesContext) -> str:
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the rate kernels, and those of inputs and kinks if there are any."""
+    """Return the rate kernels, and the kernels of inputs and kinks if there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.kinks else []

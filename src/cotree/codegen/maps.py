@@ -169,7 +169,7 @@ def _segments(linear: LinearMap) -> list[_Segment]:
 
 
 def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -> dict[Node, int]:
-    """Return the blocks in which each value is computed, at least those where it may be nonzero.
+    """Return the blocks in which each value is computed, including all in which it may be nonzero.
 
     A product is computed in the blocks of the sums that read it if these agree: compilers can then
     fuse both operations, and the number of crossing values does not change.
@@ -220,8 +220,8 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
 
 #: Minimum fraction of the work that segments must skip; otherwise the map is written with loops.
 _SKIPPED = 0.15
-#: Maximum number of operations in a block. With gcc 12, a map of 2261 operations in blocks of 500
-#: compiles with a third of the instructions and runs a fifth faster in vectors of four.
+#: Maximum number of operations in a block. In blocks of 500, a map of 2261 operations compiles with
+#: a third of the instructions and runs a fifth faster in vectors of four (gcc 12).
 _LONGEST_BLOCK = 500
 #: Maximum number of operations in a block if two vectors are interleaved, to hide latency.
 _LONGEST_IN_TURN = 80

@@ -74,7 +74,7 @@ class Body:
 
     @property
     def text(self) -> list[str]:
-        """All lines, including those of the blocks."""
+        """All lines of the function and of the blocks."""
         return [*chain.from_iterable((b.signature, *b.lines) for b in self.blocks), *self.lines]
 
 
@@ -241,7 +241,7 @@ class _Printer:
                 a, b = map(self._format, left.args)
                 return f"{self._target.fused}({a}, {b}, {self._signed(op, right)})"
             if right.op == "mul":
-                # The order of the numbers must be that of the form.
+                # The numbers must be in the order of the form.
                 a, b = self._signed(op, right.args[0]), self._format(right.args[1])
                 return f"{self._target.fused_onto}({self._format(left)}, {a}, {b})"
         args = [self._format(arg) for arg in form.args]

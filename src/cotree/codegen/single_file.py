@@ -98,7 +98,7 @@ def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
 
 
 def _private(source: str) -> set[str]:
-    """Return the private names of a source, except those of the runtime, which are unique."""
+    """Return the private names of a source, except runtime names, which are unique."""
     names = {name for item in items(source) if item.is_private for name in item.names}
     return {name for name in names if not name.startswith("cotree_")}
 

@@ -52,7 +52,7 @@ class StartTables:
 
     @property
     def arrays(self) -> list[Constants]:
-        """The arrays as C text; their names are those of the fields with the prefix ``start_``."""
+        """The arrays as C text, named like the fields with the prefix ``start_``."""
         # Imported here, since only callers that generate C need it.
         from cotree.codegen.printing import Constants, int_table
 

@@ -111,7 +111,7 @@ class Target:
         return rounding * math.pow(value / of_double, self.digits / DOUBLE.digits)
 
     def extreme(self, number: str) -> str:
-        """Return a power of ten scaled from the range of doubles to that of the type."""
+        """Return a power of ten, scaled from the range of doubles to the range of the type."""
         if self.most_decades == DOUBLE.most_decades:
             return number
         decades = math.log10(float(number)) * self.most_decades / DOUBLE.most_decades

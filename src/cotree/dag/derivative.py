@@ -285,8 +285,8 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives of each operation with respect to its arguments; None if zero. The derivative
-#: of a selection is that of the selected branch; events handle jumps at the zero of its condition.
+#: Partial derivatives of each operation with respect to its arguments; None if zero. A selection
+#: has the derivative of the selected branch; events handle jumps at the zero of its condition.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),

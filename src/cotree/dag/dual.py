@@ -2,8 +2,8 @@
 
 A formula computes values if its arguments are nodes, and also derivatives if they are duals. The
 value of a dual may be a node, a vector or a matrix. Values that are constant along the direction
-are not duals, so no derivatives are formed for them. Static types are those of the values that
-duals replace.
+are not duals, so no derivatives are formed for them. Duals have the static types of the values that
+they replace.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Form = TypeVar("Form", bound="Callable[..., Any]")
 class Dual(Node):
     """A value and its derivative: nodes, or vectors or matrices of nodes.
 
-    The operators are those of scalars; :mod:`cotree.dag.vector` has functions for vectors and
-    matrices. The class is derived from Node, so that Python calls its operators first in
-    expressions of nodes and duals.
+    The operators are for scalars; :mod:`cotree.dag.vector` has functions for vectors and matrices.
+    The class is derived from Node, so that Python calls its operators first in expressions of nodes
+    and duals.
     """
 
     __slots__ = ("d",)

@@ -3,8 +3,8 @@
 A ``map`` applies the same statements to many columns: sensitivities to different parameters differ
 in their input values, not in the operations. C processes several columns at a time. The arguments
 of the node are the values that all columns share, then the values of each column; its results are
-those of the first column, then those of the second, and so on. If all inputs on which a value
-depends are zero in a column, the value is also zero and is not computed.
+in the order of the columns. If all inputs on which a value depends are zero in a column, the value
+is also zero and is not computed.
 
 Each operation has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
 :mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. A ``result``

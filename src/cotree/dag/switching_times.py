@@ -64,8 +64,7 @@ class _Count:
 class _Line:
     """The function ``offset + rate * t + step * count``; if ``starts``, zero before its root.
 
-    The time events of a selection between lines are those of all lines: maybe too many, but never
-    too few.
+    A selection between lines has the time events of all lines: maybe too many, but never too few.
     """
 
     offset: Node

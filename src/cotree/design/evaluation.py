@@ -4,7 +4,7 @@ A peak value is found from values and sensitivities on a fine time grid. At the 
 derivative of the output is zero, so the derivative of the peak value with respect to a parameter is
 the sensitivity at that time. Between grid points the output is interpolated by the polynomial
 through nine points. If a polynomial of lower degree disagrees, a finer grid is requested.
-Interpolation windows end at events, where the output may have a kink or a jump.
+Interpolation windows end at events, since the output may have a kink or a jump there.
 """
 
 from __future__ import annotations

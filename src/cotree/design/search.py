@@ -1,7 +1,7 @@
 """Gradient-based search for an optimal design by SciPy in scaled design variables.
 
 If the run at a trial point fails, the optimiser receives a penalty, so that it rejects the step,
-and the gradient of the last successful point.
+with the gradient of the last successful point.
 """
 
 from __future__ import annotations

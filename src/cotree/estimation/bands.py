@@ -134,7 +134,7 @@ def like_measured(
 ) -> tuple[str | float, str]:
     """Return noise and transformation for further measurements of a quantity.
 
-    If ``noise`` is None, the noise equals that of previous measurements of the quantity, preferably
+    If ``noise`` is None, the noise is taken from previous measurements of the quantity, preferably
     in the same condition.
     """
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
@@ -179,7 +179,8 @@ def band_of(
     # additive.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Maximum likelihood underestimates the noise; the correction factor is that of standard errors.
+    # Maximum likelihood underestimates the noise; it is corrected by the factor that also corrects
+    # standard errors.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors

@@ -95,7 +95,7 @@ class Likelihood:
     def fisher_rows(self, found: Predictions) -> Array:
         """Return J such that J^T J is the Fisher information, shape (2 n_rows, n_estimated).
 
-        Rows of the measured values precede those of their standard deviations. Singular values of J
+        Rows of the measured values precede rows of their standard deviations. Singular values of J
         identify undetermined directions with twice as many digits as eigenvalues of J^T J.
         """
         # Fisher information on sigma: 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).

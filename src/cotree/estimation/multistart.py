@@ -413,7 +413,7 @@ def _robust(rows: Array, search: Search) -> float:
     """Return the cost as defined by SciPy, half the sum of losses."""
     from scipy.optimize import least_squares
 
-    # SciPy does not export its loss functions, so the cost is that of a problem with zero Jacobian.
+    # SciPy does not export its loss functions, so a problem with zero Jacobian computes the cost.
     there = least_squares(
         lambda x: rows,
         [0.0],

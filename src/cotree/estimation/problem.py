@@ -495,7 +495,7 @@ class Problem:
         return self.likelihood.residual_slopes(self.predicted(theta))
 
     def predicted(self, theta: Any) -> Predictions:
-        """Return predictions with derivatives at one point; those of the last point are cached.
+        """Return predictions with derivatives at one point; the last result is cached.
 
         Parameters
         ----------

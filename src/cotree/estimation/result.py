@@ -344,7 +344,7 @@ class FitResult(Reported):
         candidates : mapping, or sequence of Candidates
             Outputs, states or columns, mapped to times, to (times, noise), or to a mapping of the
             fields of :class:`~cotree.estimation.candidates.Candidates`, which can also change the
-            experiment. By default, the noise is that of previous measurements of the output.
+            experiment. By default, the noise is taken from previous measurements of the output.
         n : int
             Number of measurements to choose.
         criterion : str

@@ -3,7 +3,7 @@
 Vectors of a cluster are resolved in its own basis, vectors of a branch in its parent's basis.
 Gravity is subtracted from accelerations, so that weight needs no terminal equation. A sensitivity
 graph evaluates the same functions with dual numbers; values that do not depend on its seed are
-those of the first graph.
+taken from the first graph.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class Motion:
         return result
 
     def arm(self, point: Point) -> Vector:
-        """Return the vector from a cluster's origin to a point of it, in the cluster's basis."""
+        """Return the vector from a cluster's origin to a point, in the cluster's basis."""
         return self.frames.resolved(point.cluster, point.local)
 
     def position(self, point: Point, ancestor: int = 0) -> Vector:

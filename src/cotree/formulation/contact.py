@@ -224,7 +224,7 @@ class Rim:
         return part, *vector.polar(part, origin)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return r |p|, where |p| = n.up is the sine of the angle between normal and axle."""
+        """Return r |p|; |p| = n.up is the sine of the angle between normal and axle."""
         return view.scalar(self.radius) * self._down(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:

@@ -63,7 +63,7 @@ def bind_events(
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
-    # The order is that of ``event_expressions``: outputs, the condition of each event, then the new
+    # In the order of ``event_expressions``: outputs, the condition of each event, then the new
     # values and the restitution of each event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):

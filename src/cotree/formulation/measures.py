@@ -320,8 +320,8 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Return a force along the axis on the second node, and its reaction at the same point."""
-        # The axis rotates with its node. The power of e'.r is that of the reaction's moment, since
-        # the reaction acts on the first body at the position of the second node.
+        # The axis rotates with its node. e'.r is the power of the reaction's moment, since the
+        # reaction acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -339,7 +339,7 @@ class Distance:
         return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
-        """Return e.r', where e is the direction of r."""
+        """Return e.r' with the direction e of r."""
         return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:

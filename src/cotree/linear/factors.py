@@ -180,7 +180,7 @@ def hold(
 ) -> HeldFactors:
     """Add a border of rows and columns, which may be redundant, to a factorised matrix.
 
-    Multipliers of redundant rows have minimum norm; those of rows without unknowns are zero.
+    Multipliers of redundant rows have minimum norm; multipliers of rows without unknowns are zero.
     ``sizes`` contains each row's diagonal entry without cancellation.
     """
     border = tuple(tuple(row[:n]) for row in rows)

@@ -4,10 +4,11 @@ Articulated inertias, reduced by the part that the branch's own motion releases,
 parent; the mass matrix is not formed. Compared with the matrix, this costs less for long chains and
 more for short ones.
 
-Each speed subtracts w w^T / d from the inertia, where w is the wrench per unit of the speed. This
-term is subtracted at once or *deferred*: w is then shifted by the next arm, and its effects on the
-next wrench and pivot are subtracted there. Deferring takes more operations, but halves the critical
-path from one pivot to the next, which becomes a reciprocal, a product and a difference.
+Each speed subtracts w w^T / d from the inertia, with the wrench w per unit of the speed and the
+pivot d. This term is subtracted at once or *deferred*: w is then shifted by the next arm, and its
+effects on the next wrench and pivot are subtracted there. Deferring takes more operations, but
+halves the critical path from one pivot to the next, which becomes a reciprocal, a product and a
+difference.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
     """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
-    # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha, where h x a = (-[h]x)^T a.
+    # F = m a + alpha x h = m a - [h]x alpha, and T = h x a + J alpha with h x a = (-[h]x)^T a.
     return Spatial(unit, _skew(vector.neg(moment)), tensor)
 
 
@@ -194,7 +195,7 @@ def shifted(a: Spatial, arm: Vector) -> Spatial:
     skew = _skew(arm)
     moved = vector.matmul(a.force, skew)
     coupling = _minus(a.coupling, moved)
-    # J - E^T R + R E - R F R, where R F R = R (F R) and R E - R F R = R (E - F R).
+    # J - E^T R + R E - R F R with R F R = R (F R) and R E - R F R = R (E - F R).
     across = vector.matmul(vector.transpose(a.coupling), skew)
     torque = vector.matadd(_minus(a.torque, across), vector.matmul(skew, coupling))
     x, y, z = torque

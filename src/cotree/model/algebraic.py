@@ -103,7 +103,7 @@ class Algebraic:
 
         return Equation(
             lambda z: np.array(self._rates(t, at(z))),
-            # Columns of the differential states precede those of the unknowns.
+            # Columns of the differential states precede columns of the unknowns.
             lambda z: self._jacobian(t, at(z))[self.cut :],
             point[: self.cut],
             self.cut,

@@ -116,7 +116,7 @@ class Linearizer:
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
         with_value = list(valued)
-        # Each column has the constraint entries, then those of the constraint rates.
+        # Each column has the constraint entries, then the entries of the constraint rates.
         held = [
             node
             for column in equations.columns

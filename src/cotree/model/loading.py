@@ -97,7 +97,7 @@ class OperatingPoint:
         """Return the states at rest and their sensitivities.
 
         On entry, ``s``, (n_states, n_sensitivities), contains the sensitivities of the scene's
-        initial values; all columns except those of initial values are overwritten.
+        initial values; all columns are overwritten, except columns of initial values.
         """
         model, rest = self._model, self.at_rest
         known = dict(zip(model.parameters, p.tolist(), strict=True))

@@ -451,7 +451,7 @@ def _continued(equation: Equation, z: Array) -> Root:
     return root._replace(z=z, values=equation.value(z), is_found=reached == 1.0)
 
 
-#: Exponents may rise freely by the first value per step; the second bounds those of a guess.
+#: Largest unlimited rise of an exponent in one step; largest exponent accepted from a guess.
 _FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
 
 #: Maximum number of limited steps; number of junctions per additional step, since changes propagate

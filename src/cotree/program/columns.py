@@ -8,9 +8,9 @@ sensitivity.
 
 For parameter j the derivatives of the unknowns solve ``A w_j = b_x s_j + b_j``, in which the matrix
 b_x is the same for all parameters and b_j is the explicit derivative with respect to parameter j.
-Statements written out for each parameter exploit its zeros; those of a map are written once, and C
-processes several columns at a time. The columns of the Jacobian are a map of unit vectors s. If
-there are fewer of them than parameters, the Jacobian can also be formed first and multiplied by
+Statements written out for each parameter exploit its zeros; statements of a map are written once,
+and C processes several columns at a time. The columns of the Jacobian are a map of unit vectors s.
+If there are fewer of them than parameters, the Jacobian can also be formed first and multiplied by
 each s_j. The cheapest of these alternatives is used.
 
 Implicit methods need three further kernels. The first computes values at a point that the second

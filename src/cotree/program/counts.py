@@ -1,7 +1,7 @@
 """Costs of a program: numbers of operations, and processor cycles estimated by a simple model.
 
 A modern processor starts two independent operations per cycle; the longest path through the values
-bounds the latency. The model adds the longer of these two times and a fraction of the shorter one.
+bounds the latency. The model adds a fraction of the shorter of these two times to the longer one.
 Its numbers are rounded values for common 64-bit processors.
 """
 

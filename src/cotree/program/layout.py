@@ -51,7 +51,7 @@ class Layout:
     events: tuple[EventRow, ...] = ()  # events in the order of the kernel ``events``
     event_inputs: tuple[str, ...] = ()  # inputs that the event kernels read
     #: Variables whose initial values must agree with the values that follow from the states. The
-    #: kernel ``start`` ends with the latter, then the scene's initial values.
+    #: kernel ``start`` ends with the values from the states, then the scene's initial values.
     redundant: tuple[RedundantRow, ...] = ()
     #: Indices of states that are storage contents, each with the index of the algebraic unknown
     #: that it determines. Without an initial content, the content follows from the unknown.

@@ -8,7 +8,7 @@ reciprocals
     only on parameters; ``prepare`` computes this reciprocal. Other divisions remain.
 sines
     Assumes nothing. Values are the same to one unit in the last place. Sines and cosines are
-    combined unless their angles depend on other sines. Those of parameters remain, since
+    combined unless their angles depend on other sines. Sines of parameters remain, since
     ``prepare`` computes them.
 balance
     Assumes that nothing is prepared yet. There are no more operations than before. Terms are added
@@ -190,7 +190,7 @@ def _balanced(kernel: Kernel) -> Kernel:
         if node.op in _SUMS and node not in inner:
             # If both forms are available at the same time, the sum remains unchanged.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # stores its time, before that of any user is computed
+        clock(made)  # stores its time before the time of any user is computed
         return made
 
     return rewrite(kernel, set(order), form)
@@ -313,8 +313,8 @@ def _lifetimes(kernel: Kernel) -> int:
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: All passes by name, in order. Reciprocals and sums are formed before staging, so that those of
-#: parameters are prepared. The order of values is determined last.
+#: All passes by name, in order. Reciprocals and sums are formed before staging, so that they are
+#: prepared if they depend only on parameters. The order of values is determined last.
 RECIPE: dict[str, Callable[[Program], Program]] = {
     "reciprocals": partial(for_each_kernel, with_reciprocals),
     "sines": partial(for_each_kernel, _packed),

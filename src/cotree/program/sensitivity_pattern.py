@@ -53,7 +53,7 @@ def reached_states(
     if not rows:
         return ()
     # The derivatives along a direction contain only the sensitivities of this direction, so state i
-    # has bit i in all directions. The bits of the unknowns' tangents follow those of the states.
+    # has bit i in all directions. Bits of the unknowns' tangents follow the bits of the states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -216,7 +216,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Return the dependences of a sum from those of its terms."""
+    """Return the dependences of a sum from the dependences of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains

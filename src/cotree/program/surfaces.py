@@ -106,7 +106,7 @@ def strip_switching_surfaces(program: Program) -> Program:
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
     n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
-    # Ranges are in the order of their values, so those of events come first.
+    # Ranges are in the order of their values, so ranges of events come first.
     ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
     kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
     n_quantities = layout.n_quantities if ends else 0

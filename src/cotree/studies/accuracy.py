@@ -46,8 +46,8 @@ _TOO_FAR = 1e-6
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
-# Relative tolerance of explicit high-order methods; that of all other methods, whose rounding
-# errors would dominate at the tighter one.
+# Relative tolerances of explicit high-order methods, and of all others, whose rounding errors would
+# dominate at the tighter tolerance.
 _TIGHTEST, _TIGHT = 1e-13, 1e-12
 
 

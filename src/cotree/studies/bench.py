@@ -106,7 +106,7 @@ N_POINTS = 101
 _TIME_LIMIT = 5.0
 # Ratio of relative to absolute tolerance, as in the default tolerances of runs.
 _RTOL_PER_ATOL = 100.0
-# Time limit of a reference run, which has tight tolerances, relative to that of other runs.
+# Time limit of a reference run, which has tight tolerances, relative to the limit of other runs.
 _PATIENCE = 12.0
 # Tolerances of each method's first run, which builds its engine.
 _LOOSE = (1e-3, 1e-5)
@@ -156,7 +156,7 @@ def bench(
     repeats : int
         Number of timed runs of each row, within the budget.
     t_end : float, optional
-        End of the runs, [s]; by default that of the scene.
+        End of the runs, [s]; by default the scene's.
     budget : float
         Processor time of all runs, without compilation and reference, [s]; it may be infinite.
         Tight tolerances of slow methods are omitted first, then repeated runs of methods that are

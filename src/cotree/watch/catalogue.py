@@ -143,7 +143,7 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
         return None
     radius = _number(draft, edge, "radius")
     if "axis" not in edge.vectors:
-        # In a plane, where a ball would be a circle, spokes make its rolling visible.
+        # In a plane a ball would be a circle; spokes make its rolling visible.
         flat = draft.stage.is_flat
         mesh = shapes.wheel(radius, 0.75 * draft.w) if flat else shapes.sphere(radius)
         turn = draft.places[edge.second].turn

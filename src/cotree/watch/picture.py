@@ -51,8 +51,8 @@ class Camera:
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
     """Position the camera so that every frame shows all shapes at the same scale.
 
-    The default ``aspect``, width by height, is 4:3 in space, and that of the mechanism, limited to
-    0.6 to 2, in a plane. The reach is half the extent to the right, upwards and towards the viewer,
+    The default ``aspect``, width by height, is 4:3 in space; in a plane it is the mechanism's,
+    limited to 0.6 to 2. The reach is half the extent to the right, upwards and towards the viewer,
     [m].
     """
     axes = axes_along(drawing.towards, drawing.up)

@@ -377,7 +377,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return weights like :func:`mode_weights` for friction whose normal force is that of a stop.
+    """Return weights like :func:`mode_weights` for friction whose normal force acts in a stop.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """

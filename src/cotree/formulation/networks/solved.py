@@ -554,6 +554,6 @@ def _differentiate_block(
         for (unknown, _), value in zip(own.linear, found, strict=True):
             if not value.is_zero:
                 d[unknown][key] = value
-    # The tangents of the inner variables are computed again from those of the unknowns.
+    # The tangents of the inner variables are recomputed from the tangents of the unknowns.
     if keys:
         _differentiate(solved.plan, block.inner, solved.values, d, given)

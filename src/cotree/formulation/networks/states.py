@@ -220,7 +220,7 @@ def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
     """Return the entry of a port's algebraic unknown; its initial value is only a guess."""
-    # A rate has no name and unit in scenes, so it has those of its variable.
+    # A rate has no name and unit in scenes, so it has the name and unit of its variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)

@@ -101,7 +101,7 @@ class Topology:
         ancestor = self._ancestor(edge.tail, edge.head)
         terms: list[tuple[int, Variable]] = []
         for sign, node in ((1, edge.head), (-1, edge.tail)):
-            # Potential of the head minus that of the tail, both relative to their common ancestor.
+            # Potential of the head minus potential of the tail, relative to their common ancestor.
             terms += [(sign * own, variable) for own, variable in self._along(ancestor, node, rate)]
         return Sum(tuple(terms))
 
