@@ -55,14 +55,8 @@ METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **
 
 #: Kernels on whose parameters a computed start depends.
 _OF_START = (
-    "initial",
-    "initial_sensitivity",
-    "constraints",
-    "constraint_sensitivity",
-    "gradient",
-    "start",
-    "start_gradient",
-    "start_sensitivity",
+    *("initial", "initial_sensitivity", "constraints", "constraint_sensitivity", "gradient"),
+    *("start", "start_gradient", "start_sensitivity"),
 )
 
 

@@ -367,14 +367,9 @@ def _wrapped(text: str, indent: int, hanging: int) -> str:
     # Lines are not broken at no-break spaces.
     kept = re.sub(r"\([^()]*\)", lambda group: group[0].replace(" ", _HELD), text)
     kept = re.sub(r"([+-]) ", rf"\1{_HELD}", kept)
-    return textwrap.fill(
-        kept,
-        _WIDTH,
-        initial_indent=" " * indent,
-        subsequent_indent=" " * hanging,
-        break_long_words=False,
-        break_on_hyphens=False,
-    ).replace(_HELD, " ")
+    indents: dict[str, Any] = {"initial_indent": " " * indent, "subsequent_indent": " " * hanging}
+    breaks: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+    return textwrap.fill(kept, _WIDTH, **indents, **breaks).replace(_HELD, " ")
 
 
 @dataclass(frozen=True)

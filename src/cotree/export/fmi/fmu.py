@@ -221,14 +221,8 @@ def reference_files(
         },
     )
     name = f"{identifier}_out.csv"
-    ElementTree.SubElement(
-        root,
-        "Related",
-        type="text/csv",
-        source=name,
-        role="result",
-        description="Output of the default experiment",
-    )
+    about = {"role": "result", "description": "Output of the default experiment"}
+    ElementTree.SubElement(root, "Related", {"type": "text/csv", "source": name, **about})
     return {
         f"{_REFERENCES}/{name}": text.getvalue().encode(),
         f"{_REFERENCES}/fmi-ls-manifest.xml": xml_text(root).encode(),

@@ -95,14 +95,9 @@ class Description:
             ("logStatusError", "why a call is refused"),
         ):
             ElementTree.SubElement(categories, "Category", name=name, description=about)
-        ElementTree.SubElement(
-            root,
-            "DefaultExperiment",
-            startTime="0",
-            stopTime=_number(self.t_end),
-            tolerance=_number(self.rtol),
-            stepSize=_number(self.step),
-        )
+        numbers = {"stopTime": self.t_end, "tolerance": self.rtol, "stepSize": self.step}
+        given = {name: _number(value) for name, value in numbers.items()}
+        ElementTree.SubElement(root, "DefaultExperiment", {"startTime": "0", **given})
         listed = ElementTree.SubElement(root, "ModelVariables")
         for variable in self.variables.all:
             self._add_variable(listed, variable)
@@ -293,18 +288,9 @@ class Listing:
         self.signals = [i for i in range(len(layout.inputs)) if i not in outside]
         n_sensitivities = len(layout.sensitivities) if has_sensitivities else 0
         self.n, self.n_rates = len(layout.states), len(layout.states) - layout.n_algebraic
-        counts = (
-            1,
-            self.n,
-            self.n_rates,
-            len(layout.parameters),
-            len(outside),
-            len(self.signals),
-            len(layout.outputs),
-            len(layout.events),
-            len(layout.outputs) * n_sensitivities,
-            self.n * n_sensitivities,
-        )
+        n_y, m = len(layout.outputs), n_sensitivities
+        counts = [1, self.n, self.n_rates, len(layout.parameters), len(outside), len(self.signals)]
+        counts += [n_y, len(layout.events), n_y * m, self.n * m]
         self.firsts = [sum(counts[:i]) for i in range(len(counts) + 1)]
         if self.firsts[-1] > 2**31 - 1:
             raise CodegenError("the scene has too many variables for an FMU")
@@ -392,17 +378,8 @@ class Listing:
         names = [self.own[1][i] for i in self.signals]
         signals = self._calculated(5, first, names, [layout.inputs[i] for i in self.signals])
         time = FmuVariable(0, "time", "s", "", "independent", "continuous")
-        return FmuVariables(
-            time,
-            tuple(states),
-            tuple(rates),
-            tuple(parameters),
-            tuple(inputs),
-            signals,
-            outputs,
-            indicators,
-            *self._slopes(),
-        )
+        blocks = tuple(states), tuple(rates), tuple(parameters), tuple(inputs)
+        return FmuVariables(time, *blocks, signals, outputs, indicators, *self._slopes())
 
     def _find_start(self, is_found: bool) -> None:
         """Set the knowns on which each state depends at the start."""
