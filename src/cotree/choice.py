@@ -149,16 +149,9 @@ def _tried(
         eliminations = _eliminations(formed, may_defer=not sensitivities)
         ways = [replace(formed, links=links) for links in eliminations]
         for first, cost in zip(ways, _estimates(ways, sensitivities), strict=True):
-            alternative = Alternative(
-                trees,
-                own_axes,
-                bool(first.links),
-                any(link.is_deferred for link in first.links),
-                len(first.states),
-                len(first.constraints.rows),
-                *cost,
-            )
-            found.append((alternative, first))
+            elimination = bool(first.links), any(link.is_deferred for link in first.links)
+            sizes = len(first.states), len(first.constraints.rows)
+            found.append((Alternative(trees, own_axes, *elimination, *sizes, *cost), first))
     return found
 
 

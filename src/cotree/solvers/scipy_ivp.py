@@ -133,14 +133,8 @@ class _Run:
         cause = self.evaluator.not_finite
         if reason and cause and cause not in reason:
             reason = f"{reason}; {cause}"
-        statistics = Statistics(
-            method=self.method,
-            nfev=self.evaluator.nfev,
-            njev=self.evaluator.njev,
-            nlu=self.nlu,
-            n_steps=self.n_steps,
-            seconds=time.perf_counter() - begin,
-        )
+        counts = self.evaluator.nfev, self.evaluator.njev, self.nlu, self.n_steps
+        statistics = Statistics(self.method, *counts, time.perf_counter() - begin)
         sentences = [*summary(problem, self.method, self.t, reason), self.thinning.note]
         return Trajectory(
             t=np.array(self.times),
@@ -168,15 +162,9 @@ class _Run:
         way = self.problem.direction
         times, places = np.unique(way * (wanted - start), return_inverse=True)
         try:
-            found = scipy.integrate.solve_ivp(
-                segment.rates,
-                (0.0, end - start),
-                self.z[self.problem.integrated],
-                self.method,
-                t_eval=way * times,
-                events=segment,
-                **segment.options(),
-            )
+            options = {"t_eval": way * times, "events": segment, **segment.options()}
+            span, z = (0.0, end - start), self.z[self.problem.integrated]
+            found = scipy.integrate.solve_ivp(segment.rates, span, z, self.method, **options)
         except (RuntimeError, ValueError) as error:
             # SuperLU and SciPy's checks raise these errors; others come from functions of the user.
             if not str(error).endswith(("exactly singular", "infs or NaNs")):
