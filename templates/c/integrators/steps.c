@@ -184,7 +184,7 @@ static cotree_status take_step(integrator *d)
 #else
         if (status == COTREE_OK && is_passed(d)) {
 #endif
-            status = hold(d, d->t_new);
+            status = complete_step(d, d->t_new);
             is_accepted = status == COTREE_OK;
         }
         if (status == COTREE_OK) {
@@ -224,11 +224,11 @@ cotree_status METHOD(step)(integrator *d, cotree_real t_stop)
     if (status != COTREE_OK) return status;
     planned = d->step;
     d->t_before = d->t;
-    exchange(d);
+    swap_ends(d);
     set_goal(d, t_stop);
     status = take_step(d);
     if (status != COTREE_OK) {
-        exchange(d);
+        swap_ends(d);
         d->step = planned; /* discard the step size of the first attempt */
     }
     return status;

@@ -375,8 +375,8 @@ static int is_state(const fmu *m, const fmu_state_head *head)
            strncmp(head->token, m->tables->token, sizeof(head->token) - 1) == 0;
 }
 
-/* Return the index of a saved state, or n_kept if there is none. Other pointers, such as that of a
- * freed state, are rejected without being dereferenced. The search starts with recent states, which
+/* Return the index of a saved state, or n_kept if there is none. The pointer is compared but not
+ * dereferenced, since the state may have been freed. The search starts with recent states, which
  * are used most often. */
 static size_t find_state(const fmu *m, const void *own)
 {

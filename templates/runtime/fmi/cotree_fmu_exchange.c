@@ -117,7 +117,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     const double t = m->numbers[FMU_NOW];
     double *const w = m->work;
     int i, status;
-    fmu_hold(m, 1);
+    fmu_set_projection(m, 1);
     cotree_run_narrow(&m->run, t, m->z, w);
     cotree_events_restore(e, m->event_history); /* zero before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
@@ -127,7 +127,7 @@ static int apply_events(fmu *m, fmu_event_info *news)
     } else {
         status = cotree_events_apply_passed(e, t, w);
     }
-    fmu_hold(m, 0);
+    fmu_set_projection(m, 0);
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the simulation at t = %.10g: %s",
                           m->model->hybrid->events[e->event].name, e->failure_time,

@@ -185,10 +185,11 @@ COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
 
 COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 
-/* Events. fmu_events returns the events with the current settings and an empty history. fmu_hold
- * sets whether constraints are satisfied by projection, as they are while events are processed. */
+/* Events. fmu_events returns the events with the current settings and an empty history.
+ * fmu_set_projection sets whether constraints are satisfied by projection, as they are while events
+ * are processed. */
 COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
-COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);
+COTREE_PRIVATE void fmu_set_projection(fmu *m, int is_held);
 COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop, or the default span */
 COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* process the events at the start of Co-Simulation */
 

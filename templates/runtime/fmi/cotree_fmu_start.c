@@ -101,9 +101,9 @@ static int select_modes(fmu *m)
     int i, status;
     cotree_run_narrow(&m->run, t, m->z, m->work);
     cotree_events_restore(e, m->event_history); /* removes the event history of an earlier run */
-    fmu_hold(m, 1);
+    fmu_set_projection(m, 1);
     status = cotree_events_select_modes(e, t, m->work);
-    fmu_hold(m, 0);
+    fmu_set_projection(m, 0);
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
                           e->rows[e->event].name, t, cotree_events_message(status));
@@ -182,7 +182,7 @@ static int complete_direction(fmu *m, double *seed, int level)
     for (i = 0; i < n; ++i) rates[i] = 0.0;
     for (j = 0; j < c->n_columns; ++j) {
         for (i = c->starts[j]; i < c->starts[j + 1]; ++i) {
-            /* Rows of quaternion norms lie between those of constraints and of conditions. */
+            /* The rows of quaternion norms are between the constraints and the conditions. */
             const int row = c->rows[i], last = row - rows->n_quaternions;
             if (row >= n_held && row < n_held + rows->n_quaternions) continue;
             rates[row < n_held ? row : last] += m->moved[i] * seed[j];

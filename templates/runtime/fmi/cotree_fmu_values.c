@@ -201,7 +201,7 @@ int fmu_refresh(fmu *m, int what)
     return 0;
 }
 
-void fmu_hold(fmu *m, int is_held)
+void fmu_set_projection(fmu *m, int is_held)
 {
 #if COTREE_HAS_CONSTRAINTS
     m->run.is_held = is_held;
@@ -246,7 +246,7 @@ int fmu_size_of(const fmu *m, enum fmu_block block)
     return m->offsets[block + 1] - m->offsets[block];
 }
 
-/* There are as many continuous states as rates. */
+/* Each continuous state has one rate. */
 int fmu_count_numbers(fmu *m, enum fmu_block block, size_t *n)
 {
     if (fmu_check_pointer(m, n) != 0) return 1;

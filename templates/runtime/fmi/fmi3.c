@@ -58,8 +58,8 @@ FMI_CALL(EnterInitializationMode, FMU_INSTANTIATED,
          void *handle, fmi3Boolean has_tolerance, double tolerance, double begin,
          fmi3Boolean has_end, double end)
 
-/* Variables, all of type Float64 without dimensions. Their dependencies are those of the model
- * description. */
+/* Variables, all of type Float64 without dimensions. The model description lists their
+ * dependencies. */
 
 FMI_CALL(GetFloat64, FMU_ANY, fmu_get(m, references, n, values, n_values), void *handle,
          const unsigned references[], size_t n, double values[], size_t n_values)
