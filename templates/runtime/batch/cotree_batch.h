@@ -22,7 +22,7 @@ struct cotree_batch {
     long max_steps;    /* limit for each member; 0: unlimited */
     double time_limit; /* wall-clock limit for each member, [s] */
     double interval;   /* a call returns to the caller after this time, [s] */
-    int is_watched;    /* 1: a member is set aside if an explicit method finds it stiff */
+    int is_watched;    /* 1: members that an explicit method finds stiff are returned */
     int n_full;        /* number of states and sensitivities */
     /* Data of the members, one row each. If has_given_jobs is set, the caller provides the job of
      * each member: its start needs a search, or its time events differ. */
@@ -35,9 +35,9 @@ struct cotree_batch {
     const double *p;  /* n_parameters values in each row */
     int n_set;        /* number of initial values that replace the model's */
     const int *set;   /* n_set state indices */
-    const double *set_values; /* n_set values in each row */
-    const double *atols;      /* n absolute tolerances in each row; NULL: those of the pattern */
-    const double *turn_tolerances; /* n_sensitivities in each row; NULL: those of the pattern */
+    const double *set_values;      /* n_set values in each row */
+    const double *atols;           /* n absolute tolerances in each row; NULL: as in the pattern */
+    const double *turn_tolerances; /* n_sensitivities in each row; NULL: as in the pattern */
     /* Inputs that replace the scene's inputs in the evaluation of outputs. */
     int n_given;
     const int *given;           /* n_given input indices */
@@ -57,8 +57,8 @@ struct cotree_batch {
     int next;       /* next member to run; access it through cotree_batch_take */
     int is_stopped; /* nonzero: all workers return as soon as possible */
     /* Run several members at once, one in each SIMD lane, in a worker without a current member;
-     * NULL: not available. The return values are those of cotree_batch_work; COTREE_BATCH_EMPTY:
-     * no member is left. Members that lanes cannot finish get the code COTREE_MEMBER_LEFT. */
+     * NULL: not available. Return a code of cotree_batch_work; COTREE_BATCH_EMPTY: no member is
+     * left. Members that cannot be finished get the code COTREE_MEMBER_LEFT. */
     int (*lanes)(cotree_worker *worker);
     long most_in_lanes; /* maximum number of steps of a member in `lanes`; 0: no limit */
     /* Used by `lanes`: compute k and z at the start of a member; finish a member. Both return 0, or
@@ -95,7 +95,7 @@ struct cotree_worker {
 #define COTREE_MEMBER_FAILED 3     /* the integration failed; the status is in the job */
 #define COTREE_MEMBER_REFUSED 4    /* parameters or start were rejected */
 #define COTREE_MEMBER_NO_OUTPUTS 5 /* outputs cannot be evaluated */
-#define COTREE_MEMBER_STIFF 6      /* set aside for an implicit method */
+#define COTREE_MEMBER_STIFF 6      /* stiff: left to an implicit method */
 #define COTREE_MEMBER_STEPS 7      /* step limit reached */
 #define COTREE_MEMBER_EVENTS 8
 #define COTREE_MEMBER_TIME 9

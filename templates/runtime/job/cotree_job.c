@@ -377,8 +377,8 @@ static int compute_left_rates(cotree_job *job)
                : 0;
 }
 
-/* Apply the jump of the sensitivities at a breakpoint. The point stored there is the one after the
- * jump. */
+/* Apply the jump of the sensitivities at a breakpoint. A point that is stored there is replaced by
+ * the point after the jump. */
 static int jump_sensitivities(cotree_job *job)
 {
     cotree_run *const run = ENGINE->run;
@@ -441,7 +441,7 @@ static int move_to_events(cotree_job *job, cotree_real t)
     return status == 0 ? COTREE_OK : COTREE_NOT_SOLVED;
 }
 
-/* Store the point after an event; it replaces the one before the event. */
+/* Store the point after an event in place of the point before it. */
 static int store_after_events(cotree_job *job, cotree_real t)
 {
     const int is_kept = job->n_kept > 0 && job->times[job->n_kept - 1] == t;

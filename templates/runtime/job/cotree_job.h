@@ -116,7 +116,7 @@ typedef struct cotree_job {
      * is_changed: states or inputs may have changed there. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;   /* time span of the whole run; 0: that of the job */
+    cotree_real span;   /* time span of the whole run; 0: time span of the job */
     cotree_real *own_k; /* copy of k with the branches frozen during a step; NULL: not needed */
 #endif
     void *memory; /* work space of cotree_job_memory() bytes */

@@ -22,7 +22,7 @@ typedef enum cotree_stretch {
 
 typedef struct cotree_singularity {
     cotree_assembly assembly;
-    cotree_stretch stretch, next; /* current stretch, and the one that the last step requires */
+    cotree_stretch stretch, next; /* current stretch; stretch that the last step requires */
     cotree_real end;              /* end time of the stretch */
     /* Lengths of the longest ordinary steps, and of the last short step at which constraints were
      * tested. */
@@ -61,7 +61,7 @@ int cotree_singularity_is_near(cotree_singularity *s, cotree_real t, const cotre
 void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_stretch stretch,
                               cotree_real ahead);
 
-/* Return a tolerance within a loose stretch, which is never below that of the job. */
+/* Return the tolerance within a loose stretch. It is at least the tolerance of the job. */
 cotree_real cotree_singularity_loosened(cotree_real tolerance);
 
 /* Return the remaining length of the current stretch at time t; 0 outside stretches. */

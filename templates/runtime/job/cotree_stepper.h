@@ -49,7 +49,7 @@ typedef struct cotree_engine {
 } cotree_engine;
 
 struct cotree_stepper {
-    int is_multistep; /* 1: a step depends on earlier ones */
+    int is_multistep; /* 1: steps depend on earlier steps */
     /* Allocate engine->own and the runs. cotree_engine_of is not yet available. */
     void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_arena *arena);
     /* Initialise the runs, and write the start of the job to engine->w. */

@@ -315,7 +315,7 @@ int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near, cotree_re
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Solve for the sensitivities of the unknowns in run->full; s are those of the states. */
+/* Solve for the sensitivities of the unknowns in run->full. s: sensitivities of the states. */
 int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t, const cotree_real *s)
 {
     const cotree_model *const model = run->model;
@@ -468,8 +468,8 @@ void cotree_forget_far_guesses(cotree_run *run)
         cotree_run_return(run, run->t_branch, run->branch);
 }
 
-/* Return whether the unknowns continue their last change: entries that are far from the last
- * accepted ones differ from a linear extrapolation by at most half of their change. */
+/* Return whether the unknowns continue their last change: a linear extrapolation errs by at most
+ * half of the change of each unknown that is far from its accepted value. */
 static int are_predicted(const cotree_run *run, cotree_real t, const cotree_real *z)
 {
     const cotree_real ratio = (t - run->t_branch) / (run->t_branch - run->t_before);

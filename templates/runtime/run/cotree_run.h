@@ -215,13 +215,14 @@ int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
-/* Accept the algebraic unknowns at the end of a step, a point w with n entries, or the last
- * solution if w has none. is_far: they differ much from the last accepted ones. */
+/* Accept the algebraic unknowns at the end of a step, a point w with n entries, or of the last
+ * solution if w has none. cotree_run_is_far returns whether they differ much from the last
+ * accepted unknowns. */
 void cotree_run_accept(cotree_run *run, cotree_real t, int n, const cotree_real *w);
 int cotree_run_is_far(const cotree_run *run, int n, const cotree_real *w);
 
 /* Return whether solutions within the step connect the algebraic unknowns at its end, a point with
- * n entries, with the last accepted ones; otherwise they jumped. */
+ * n entries, with the last accepted unknowns. Otherwise they jumped. */
 int cotree_run_is_continuous(cotree_run *run, cotree_real t, int n, const cotree_real *before,
                              const cotree_real *after);
 

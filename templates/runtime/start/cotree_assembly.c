@@ -13,7 +13,8 @@
 #define MAX_ROTATION COTREE_F(0.5)
 
 /* Number of further starting points after a failure, and their distance from the first point,
- * where gradients may vanish (as that of a length with respect to a perpendicular component). */
+ * where gradients may vanish. For example, a perpendicular component does not change a length to
+ * first order. */
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 

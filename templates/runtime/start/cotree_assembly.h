@@ -60,8 +60,8 @@ typedef struct cotree_assembly {
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
                           cotree_arena *arena);
 
-/* Allow prescribed values to change, those of the highest rank first, if the constraints cannot be
- * satisfied otherwise. */
+/* Allow prescribed values to change, highest rank first, if the constraints cannot be satisfied
+ * otherwise. */
 void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
                                cotree_arena *arena);
 
@@ -98,9 +98,9 @@ int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x);
 int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
                               const cotree_real *to);
 
-/* Compute the sensitivities s of the states that are not prescribed from those of the prescribed
- * ones. seeds: for each sensitivity a parameter index, or -1 - i for the initial value of state i,
- * for which conditions are excluded. seeds = NULL: only constraints are included, and undefined
+/* Compute the sensitivities s of the free states from the sensitivities of the prescribed states.
+ * seeds: for each sensitivity a parameter index, or -1 - i for the initial value of state i, for
+ * which conditions are excluded. seeds = NULL: only constraints are included, and undefined
  * derivatives are ignored. */
 int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const cotree_real *x,
                                        const int *seeds, cotree_real *s);

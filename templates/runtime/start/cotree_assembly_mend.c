@@ -1,9 +1,9 @@
 /* cotree_assembly_mend.c: changes of prescribed values if the constraints cannot be satisfied
  * otherwise.
  *
- * Values of the highest ranks change first, until the remaining residuals can be cancelled. Their
- * changes have minimum norm; those of the free directions are not limited. A value is a state, or
- * N_STATES plus the index of a condition, which is then dropped. */
+ * Values of the highest ranks change first, until the remaining residuals can be cancelled. The
+ * changes of these values have minimum norm; free directions change without limit. A value is a
+ * state, or N_STATES plus the index of a condition, which is then dropped. */
 #include "cotree_assembly_internal.h"
 
 #if COTREE_HAS_MENDING
@@ -228,7 +228,7 @@ void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
 }
 
 /* Solve for the changes of the prescribed values, which cancel the residuals that free directions
- * cannot; then for those of the free directions. */
+ * cannot cancel; then for the changes of the free directions. */
 void cotree_assembly_solve_given(cotree_assembly *a)
 {
     int i, r;

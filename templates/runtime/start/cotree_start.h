@@ -66,8 +66,8 @@ typedef struct cotree_start {
     /* Guesses for algebraic unknowns and for modes of friction and stops, n_states entries. NULL,
      * the default: the initial values of the model. */
     const cotree_real *guess;
-    /* All initial states and sensitivities, including prescribed ones. NULL, the default: those of
-     * the model. */
+    /* All initial states and sensitivities, including prescribed ones. NULL, the default: the
+     * initial values of the model. */
     const cotree_real *initial;
     /* Initial values that replace the model's; by default none. */
     int n_set;

@@ -33,15 +33,15 @@ typedef struct cotree_start_tables {
     int n_contents;
     const int *contents; /* n_contents states q, then their n_contents unknowns v */
     /* Redundant initial values, which other initial values determine. The last 2 n_redundant
-     * results of the start kernel are the determined values, then the given ones. */
+     * results of the start kernel are the determined values, then the prescribed values. */
     int n_redundant;
     const cotree_quantity *redundant;
     const int *redundant_starts; /* n_redundant + 1 offsets into redundant_states */
     const int *redundant_states; /* indices of the states that determine each redundant value */
 } cotree_start_tables;
 
-/* Report on prescribed values that had to change to satisfy the constraints. Values are those of
- * the states, then those of the conditions. Arrays must be zero before a start. */
+/* Report on prescribed values that had to change to satisfy the constraints. Entries are for the
+ * states, then for the conditions. Arrays must be zero before a start. */
 typedef struct cotree_start_report {
     const int *ranks; /* for each value: the highest rank changes first; 0 changes last */
     /* Results. */

@@ -4,11 +4,12 @@
 #if COTREE_HAS_ALGEBRAIC
 #include "cotree_dense.h"
 
-/* Storage states have converged if their equations hold up to this fraction of the terms; unknowns
- * have converged if they change by less than this fraction of their magnitude. */
+/* Storage states have converged if their residuals are below this fraction of the terms of their
+ * equations; unknowns, if they change by less than this fraction of their magnitude. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
-/* Changes of unknowns below this that are more than half the previous ones are rounding errors. */
+/* A change of the unknowns below this value, but above half the previous one, is a rounding
+ * error. */
 #define STALLED COTREE_SELECT(1e-4, 2.3e-02f)
 
 /* Bound on the rounding errors of pivots, in units in the last place of the largest entry. */
