@@ -10,9 +10,12 @@ from batches import assert_same, rows_of
 
 import cotree
 from cotree.ensemble.batch import run_block, usable_cores
+from cotree.ensemble.pattern import find_pattern
 from cotree.ensemble.plan import Plan as PlanOfMembers
 from cotree.ensemble.trial import run_one_by_one
 from cotree.scene.settings import Settings
+from cotree.solvers.engine import load_engine
+from cotree.solvers.native import engine_of
 
 # Members one after another; those in lanes are tested in test_lanes.py.
 Plan = functools.partial(PlanOfMembers, lanes=1)
@@ -57,6 +60,14 @@ def test_a_member_is_the_run_that_simulate_makes(slider, method):
             block.output_sensitivities[i, :, 0, 0], run.sensitivity("rod_x", "L")
         )
         assert block.steps[i] == run.statistics.n_steps
+
+
+def test_members_without_events_have_the_engine_of_single_runs(slider, ball):
+    for model in slider, ball:
+        pattern = find_pattern(Plan(model.kernels, settings_of(), ()))
+        assert pattern.engine is engine_of("dop853", pattern.problem)
+        with_events = load_engine("dop853")
+        assert (pattern.engine is with_events) is model.kernels.program.layout.has_events
 
 
 def test_threads_order_and_blocks_change_no_bit(slider):

@@ -162,8 +162,9 @@ def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
     if name in INTEGRATORS:
         own |= method_files(name)
     features = replace(ALL, events=has_events, modes=has_events, discs=has_events)
-    # The structure of a model is that with all features.
-    files = {**with_runtime(own, features=features), "cotree_abi.h": header_text("cotree_abi.h")}
+    # The structures of a model and of a job are those with all features, as in other libraries.
+    whole = {name: header_text(name) for name in ("cotree_abi.h", "cotree_job.h")}
+    files = {**with_runtime(own, features=features), **whole}
     parts = [files.pop(part) for part in [*_INLINED, *own] if part.endswith(".c") and part in files]
     return {**files, "engine.c": "\n".join(parts)}
 

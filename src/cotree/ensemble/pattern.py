@@ -31,9 +31,14 @@ from cotree.model.kernels import Newton, load_kernels
 from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import is_slope
 from cotree.sharing import forming
-from cotree.solvers.engine import Engine, load_engine
 from cotree.solvers.job import Job
-from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
+from cotree.solvers.native import (
+    band_refusal,
+    can_extend,
+    check_available,
+    engine_of,
+    factors_of,
+)
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import Problem, check_values, refusal, tested, turn_tolerances
 from cotree.solvers.select import choose_method
@@ -44,6 +49,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Plan
     from cotree.model.model import CompiledModel
     from cotree.model.start_in_c import StartInC
+    from cotree.solvers.engine import Engine
     from cotree.solvers.result import FloatArray
 
 
@@ -109,9 +115,12 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
     if problem.reach is not None:
         return "an input is sampled by a function of Python"
     check_available(row.name)
-    why, engine = refusal(row.name, problem), load_engine(row.stepper)
-    if why or isinstance(engine, str):
-        return why or str(engine)
+    why = refusal(row.name, problem)
+    if why:
+        return why
+    engine = engine_of(row.stepper, problem)
+    if isinstance(engine, str):
+        return engine
     newton = factors_of(row, problem)
     if isinstance(newton, str):
         return newton

@@ -39,7 +39,6 @@ class Engine:
     """A loaded C engine that integrates with one stepper."""
 
     stepper: str  # name of the stepper in ``STEPPERS``
-    has_events: bool  # whether its jobs may have events
     library: LoadedLibrary  # library that runs jobs
     #: Structure ``cotree_sundials`` with the functions that the stepper calls, if any.
     functions: Any = None
@@ -108,11 +107,11 @@ def _opened(stepper: str, path: str, has_events: bool) -> Engine | str:
     if library is None:
         return "no compiler can build its engine"
     if not path:
-        return Engine(stepper, has_events, library)
+        return Engine(stepper, library)
     from cotree.solvers.sundials import open_sundials
 
     opened = open_sundials(library.ffi, stepper, path)
-    return opened if isinstance(opened, str) else Engine(stepper, has_events, library, *opened)
+    return opened if isinstance(opened, str) else Engine(stepper, library, *opened)
 
 
 if TYPE_CHECKING:

@@ -301,9 +301,8 @@ class Job:
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self.places), problem.settings.atol
-        if engine.has_events:
-            # The corrector methods cannot return to a point within a step.
-            c.is_tested = int(row.family == "correctors")
+        # The corrector methods cannot return to a point within a step.
+        c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
         if newton is not None:
