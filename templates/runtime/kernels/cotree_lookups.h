@@ -64,18 +64,7 @@ static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const 
     int piece = (int)held - 1;
     if (held == COTREE_F(0.0)) {
         piece = at >= x[n - 1] ? n : 0;
-        if (!(at <= x[0]) && !(at >= x[n - 1])) {
-            int high = n - 1;
-            while (high - piece > 1) {
-                const int middle = (piece + high) / 2;
-                if (at >= x[middle]) {
-                    piece = middle;
-                } else {
-                    high = middle;
-                }
-            }
-            ++piece;
-        }
+        if (!(at <= x[0]) && !(at >= x[n - 1])) piece = cotree_piece(n, x, at) + 1;
     }
     result[2] = piece == 0 ? at - COTREE_F(1.0) : x[piece - 1];
     result[3] = piece == n ? at + COTREE_F(1.0) : x[piece];
