@@ -65,7 +65,7 @@ static int integrate(cotree_real t_end)
 {
 #if COTREE_MAIN_STOPS
     static cotree_real tolerances[LENGTH(N_SENSITIVITIES)];
-    const int n_breakpoints = cotree_list_breakpoints(&stops, COTREE_F(0.0), t_end, NULL);
+    const int n_breakpoints = cotree_most_breakpoints(&stops, COTREE_F(0.0), t_end);
     const size_t width = 1 + 2 * N_SENSITIVITIES; /* a time and its derivatives */
     cotree_real *breakpoints = NULL;
 #else

@@ -9,21 +9,21 @@
 static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
 {
 #if COTREE_HAS_BREAKPOINTS
-    const int count = cotree_list_breakpoints(&m->stops, t, end, NULL);
-    const size_t n = count < 0 ? 0 : (size_t)count;
-    if (count < 0) {
+    const int n = cotree_most_breakpoints(&m->stops, t, end);
+    if (n < 0) {
         m->may_discard = 1; /* a shorter step succeeds */
         return fmu_discard(m,
                            "the step has too many time events to list: the shortest period is "
                            "%.6g s; check its unit, or take shorter steps",
                            cotree_shortest_period(&m->stops));
     }
-    if (n > m->n_breakpoints) {
+    if ((size_t)n > m->n_breakpoints) {
         const size_t width = 1 + 2 * (size_t)N_SENSITIVITIES;
-        double *const more = (double *)realloc(m->breakpoints, 2 * n * width * sizeof(double));
+        double *const more =
+            (double *)realloc(m->breakpoints, 2 * (size_t)n * width * sizeof(double));
         if (more == NULL) return fmu_refuse(m, "out of memory");
         m->breakpoints = more;
-        m->n_breakpoints = 2 * n;
+        m->n_breakpoints = 2 * (size_t)n;
     }
     cotree_job_set_breakpoints(job, &m->stops, t, end, m->numbers[FMU_BEGIN], m->tables->sizes,
                                m->tables->start_tables->seeds, m->breakpoints, m->turn_tolerances);

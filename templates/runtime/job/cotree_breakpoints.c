@@ -117,8 +117,7 @@ static cotree_real count_of(const cotree_real *row, cotree_real t, cotree_real t
     return high < low ? COTREE_F(0.0) : COTREE_FLOOR((high - low) / row[1]) + COTREE_F(1.0);
 }
 
-/* Return whether the breakpoints from t to t_end exceed a limit. */
-static int are_too_many(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end)
+int cotree_most_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end)
 {
     const cotree_real width = (cotree_real)(1 + 2 * breakpoints->n_sensitivities);
     cotree_real total = COTREE_F(0.0);
@@ -126,24 +125,25 @@ static int are_too_many(const cotree_breakpoints *breakpoints, cotree_real t, co
     for (i = 0; i < breakpoints->n; ++i) {
         const cotree_real n = count_of(row_of(breakpoints, i), t, t_end);
         /* The count may include a breakpoint at an end. */
-        if (!(n <= (cotree_real)COTREE_MOST_OF_SERIES + COTREE_F(1.0))) return 1;
+        if (!(n <= (cotree_real)COTREE_MOST_OF_SERIES + COTREE_F(1.0))) return -1;
         total += n;
     }
-    return total > (cotree_real)COTREE_MOST_BREAKPOINTS ||
-           total * width > (cotree_real)COTREE_MOST_BREAKPOINT_NUMBERS;
+    if (total > (cotree_real)COTREE_MOST_BREAKPOINTS ||
+        total * width > (cotree_real)COTREE_MOST_BREAKPOINT_NUMBERS)
+        return -1;
+    return 2 + breakpoints->n + (int)total;
 }
 
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times)
 {
     int n = 0;
-    if (are_too_many(breakpoints, t, t_end)) return -1;
-    for (;;) {
-        if (times != NULL) times[n] = t;
-        ++n;
-        if (t == t_end) return n;
+    times[n++] = t;
+    while (t != t_end) {
         t = cotree_next_breakpoint(breakpoints, t, t_end);
+        times[n++] = t;
     }
+    return n;
 }
 
 void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *breakpoints,

@@ -45,15 +45,20 @@ void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree
 /* Return the shortest period, or zero if there is none. */
 cotree_real cotree_shortest_period(const cotree_breakpoints *breakpoints);
 
-/* Write t, the breakpoints after t and t_end to times, unless it is NULL. Return their number, or
- * -1 if one of the limits above is exceeded. */
+/* Return an upper bound of the number of breakpoints from t to t_end, including both, or -1 if one
+ * of the limits above is exceeded. */
+int cotree_most_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t,
+                            cotree_real t_end);
+
+/* Write t, the breakpoints after t and t_end to times. Return their number, which is at most
+ * cotree_most_breakpoints. */
 int cotree_list_breakpoints(const cotree_breakpoints *breakpoints, cotree_real t, cotree_real t_end,
                             cotree_real *times);
 
-/* Set the breakpoints of a job from t to t_end, after its tolerances. memory has space for the n
- * times that cotree_list_breakpoints counts, and for their derivatives if they depend on
- * parameters: n (1 + 2 n_sensitivities) numbers. begin: fixed start of the run. sizes and seeds:
- * as for cotree_job_set_tolerances. tolerances: space for n_sensitivities numbers. */
+/* Set the breakpoints of a job from t to t_end, after its tolerances. memory has space for their
+ * times, and for their derivatives if they depend on parameters: cotree_most_breakpoints times
+ * (1 + 2 n_sensitivities) numbers. begin: fixed start of the run. sizes and seeds: as for
+ * cotree_job_set_tolerances. tolerances: space for n_sensitivities numbers. */
 void cotree_job_set_breakpoints(cotree_job *job, const cotree_breakpoints *breakpoints,
                                 cotree_real t, cotree_real t_end, cotree_real begin,
                                 const cotree_real *sizes, const int *seeds, cotree_real *memory,

@@ -90,16 +90,20 @@ static void check_limits(void)
     const cotree_real wide[1][11] = {{0.0, 1.0 / 4e6}};
     const cotree_breakpoints first = {4, 0, dense[0]}, second = {1, 0, densest[0]},
                              third = {3, 0, many[0]}, fourth = {1, 4, wide[0]};
-    cotree_real times[8];
-    CHECK(cotree_list_breakpoints(&first, 0.0, 1.0, times) == -1);
-    CHECK(cotree_list_breakpoints(&second, 0.0, 1.0, times) == -1);
-    CHECK(cotree_list_breakpoints(&second, 1.0, 0.0, times) == -1);
-    CHECK(cotree_list_breakpoints(&third, 0.0, 1.0, times) == -1);
-    CHECK(cotree_list_breakpoints(&third, 0.0, 1e-6, NULL) == 10);
-    CHECK(cotree_list_breakpoints(&fourth, 0.0, 1.0, times) == -1);
+    cotree_real times[10];
+    CHECK(cotree_most_breakpoints(&first, 0.0, 1.0) == -1);
+    CHECK(cotree_most_breakpoints(&second, 0.0, 1.0) == -1);
+    CHECK(cotree_most_breakpoints(&second, 1.0, 0.0) == -1);
+    CHECK(cotree_most_breakpoints(&third, 0.0, 1.0) == -1);
+    /* Three series of nine times after the start, which are listed once, and both ends. */
+    CHECK(cotree_most_breakpoints(&third, 0.0, 1e-6) >= 3 * 10);
+    CHECK(cotree_list_breakpoints(&third, 0.0, 1e-6, times) == 10);
+    CHECK(cotree_most_breakpoints(&fourth, 0.0, 1.0) == -1);
     /* The second series begins after this span. */
     CHECK(cotree_list_breakpoints(&second, 0.0, 0.4, times) == 2);
     CHECK(cotree_list_breakpoints(&all, 0.0, 2.7, times) == 8);
+    CHECK(cotree_most_breakpoints(&second, 0.0, 0.4) >= 2);
+    CHECK(cotree_most_breakpoints(&all, 0.0, 2.7) >= 8);
     CHECK_NEAR(times[7], 2.7, 0.0);
     CHECK_NEAR(cotree_shortest_period(&all), 0.3, 0.0);
 }
