@@ -647,9 +647,8 @@ static int continue_after_events(cotree_job *job)
 /* Reject the last step because its events or stored points failed. */
 static int reject_step(cotree_job *job, cotree_real start, int status)
 {
-    int i;
     job->t = start;
-    for (i = 0; i < job->n; ++i) ENGINE->w[i] = ENGINE->before[i];
+    memcpy(ENGINE->w, ENGINE->before, (size_t)job->n * sizeof(cotree_real));
     return fail(job, status);
 }
 #endif
@@ -898,18 +897,23 @@ static int advance(cotree_job *job)
     return end_step(job);
 }
 
-/* Take one step. If no segment has been started yet, start the first one. */
+/* Start a segment; the job may end at its first point. */
+static int enter_segment(cotree_job *job)
+{
+    const int status = begin_segment(job);
+    if (status != COTREE_OK) return fail(job, status);
+#if COTREE_HAS_EVENTS
+    if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop_at_event(job);
+#endif
+    job->is_begun = 1;
+    return COTREE_JOB_MORE;
+}
+
+/* Take one step, in a new segment if none has been started. */
 static int next_step(cotree_job *job)
 {
-    int result;
-    if (!job->is_begun) {
-        const int status = begin_segment(job);
-        if (status != COTREE_OK) return fail(job, status);
-#if COTREE_HAS_EVENTS
-        if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop_at_event(job);
-#endif
-        job->is_begun = 1;
-    }
+    int result = job->is_begun ? COTREE_JOB_MORE : enter_segment(job);
+    if (result != COTREE_JOB_MORE) return result;
     result = advance(job);
 #if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
     if (result == COTREE_JOB_FAILED && solve_with_helper(job)) {
@@ -959,21 +963,16 @@ int cotree_job_run(cotree_job *job, long most_steps)
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
 int cotree_job_start(cotree_job *job)
 {
-    int status;
+    int result;
 #if COTREE_HAS_EVENTS
     if (has_events(job)) open_records(job);
 #endif
-    status = begin_segment(job);
+    result = enter_segment(job);
 #if COTREE_HAS_EVENTS
     if (has_events(job)) job->n_records = ENGINE->events.n_records;
 #endif
-    if (status != COTREE_OK) return fail(job, status);
-#if COTREE_HAS_EVENTS
-    if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop_at_event(job);
-#endif
-    job->is_begun = 1;
-    write_result(job);
-    return COTREE_JOB_MORE;
+    if (result == COTREE_JOB_MORE) write_result(job);
+    return result;
 }
 #endif
 
