@@ -45,6 +45,18 @@ def test_public_names_are_found_at_their_first_use():
         cotree.lode  # noqa: B018
 
 
+@pytest.mark.parametrize("name", ["slider-pendulum", "battery-cell", "two-tanks"])
+def test_a_cold_run_imports_no_sympy(name, tmp_path, monkeypatch):
+    """Laws of components are nodes; SymPy prints equations and reads laws of users."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    modules = modules_after(
+        f"import cotree\nscene = cotree.load({name!r})\n"
+        "scene.compile(list(scene.parameters)[:1]).simulate((0, 0.01))"
+    )
+    assert "cotree.formulation" in modules
+    assert "sympy" not in modules
+
+
 def test_a_command_imports_what_it_needs():
     """A run draws nothing, reads no files of other tools and compares no methods."""
     modules = modules_after(

@@ -63,13 +63,11 @@ def _mass_action(
     names = tuple(f"across_{i}" for i in range(len(orders)))
 
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
-        import sympy
-
         concentrations = rest[-len(names) :] if names else ()
         powers = zip(concentrations, orders, products, strict=True)
         # Law of mass action (Guldberg and Waage): the rate is a constant times the product of the
         # reactant concentrations, each to the power of its stoichiometric number.
-        forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
+        forth, back = rate, rest[0] if is_reversible else 0
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
         # The flow, [mol/s], leaves the species' node; for a product, ``net`` is negative.

@@ -25,7 +25,7 @@ from cotree.components.component import (
     Shape,
     optional,
 )
-from cotree.components.law import Law, law_symbol
+from cotree.components.law import Law, argument, larger, magnitude, sqrt
 from cotree.components.ports import scalar
 from cotree.components.terminal import Friction, Kind, PortMeasure, Stop, Terminal, Touch
 from cotree.errors import SceneError
@@ -38,9 +38,7 @@ def rebound(across: Any, restitution: Any) -> Any:
 
 def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
     """Return the rebound speed minus the speed below which the contact stays closed."""
-    import sympy
-
-    return restitution * sympy.Abs(across) - rest_speed
+    return restitution * magnitude(across) - rest_speed
 
 
 def _port(domain: str, given: Given) -> Terminal:
@@ -214,7 +212,7 @@ _OFFSET = 1e-30
 class _ContactForces:
     """Laws of a contact point: the normal force during penetration, and friction."""
 
-    def __init__(self, exponent: Any, is_plane: bool, has_friction: bool) -> None:
+    def __init__(self, exponent: float, is_plane: bool, has_friction: bool) -> None:
         self._exponent = exponent
         # A plane has two slip directions; a ball has the tangential parts of three axes.
         self._slips = ("slip1", "slip2") if is_plane else ("part1", "part2", "part3")
@@ -226,25 +224,15 @@ class _ContactForces:
         K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the spring's force times one
         plus a term that is proportional to the rate of approach.
         """
-        import sympy
-
-        depth = sympy.Max(-law_symbol("stretch"), 0)
-        share = 1 - sympy.Rational(3, 2) * law_symbol("dissipation") * law_symbol("across")
+        depth = larger(-argument("stretch"), 0)
+        share = 1 - 1.5 * argument("dissipation") * argument("across")
         # The offset, below rounding errors, keeps second derivatives finite in open gaps.
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
-        return law_symbol("stiffness") * power * sympy.Max(share, 0)
-
-    def _friction_force(self, normal: str, slides: tuple[str, ...]) -> Any:
-        import sympy
-
-        # Friction is regularised: in each direction it is a smooth function of velocity near rest.
-        squares = sum(law_symbol(f"across_{other}") ** 2 for other in slides)
-        speed = sympy.sqrt(squares + law_symbol("transition") ** 2)
-        return -law_symbol(f"through_{normal}") * law_symbol("friction") / speed
+        return argument("stiffness") * larger(share, 0) * power
 
     def ports(self, n_spots: int) -> tuple[Terminal, ...]:
         """Build the ports of all contact points."""
-        force = Law.formed_by(lambda: -self._normal_force())
+        force = -self._normal_force()
         found = []
         for spot in range(n_spots):
             end = suffix_of(spot, n_spots)
@@ -262,17 +250,16 @@ class _ContactForces:
     def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
         names = tuple(slide_name(i, end) for i in range(len(self._slips)))
 
-        def law(own: str) -> Law:
-            return Law.formed_by(
-                lambda: self._friction_force(normal, names) * law_symbol(f"across_{own}")
-            )
-
+        # Friction is regularised: in each direction it is a smooth function of velocity near rest.
+        squares = sum(argument(f"across_{name}") ** 2 for name in names)
+        speed = sqrt(squares + argument("transition") ** 2)
+        factor = -argument(f"through_{normal}") * argument("friction") / speed
         return [
             Terminal(
                 "translational",
                 Kind.DISSIPATOR,
                 name,
-                through=law(name),
+                through=factor * argument(f"across_{name}"),
                 is_passive=False,
                 touch=Touch(spot, slip),
             )
@@ -286,14 +273,12 @@ def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
     return (PortMeasure("force", "N", terms),)
 
 
-def _exponent(edge: str, given: Given) -> Any:
+def _exponent(edge: str, given: Given) -> float:
     """Return the exponent of the contact law, and check that it is a number not less than one."""
-    import sympy
-
     value = given.get("exponent", 1.5)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 1 <= value <= 10:
         raise SceneError(f"exponent of edge '{edge}' must be a number from 1 to 10")
-    return sympy.Rational(str(value)) if value * 2 == int(value * 2) else value
+    return value
 
 
 def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
@@ -343,7 +328,7 @@ CONTACT = scalar(
 
 
 def _gap(spot: int, end: str) -> Terminal:
-    stop = Stop(None, Law.field("stretch"), Law(rebound), Law(excess), f"_normal{end}")
+    stop = Stop(None, argument("stretch"), Law(rebound), Law(excess), f"_normal{end}")
     touch = Touch(spot, "gap")
     return Terminal(
         "translational", Kind.STOP, f"normal{end}", is_passive=False, stop=stop, touch=touch
@@ -351,16 +336,9 @@ def _gap(spot: int, end: str) -> Terminal:
 
 
 def _slip(spot: int, end: str) -> Terminal:
-    def most(way: int) -> Law:
-        # The normal force is minus the through variable along the gap.
-        return Law.formed_by(
-            lambda: -way * law_symbol("friction") * law_symbol(f"through_normal{end}")
-        )
-
-    name = slide_name(0, end)
-    friction = Friction(
-        most(1), most(-1), most(1), most(-1), presser=f"normal{end}", suffix=f"_{name}"
-    )
+    # The normal force is minus the through variable along the gap.
+    most, name = -argument("friction") * argument(f"through_normal{end}"), slide_name(0, end)
+    friction = Friction(most, -most, most, -most, presser=f"normal{end}", suffix=f"_{name}")
     return _sliding(spot, 0, end, friction)
 
 
@@ -378,17 +356,15 @@ def _sliding(spot: int, direction: int, end: str, friction: Friction) -> Termina
 def _disc(spot: int, end: str) -> list[Terminal]:
     """Build the ports for both slip directions of a contact point on a plane in space."""
     names = slide_name(0, end), slide_name(1, end)
-
-    def most() -> Any:
-        return -law_symbol("friction") * law_symbol(f"through_normal{end}")
+    most = -argument("friction") * argument(f"through_normal{end}")
 
     def friction(name: str) -> Friction:
         return Friction(
             # The scene adds a field with the component of the slip direction.
-            Law.formed_by(lambda: most() * law_symbol(f"way_{name}")),
+            most * argument(f"way_{name}"),
             # In an impact, friction acts along the slip after the impact.
-            Law.formed_by(lambda: most() * law_symbol(f"direction_{name}")),
-            Law.formed_by(most),
+            most * argument(f"direction_{name}"),
+            most,
             None,
             presser=f"normal{end}",
             suffix=f"_{name}",

@@ -10,8 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Adapted, Component, Field, Given, Nodes, optional, value
-from cotree.components.law import Law
-from cotree.components.law import law_symbol as symbol
+from cotree.components.law import Law, argument, exp, larger
 from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 
@@ -21,10 +20,8 @@ if TYPE_CHECKING:
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
     """Return I (exp(v / V) - 1): W. Shockley, Bell Syst. Tech. J. 28 (1949) 435."""
-    import sympy
-
     # Reverse current saturates at -I. The thermal voltage V is k T / e times the ideality factor.
-    return saturation_current * (sympy.exp(voltage / thermal_voltage) - 1)
+    return saturation_current * (exp(voltage / thermal_voltage) - 1)
 
 
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
@@ -33,14 +30,12 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     The base of the power is at least 1 - F, so that the power and its derivatives are defined. By
     default F is the field ``forward_share``.
     """
-    import sympy
-
     names = ("capacitance", "potential", "grading")
-    capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
-    share = symbol("forward_share") if share is None else share
+    capacitance, potential, grading = (argument(f"{prefix}_{name}") for name in names)
+    share = argument("forward_share") if share is None else share
     # ``over`` is v/V - F if positive, else zero. It limits the base and is the argument of the
     # tangent.
-    over = sympy.Max(0, voltage / potential - share)
+    over = larger(voltage / potential - share, 0)
     base = 1 - voltage / potential + over
     # Value and slope are continuous at the start of the tangent.
     return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
@@ -156,39 +151,35 @@ def _diode(has: frozenset[str]) -> Component:
 
 
 def _junction(has: frozenset[str], name: str, between: tuple[str, str]) -> Terminal:
-    through, storage = Law.of(_current(has)), None
+    through, storage = _current(has), None
     # If the junction stores charge, its voltage is a state, and the static current adds to C dv/dt.
     if has & {"junction_capacitance", "transit_time"}:
-        storage = Law.of(_capacity(has))
+        storage = _capacity(has)
     kind = Kind.DISSIPATOR if storage is None else Kind.ACROSS_STORAGE
     return Terminal(_DOMAIN, kind, name, through=through, storage=storage, between=between)
 
 
 def _current(has: frozenset[str]) -> Any:
-    import sympy
-
-    v, thermal = symbol("across"), symbol("thermal_voltage")
-    current = junction_current(v, symbol("saturation_current"), thermal)
+    v, thermal = argument("across"), argument("thermal_voltage")
+    current = junction_current(v, argument("saturation_current"), thermal)
     if "leakage" in has:
-        current += symbol("leakage") * v
+        current += argument("leakage") * v
     if "breakdown_voltage" in has:
-        beyond = v + symbol("breakdown_voltage")
+        beyond = v + argument("breakdown_voltage")
         # Avalanche current, exponential in the voltage beyond breakdown.
-        current -= symbol("breakdown_current") * sympy.exp(-beyond / thermal)
+        current -= argument("breakdown_current") * exp(-beyond / thermal)
     return current
 
 
 def _capacity(has: frozenset[str]) -> Any:
-    import sympy
-
-    v, thermal = symbol("across"), symbol("thermal_voltage")
-    capacity = sympy.Integer(0)
+    v, thermal = argument("across"), argument("thermal_voltage")
+    capacity: Any = 0
     if "junction_capacitance" in has:
         capacity += depletion_capacity(v, "junction")
     if "transit_time" in has:
         # Diffusion charge is the transit time times the current.
-        slope = sympy.diff(junction_current(v, symbol("saturation_current"), thermal), v)
-        capacity += symbol("transit_time") * slope
+        slope = junction_current(v, argument("saturation_current"), thermal).slope("across")
+        capacity += argument("transit_time") * slope
     return capacity
 
 
@@ -197,7 +188,6 @@ def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:
     return (_diode(has) if has else DIODE), nodes, rest
 
 
-# The law is formed on first use, since importing SymPy takes long.
 DIODE = scalar(
     "diode",
     _DOC,

@@ -5,6 +5,7 @@ Integration stops at the kinks of waveforms, see :mod:`cotree.dag.switching_time
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import combinations
@@ -22,7 +23,7 @@ from cotree.components.component import (
     optional,
     value,
 )
-from cotree.components.law import Law
+from cotree.components.law import ZERO, Law, argument, exp, floor, larger, log, select, sin, sqrt
 from cotree.components.ports import (
     across_source,
     content_storage,
@@ -83,7 +84,7 @@ NONLINEAR_INDUCTOR = content_storage(
 
 
 def _charge(port: str) -> Terminal:
-    content, ends = Law.field(f"charge_{port}"), (port, "common")
+    content, ends = argument(f"charge_{port}"), (port, "common")
     return Terminal(
         _DOMAIN, Kind.ACROSS_STORAGE, port, content=content, is_passive=False, between=ends
     )
@@ -106,12 +107,10 @@ THREE_TERMINAL_CAPACITOR = scalar(
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
     """Return a contact's resistance, interpolated logarithmically between open and closed."""
-    import sympy
-
     # The two resistances differ by many decades. Interpolation of their logarithms keeps the slope
     # moderate relative to the resistance.
-    share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))
-    return off_resistance * sympy.exp(share * sympy.log(on_resistance / off_resistance))
+    share = select(-closed, 0, select(closed - 1, 1, closed))
+    return off_resistance * exp(share * log(on_resistance / off_resistance))
 
 
 def _switch_voltage(through: Any, closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
@@ -152,10 +151,8 @@ GYRATOR = ideal_gyration(
 )
 
 #: Controlling ports: an open port measures a voltage, a short-circuited port a current.
-_VOLTMETER = Terminal(
-    _DOMAIN, Kind.THROUGH_SOURCE, "control", through=Law(lambda: 0), is_passive=False
-)
-_AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=Law(lambda: 0), is_passive=False)
+_VOLTMETER = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "control", through=ZERO, is_passive=False)
+_AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=ZERO, is_passive=False)
 
 
 def _controlled(
@@ -191,8 +188,8 @@ _INPUT = Terminal(
     _DOMAIN,
     Kind.NULLATOR,
     "input",
-    across=Law(lambda: 0),
-    through=Law(lambda: 0),
+    across=ZERO,
+    through=ZERO,
     is_passive=False,
 )
 _OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
@@ -230,11 +227,9 @@ CURRENT_SOURCE = through_source(
 
 
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
-    import sympy
-
     # The argument is constant during the delay, so that the waveform is continuous at its end.
-    passed = sympy.Max(0, t - delay)
-    return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
+    passed = larger(t - delay, 0)
+    return offset + amplitude * sin(2 * math.pi * frequency * passed + phase)
 
 
 def _pulse(
@@ -247,19 +242,12 @@ def _pulse(
     width: Any,
     period: Any,
 ) -> Any:
-    import sympy
-
     # ``s`` is the time since the start of the current period, negative before the first pulse.
-    count = sympy.floor(sympy.Max(0, (t - delay) / period))
+    count = floor(larger((t - delay) / period, 0))
     s = t - delay - period * count
-    # Branches are tested in order, and each interval begins where the previous one ends.
-    share = sympy.Piecewise(
-        (0, s <= 0),
-        (s / rise, s < rise),
-        (1, s <= rise + width),
-        (1 - (s - rise - width) / fall, s < rise + width + fall),
-        (0, True),
-    )
+    # Each interval begins where the previous one ends.
+    falling = select(s - (rise + width + fall), 0, 1 - (s - rise - width) / fall)
+    share = select(-s, 0, select(s - rise, select(rise + width - s, 1, falling), s / rise))
     return low + (high - low) * share
 
 
@@ -351,10 +339,8 @@ def coupling_field(i: int, j: int) -> str:
 
 def _induced(*values: Any) -> Any:
     """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj, dij/dt of each."""
-    import sympy
-
     own, others = values[0], zip(values[1::3], values[2::3], values[3::3], strict=True)
-    return sum(coupling * sympy.sqrt(own * other) * rate for coupling, other, rate in others)
+    return sum(coupling * sqrt(own * other) * rate for coupling, other, rate in others)
 
 
 def _winding(i: int, n: int) -> Terminal:
@@ -368,19 +354,27 @@ def _winding(i: int, n: int) -> Terminal:
         _DOMAIN,
         Kind.THROUGH_STORAGE,
         WINDINGS[i - 1],
-        storage=Law.field(own),
+        storage=argument(own),
         across=Law.taking(tuple(names), _induced),
     )
 
 
 def _determinant(n: int, *couplings: Any) -> Any:
     """Return the determinant of the coupling matrix of n windings; couplings are listed by pair."""
-    import sympy
-
-    matrix = sympy.eye(n)
+    rows = [[1.0] * n for _ in range(n)]
     for (i, j), coupling in zip(combinations(range(n), 2), couplings, strict=True):
-        matrix[i, j] = matrix[j, i] = coupling
-    return sympy.expand(matrix.det())
+        rows[i][j] = rows[j][i] = coupling
+    return _expanded(rows)
+
+
+def _expanded(rows: list[list[Any]]) -> Any:
+    """Expand a determinant along its first row."""
+    if not rows:
+        return 1.0
+    return sum(
+        (-1) ** j * factor * _expanded([row[:j] + row[j + 1 :] for row in rows[1:]])
+        for j, factor in enumerate(rows[0])
+    )
 
 
 # If all leading minors are positive, the inductance matrix is positive definite (Sylvester's

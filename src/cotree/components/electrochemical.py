@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Adapted, Field, Given, Nodes, optional, value
-from cotree.components.law import Law
+from cotree.components.law import Law, argument, exp, log
 from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Integral, Kind, PortMeasure, Terminal
 
@@ -40,7 +40,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
         Kind.ACROSS_SOURCE,
         # ``voltage`` may depend on the state of charge, which is the integral of the through
         # variable.
-        across=Law.field("voltage"),
+        across=argument("voltage"),
         integral=STATE_OF_CHARGE,
     ),
 )
@@ -48,21 +48,17 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
 
 # R T / F, 25.69 mV at 25 degrees Celsius.
 def _thermal_voltage(temperature: Any) -> Any:
-    import sympy
-
-    return sympy.Float(GAS, 17) * temperature / sympy.Float(FARADAY, 17)
+    return GAS / FARADAY * temperature
 
 
 def _butler_volmer(
     across: Any, exchange_current: Any, symmetry: Any, electrons: Any, temperature: Any
 ) -> Any:
-    import sympy
-
     # Butler-Volmer equation i = i0 (exp(a n F eta / (R T)) - exp(-(1 - a) n F eta / (R T))),
     # positive for oxidation, without mass transport limits (A. J. Bard and L. R. Faulkner,
     # Electrochemical Methods, 2001).
     eta = electrons * across / _thermal_voltage(temperature)
-    return exchange_current * (sympy.exp(symmetry * eta) - sympy.exp(-(1 - symmetry) * eta))
+    return exchange_current * (exp(symmetry * eta) - exp(-(1 - symmetry) * eta))
 
 
 BUTLER_VOLMER = scalar(
@@ -97,13 +93,9 @@ DOUBLE_LAYER = scalar(
 def _nernst(
     standard_potential: Any, oxidised: Any, reduced: Any, electrons: Any, temperature: Any
 ) -> Any:
-    import sympy
-
     # Nernst equation E = E0 + R T / (n F) ln(oxidised / reduced). Units of the two concentrations
     # cancel.
-    return standard_potential + _thermal_voltage(temperature) / electrons * sympy.log(
-        oxidised / reduced
-    )
+    return standard_potential + _thermal_voltage(temperature) / electrons * log(oxidised / reduced)
 
 
 NERNST = scalar(
@@ -133,7 +125,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
     # The last pair of nodes belongs to the charge storage at the minus terminal.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
-        storage = Law.field(f"capacitance{i}")
+        storage = argument(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
@@ -143,7 +135,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
         _DOMAIN,
         Kind.ACROSS_SOURCE,
         "",
-        across=Law.field("open_circuit_voltage"),
+        across=argument("open_circuit_voltage"),
         between=(places[-2], "minus"),
         integral=STATE_OF_CHARGE,
     )

@@ -6,13 +6,12 @@ forwards and backwards, 2 while it is disengaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, optional, value
-from cotree.components.law import Law, law_symbol
+from cotree.components.law import ZERO, Law, argument, exp, larger, magnitude, smaller
 from cotree.components.ports import ideal_coupling, scalar
 from cotree.components.terminal import Friction, Integral, Kind, Terminal
 from cotree.domains import DOMAINS
@@ -20,9 +19,6 @@ from cotree.errors import SceneError
 
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
-
-#: Function that takes a map from field names to symbols and returns an expression.
-_Expression = Callable[[Callable[[str], Any]], Any]
 
 
 def _is_positive(given: object) -> bool:
@@ -35,8 +31,8 @@ class _DryFriction:
     """A component with dry friction: expressions for the sliding force and the force at rest."""
 
     domain: str  # domain of the port
-    force: _Expression  # dry friction force while sliding
-    raised: _Expression  # maximum force at rest, if the field named by ``peak`` is given
+    force: Law  # dry friction force while sliding
+    raised: Law  # maximum force at rest, if the field named by ``peak`` is given
     peak: str  # name of the field with the maximum force at rest
     #: Fields that are factors of the force: friction is disengaged if one of them is zero. The last
     #: one may be a table over speeds.
@@ -47,42 +43,30 @@ class _DryFriction:
     def port(self, given: Given) -> Terminal:
         """Build the terminal equation from the given fields."""
 
-        def pressed(force: Any) -> Any:
+        def pressed(force: Law) -> Any:
             """Replace a negative force by zero, since a one-way clutch has no disengaged mode."""
-            if is_engaged or not self.is_one_way:
-                return force
-            import sympy
-
-            return sympy.Max(force, 0)
-
-        def sliding(way: int = 1) -> Any:
-            has_own = way < 0 and self.backward in given
-            return law_symbol(self.backward) if has_own else pressed(self.force(law_symbol))
-
-        def holding(way: int = 1) -> Any:
-            return pressed(self.raised(law_symbol)) if self.peak in given else sliding(way)
-
-        def dry(way: int) -> Any:
-            if "stribeck_speed" not in given:
-                return sliding(way)
-            import sympy
-
-            # Stribeck curve from the force at rest to the sliding force (L. C. Bo, D. Pavelescu,
-            # Wear 82 (1982) 277, with exponent two).
-            share = sympy.exp(-((law_symbol("across") / law_symbol("stribeck_speed")) ** 2))
-            return sliding(way) + (holding(way) - sliding(way)) * share
-
-        def viscous() -> Any:
-            return law_symbol("damping") * law_symbol("across") if "damping" in given else 0
+            return force if is_engaged or not self.is_one_way else larger(force, 0)
 
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
+        across, sliding = argument("across"), pressed(self.force)
+        back = argument(self.backward) if self.backward in given else sliding
+        # A scene gives the force at rest, or the force of backward sliding.
+        upper, lower = (pressed(self.raised),) * 2 if self.peak in given else (sliding, back)
+        forward, backward = sliding, back
+        if "stribeck_speed" in given:
+            # Stribeck curve from the force at rest to the sliding force (L. C. Bo, D. Pavelescu,
+            # Wear 82 (1982) 277, with exponent two).
+            share = exp(-((across / argument("stribeck_speed")) ** 2))
+            forward += (upper - sliding) * share
+            backward += (lower - back) * share
+        viscous = argument("damping") * across if "damping" in given else ZERO
         friction = Friction(
-            forward=Law.formed_by(lambda: dry(1) + viscous()),
-            backward=Law.formed_by(lambda: -dry(-1) + viscous()),
-            upper=Law.formed_by(holding),
-            lower=None if self.is_one_way else Law.formed_by(lambda: -holding(-1)),
+            forward=forward + viscous,
+            backward=viscous - backward,
+            upper=upper,
+            lower=None if self.is_one_way else -lower,
             # A one-way clutch locks in backward direction even without a normal force.
-            grip=None if is_engaged or self.is_one_way else Law.formed_by(sliding),
+            grip=None if is_engaged or self.is_one_way else sliding,
         )
         return Terminal(self.domain, Kind.FRICTION, friction=friction)
 
@@ -133,8 +117,8 @@ def _stribeck(unit: str) -> Field:
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
     dry = _DryFriction(
         domain,
-        lambda s: s(force),
-        lambda s: s("breakaway"),
+        argument(force),
+        argument("breakaway"),
         "breakaway",
         (force,),
         backward="backward",
@@ -163,8 +147,8 @@ def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component
 
 _PRESSED = _DryFriction(
     "rotational",
-    lambda s: s("radius") * s("friction") * s("normal_force"),
-    lambda s: s("peak") * s("radius") * s("friction") * s("normal_force"),
+    argument("radius") * argument("friction") * argument("normal_force"),
+    argument("peak") * argument("radius") * argument("friction") * argument("normal_force"),
     "peak",
     ("normal_force", "friction"),
 )
@@ -172,8 +156,8 @@ _PRESSED = _DryFriction(
 _BRAKED = replace(
     _PRESSED,
     domain="translational",
-    force=lambda s: s("friction") * s("normal_force"),
-    raised=lambda s: s("peak") * s("friction") * s("normal_force"),
+    force=argument("friction") * argument("normal_force"),
+    raised=argument("peak") * argument("friction") * argument("normal_force"),
 )
 
 
@@ -201,25 +185,17 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     The law is that of C. Canudas, H. Olsson, K. J. Astrom and P. Lischinsky, IEEE Trans. Autom.
     Control 40 (1995) 419.
     """
-
-    def rate() -> Any:
-        import sympy
-
-        v, sliding, most = law_symbol("across"), law_symbol(force), law_symbol("breakaway")
-        level = sliding + (most - sliding) * sympy.exp(-((v / law_symbol("stribeck_speed")) ** 2))
-        return v - law_symbol("stiffness") * sympy.Abs(v) * law_symbol("stretch") / level
-
-    def through() -> Any:
-        bent = law_symbol("stiffness") * law_symbol("stretch") + law_symbol("damping") * rate()
-        return bent + law_symbol("viscous") * law_symbol("across")
-
+    v, sliding, most = argument("across"), argument(force), argument("breakaway")
+    level = sliding + (most - sliding) * exp(-((v / argument("stribeck_speed")) ** 2))
+    rate = v - argument("stiffness") * magnitude(v) * argument("stretch") / level
+    bent = argument("stiffness") * argument("stretch") + argument("damping") * rate
     speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
     port = Terminal(
         domain,
         Kind.SPRING,
-        through=Law.formed_by(through),
+        through=bent + argument("viscous") * v,
         is_passive=False,
-        integral=Integral("z", length, Law.formed_by(rate)),
+        integral=Integral("z", length, rate),
     )
     fields = (
         value(force, force_unit, f"{force} of dry friction in steady sliding", "positive"),
@@ -245,37 +221,30 @@ def _gear_with_losses(given: Given) -> Component:
     if the output drives (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the Efficiency
     of Gearboxes, Modelica Conference 2002). In each case its own expression is the larger one.
     """
+    passed, e = argument("through_input"), argument("efficiency")
+    f = argument("back_efficiency") if "back_efficiency" in given else e
+    bearing = argument("torque") if "torque" in given else ZERO
 
-    def passed() -> Any:
-        return law_symbol("through_input")
+    def drives(way: int) -> Law:
+        return (passed * (1 - e) + way * bearing) / e
 
-    def drives(way: int) -> Any:
-        e = law_symbol("efficiency")
-        return (passed() * (1 - e) + way * bearing()) / e
+    def driven(way: int) -> Law:
+        return passed * (f - 1) + way * f * bearing
 
-    def driven(way: int) -> Any:
-        f = law_symbol("back_efficiency" if "back_efficiency" in given else "efficiency")
-        return passed() * (f - 1) + way * f * bearing()
-
-    def bearing() -> Any:
-        return law_symbol("torque") if "torque" in given else 0
-
-    def sliding(way: int) -> Any:
-        own = (1 + way * law_symbol("side")) / 2
+    def sliding(way: int) -> Law:
+        own = (1 + way * argument("side")) / 2
         return own * drives(way) + (1 - own) * driven(way)
 
     def limit(way: int) -> Any:
-        import sympy
-
         # The input drives if its torque has the same sign as the speed.
-        return (sympy.Max if way > 0 else sympy.Min)(drives(way), driven(way))
+        return (larger if way > 0 else smaller)(drives(way), driven(way))
 
     friction = Friction(
-        forward=Law.formed_by(lambda: sliding(1)),
-        backward=Law.formed_by(lambda: sliding(-1)),
-        upper=Law.formed_by(lambda: limit(1)),
-        lower=Law.formed_by(lambda: limit(-1)),
-        load=Law.formed_by(lambda: passed() + law_symbol("through")),
+        forward=sliding(1),
+        backward=sliding(-1),
+        upper=limit(1),
+        lower=limit(-1),
+        load=passed + argument("through"),
     )
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import optional, value
-from cotree.components.law import Law
+from cotree.components.law import Law, argument, magnitude, sqrt
 from cotree.components.ports import across_source, resistance, scalar, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 
@@ -32,21 +32,17 @@ def _root(pressure: Any, transition: Any) -> Any:
     Slope and curvature are continuous, and finite at zero. Beyond the transition ``u`` is 1 or -1,
     and the polynomial in u^2 is 1.
     """
-    import sympy
-
-    size = sympy.Abs(pressure)
-    size = (size + transition + sympy.Abs(size - transition)) / 2  # smooth maximum of both
+    size = magnitude(pressure)
+    size = (size + transition + magnitude(size - transition)) / 2  # smooth maximum of both
     # At u = 1 the polynomial has the root's value 1, slope 1/2 and second derivative -1/4.
     u = pressure / size
-    return sympy.sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
+    return sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
 # Turbulent flow by Torricelli's law, Q = Cd A sqrt(2 dp / rho), with the sign of dp. The root alone
 # would have an infinite slope at zero, where Newton steps and sensitivities would fail.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
-    import sympy
-
-    return coefficient * area * sympy.sqrt(2 / density) * _root(across, transition)
+    return coefficient * area * sqrt(2 / density) * _root(across, transition)
 
 
 def _valve(
@@ -117,7 +113,7 @@ _PIPE = Terminal(
     _DOMAIN,
     Kind.THROUGH_STORAGE,
     across=Law(lambda through, resistance: resistance * through),
-    storage=Law.field("inertance"),
+    storage=argument("inertance"),
     between=("plus", "minus"),
 )
 # An elastic line as a pi section: inertance and friction between two equal capacities.
@@ -158,18 +154,14 @@ PIPE = scalar(
 
 def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
     """Return the flow -q on the curve ``across = pressure - resistance q - quadratic q |q|``."""
-    import sympy
-
     # This form of the root avoids cancellation and also holds for quadratic = 0.
     lack = pressure - across
-    root = sympy.sqrt(resistance**2 + 4 * quadratic * sympy.Abs(lack))
+    root = sqrt(resistance**2 + 4 * quadratic * magnitude(lack))
     return -2 * lack / (resistance + root)
 
 
 def _pump_rise(through: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
-    import sympy
-
-    return pressure + resistance * through + quadratic * through * sympy.Abs(through)
+    return pressure + resistance * through + quadratic * through * magnitude(through)
 
 
 PUMP = scalar(

@@ -1,4 +1,4 @@
-"""Laws: constitutive equations in SymPy, whose derivatives are formed once in advance.
+"""Laws: constitutive equations as graphs of their arguments, whose derivatives are formed once.
 
 Sensitivity terminal equations (paper, Eq. (4)) are partial derivatives of laws times derivatives of
 their arguments; assembled equations are never differentiated.
@@ -7,126 +7,154 @@ their arguments; assembled equations are never differentiated.
 from __future__ import annotations
 
 import inspect
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag.derivative import SINGULAR, tangents
+from cotree.dag.dual import is_varied, tangent_of, value_of, varied
+from cotree.dag.nodes import ARGUMENT, Dag, Node, formed_in, reachable, symbols_in
+from cotree.dag.operations import folded
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
-    from cotree.dag.nodes import Dag, Node
+#: Function that returns the node, or the number, of an argument.
+_Lookup = Callable[[str], Any]
 
 
-def law_symbol(name: str) -> Any:
-    """Return the SymPy symbol for an argument of a law, and import SymPy if necessary."""
-    import sympy
+def _operator(apply: Callable[[Any, Any], Any], *, swaps: bool = False) -> Callable[..., Law]:
+    def method(law: Law, other: Any) -> Law:
+        first, second = (other, law) if swaps else (law, other)
+        return _Formed(lambda at: apply(_at(first, at), _at(second, at)))
 
-    return sympy.Symbol(name, real=True)
+    return method
+
+
+def _at(part: Any, at: _Lookup) -> Any:
+    return part.form(at) if isinstance(part, Law) else part
 
 
 @dataclass(frozen=True)
 class Law:
-    """A scalar constitutive law, given by a function of symbols.
+    """A scalar constitutive law, given by a function; operators combine laws to laws.
 
     >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
-    >>> law.partials["stiffness"]
-    free_length - length
+    >>> law.uses("stiffness"), law.slope("length").arguments
+    (True, ('stiffness',))
     """
 
-    #: Function that takes SymPy symbols and returns the law as an expression. The names of its
-    #: arguments are those of the law.
+    #: Function that takes nodes and returns the law as a node or number.
     function: Callable[..., Any]
+    #: Names of the arguments that replace those in the function's signature.
+    names: tuple[str, ...] | None = None
+    #: The law in SymPy, if a user registered it.
+    expression: Any = None
 
     @cached_property
     def arguments(self) -> tuple[str, ...]:
         """Names of the arguments, in order."""
-        return tuple(inspect.signature(self.function).parameters)
+        names = self.names
+        return tuple(inspect.signature(self.function).parameters) if names is None else names
 
-    @cached_property
-    def expression(self) -> Any:
-        """The law as a SymPy expression of real symbols named like the arguments."""
-        import sympy
-
-        return sympy.sympify(
-            self.function(*(sympy.Symbol(name, real=True) for name in self.arguments))
-        )
+    def form(self, at: _Lookup) -> Any:
+        """Return the value of the law from its arguments."""
+        return self.function(*map(at, self.arguments))
 
     @classmethod
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
         """Build a law whose argument names replace those in the function's signature."""
-        made = cls(function)
-        # Setting the cached property prevents the signature from being inspected.
-        made.__dict__["arguments"] = arguments
-        return made
+        return cls(function, arguments)
 
     @classmethod
-    def field(cls, name: str) -> Law:
-        """Build the law that is equal to a single argument, such as a field."""
-        return cls.taking((name,), lambda given: given)
-
-    @classmethod
-    def of(cls, expression: Any) -> Law:
+    def of(cls, expression: Any, arguments: tuple[str, ...] | None = None) -> Law:
         """Build a law from a SymPy expression whose symbols are real."""
-        # A set of symbols is unordered; sorting the names makes the C text reproducible.
-        names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
-        return cls.taking(names, lambda *_: expression)
+        from cotree.dag.from_sympy import from_sympy
 
-    @classmethod
-    def formed_by(cls, form: Callable[[], Any]) -> Law:
-        """Build a law whose expression is formed on first use; SymPy is imported only then."""
-        return _Deferred(form)
+        # A set of symbols is unordered; sorting the names makes the C text reproducible.
+        names = arguments
+        if names is None:
+            names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
+        dag = Dag()
+        symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(names)}
+        root = from_sympy(expression, dag, symbols)
+        return cls(
+            lambda *given: _moved(root, dict(zip(symbols.values(), given, strict=True))),
+            names,
+            expression,
+        )
+
+    def where(self, **values: Any) -> Law:
+        """Return the law with laws or numbers in place of some arguments."""
+        return _Formed(
+            lambda at: self.form(lambda name: _at(values[name], at) if name in values else at(name))
+        )
+
+    def slope(self, name: str) -> Law:
+        """Return the partial derivative with respect to an argument."""
+        return self._of_arguments(self._partials.get(name, self._graph[0].dag.zero))
+
+    def _of_arguments(self, root: Node) -> Law:
+        """Return the law of another node in the law's graph."""
+        symbols = self._graph[1]
+        return _Formed(lambda at: _moved(root, {s: at(n) for n, s in symbols.items()}))
+
+    @cached_property
+    def _graph(self) -> tuple[Node, dict[str, Node]]:
+        """The law in its own graph, and the symbols of its arguments."""
+        dag, symbols = Dag(), dict[str, Node]()
+
+        def at(name: str) -> Node:
+            return symbols.setdefault(name, dag.symbol(ARGUMENT, len(symbols)))
+
+        value = self.form(at)
+        return value if isinstance(value, Node) else dag.constant(value), symbols
+
+    @cached_property
+    def _partials(self) -> dict[str, Node]:
+        root, symbols = self._graph
+        one = root.dag.one
+        rows = {name: tangents([root], {symbol: one})[0] for name, symbol in symbols.items()}
+        return {name: row for name, row in rows.items() if not row.is_zero}
+
+    @cached_property
+    def _has_root(self) -> bool:
+        """Whether the law has an operation whose derivative is not finite everywhere."""
+        return any(node.op in SINGULAR for node in reachable([self._graph[0]]))
+
+    @property
+    def changing(self) -> tuple[str, ...]:
+        """The arguments with a nonzero partial derivative; sign and floor count as constant."""
+        return tuple(self._partials)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the law is the constant zero."""
+        return self._graph[0].is_zero
 
     def uses(self, name: str) -> bool:
         """Return whether the law depends on an argument after cancellation."""
-        return any(symbol.name == name for symbol in self.expression.free_symbols)
+        root, symbols = self._graph
+        return name in symbols and symbols[name] in reachable([root])
 
     def over(self, name: str) -> Law:
-        """Return the law divided by the argument ``name``, simplified to remove a pole at zero."""
-        import sympy
-
-        divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # Without conditions for zero, the expression beside zero holds there, too.
-        divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
-        divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
-        made = Law(self.function)
-        made.__dict__["expression"] = divided  # takes precedence over the function
-        return made
-
-    @cached_property
-    def partials(self) -> dict[str, Any]:
-        """Partial derivatives that are not zero, by argument; sign and floor count as constant."""
-        import sympy
-
-        # SymPy does not differentiate floor, nor the remainder, which contains it.
-        whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
-        jumps = whole.atoms(sympy.floor, sympy.ceiling, sympy.sign)
-        # Functions that are constant between jumps are differentiated as constants.
-        constants = {item: sympy.Dummy(real=True) for item in jumps}
-        fixed = whole.subs(constants)
-        back = {dummy: item for item, dummy in constants.items()}
-        derivatives = {
-            name: _derivative(fixed, sympy.Symbol(name, real=True))
-            # SymPy's derivative of a step contains an impulse. Events handle it, so it is removed.
-            .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
-            .subs(back)
-            for name in self.arguments
-        }
-        return {name: value for name, value in derivatives.items() if value != 0}
+        """Return the law divided by the argument ``name``, without a pole at zero if possible."""
+        root, symbols = self._graph
+        quotient = _quotient(root, symbols[name]) if name in symbols else None
+        return self / argument(name) if quotient is None else self._of_arguments(quotient)
 
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
         """Build the node of the law's value from its arguments, which may be dual numbers."""
-        from cotree.dag.dual import is_varied, tangent_of, value_of, varied
-        from cotree.dag.from_sympy import from_sympy
-
         changing = {name for name, argument in arguments.items() if is_varied(argument)}
         if not changing:
-            return from_sympy(self.expression, dag, arguments)
+            return self._value(dag, arguments)
         values = {name: value_of(argument) for name, argument in arguments.items()}
         # All sensitivity directions share the derivatives of a law, which are therefore stored.
-        key = (self.expression, *values.items())
+        key = (self, *values.items())
         if key not in dag.formed:
-            formed = from_sympy(self.expression, dag, values)
-            dag.formed[key] = formed, self.partial_values(dag, values)
+            dag.formed[key] = self._value(dag, values), self.partial_values(dag, values)
         value: Node
         partials: dict[str, Node]
         value, partials = dag.formed[key]
@@ -137,6 +165,12 @@ class Law:
             if name in changing:
                 d = d + partial * tangent_of(arguments[name])
         return varied(value, d)
+
+    def _value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
+        root, symbols = self._graph
+        return formed_in(
+            dag, root, {symbols[n]: node for n, node in arguments.items() if n in symbols}
+        )
 
     def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
         """Build the node of one partial derivative; return None if it is zero."""
@@ -150,62 +184,121 @@ class Law:
         If the law has a root or a power of a clipped argument, its branch is chosen before
         differentiation (:mod:`cotree.dag.derivative`).
         """
-        from cotree.dag.derivative import Clips, tangents
-        from cotree.dag.from_sympy import from_sympy
-        from cotree.dag.nodes import ARGUMENT, reachable, substitute
-
-        wanted = [name for name in names or self.partials if name in self.partials]
-        symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
-        known = {symbols[name]: arguments[name] for name in symbols if name in arguments}
+        (root, symbols), rows = self._graph, self._partials
+        wanted = [name for name in names or rows if name in rows]
+        known = {symbols[name]: node for name, node in arguments.items() if name in symbols}
         if self._has_root:
-            whole, clips = from_sympy(self.expression, dag, symbols), Clips(known)
-            if any(clips.reaches(node) for node in reachable([whole])):
-                rows = (tangents([whole], {symbols[name]: dag.one}, known) for name in wanted)
-                values = [substitute(row, known)[0] for row in rows]
-                pairs = zip(wanted, values, strict=True)
-                return {name: value for name, value in pairs if not value.is_zero}
-        values = [from_sympy(self.partials[name], dag, arguments) for name in wanted]
-        return {n: value for n, value in zip(wanted, values, strict=True) if not value.is_zero}
+            one = root.dag.one
+            rows = {name: tangents([root], {symbols[name]: one}, known)[0] for name in wanted}
+        values = {name: formed_in(dag, rows[name], known) for name in wanted}
+        return {name: value for name, value in values.items() if not value.is_zero}
 
-    @cached_property
-    def _has_root(self) -> bool:
-        """Return whether the law has an operation whose derivative is not finite everywhere."""
-        from cotree.dag.derivative import SINGULAR
-        from cotree.dag.from_sympy import from_sympy
-        from cotree.dag.nodes import ARGUMENT, Dag, reachable
+    __add__ = _operator(operator.add)
+    __radd__ = _operator(operator.add, swaps=True)
+    __sub__ = _operator(operator.sub)
+    __rsub__ = _operator(operator.sub, swaps=True)
+    __mul__ = _operator(operator.mul)
+    __rmul__ = _operator(operator.mul, swaps=True)
+    __truediv__ = _operator(operator.truediv)
+    __rtruediv__ = _operator(operator.truediv, swaps=True)
+    __pow__ = _operator(operator.pow)
 
-        dag = Dag()
-        symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
-        return any(
-            node.op in SINGULAR for node in reachable([from_sympy(self.expression, dag, symbols)])
-        )
+    def __neg__(self) -> Law:
+        return _Formed(lambda at: -self.form(at))
 
 
-class _Deferred(Law):
-    """A law whose function takes no arguments and returns the expression."""
-
-    @cached_property
-    def expression(self) -> Any:
-        return self.function()
+class _Formed(Law):
+    """A law whose function takes the lookup of arguments, which are those that do not cancel."""
 
     @cached_property
     def arguments(self) -> tuple[str, ...]:
-        return tuple(sorted(symbol.name for symbol in self.expression.free_symbols))
+        root, symbols = self._graph
+        found = set(symbols_in([root]))
+        return tuple(sorted(name for name, symbol in symbols.items() if symbol in found))
+
+    def form(self, at: _Lookup) -> Any:
+        return self.function(at)
 
 
-def _derivative(expression: Any, symbol: Any) -> Any:
-    """Differentiate; roots of sums yield powers, as SymPy's quotient is undefined at zero."""
-    import sympy
+def argument(name: str) -> Law:
+    """Return the law that is equal to a single argument, such as a field."""
+    return Law(lambda given: given, (name,))
 
-    def is_root(item: Any) -> bool:
-        exponent = item.exp
-        return exponent.is_number and not exponent.is_integer and not item.base.is_Symbol
 
-    found = [root for root in expression.atoms(sympy.Pow) if is_root(root) and root.has(symbol)]
-    roots = {root: sympy.Function(f"root_{i}", real=True)(symbol) for i, root in enumerate(found)}
-    total = expression.xreplace(roots).diff(symbol)
-    slopes = {
-        made.diff(symbol): root.exp * root.base ** (root.exp - 1) * _derivative(root.base, symbol)
-        for root, made in roots.items()
-    }
-    return total.xreplace(slopes).xreplace({made: root for root, made in roots.items()})
+#: The law of ports without a through or across variable.
+ZERO = Law(lambda: 0.0)
+
+
+def _moved(root: Node, known: Mapping[Node, Any]) -> Any:
+    """Form a node in the graph of the nodes that replace its symbols."""
+    dag = next((node.dag for node in known.values() if isinstance(node, Node)), None)
+    own = Dag() if dag is None else dag
+    nodes = {s: v if isinstance(v, Node) else own.constant(v) for s, v in known.items()}
+    made = formed_in(own, root, nodes)
+    return made.value if dag is None else made
+
+
+def _quotient(root: Node, by: Node) -> Node | None:
+    """Divide by a symbol without a pole at zero; return None if no term contains it."""
+    dag, args = root.dag, root.args
+    if root is by:
+        return dag.one
+    if root.is_zero:
+        return root
+    parts = [_quotient(arg, by) for arg in args]
+    match root.op:
+        case "neg" if parts[0] is not None:
+            return -parts[0]
+        case "add" | "sub" if parts != [None, None]:
+            found = [
+                arg / by if part is None else part for arg, part in zip(args, parts, strict=True)
+            ]
+            return dag.rebuild(root, tuple(found))
+        case "select" if None not in parts[1:]:
+            return dag.rebuild(root, (args[0], *parts[1:]))  # type: ignore[arg-type]
+        case "mul" if parts[0] is not None:
+            return parts[0] * args[1]
+        case "mul" if parts[1] is not None:
+            return args[0] * parts[1]
+        case "div" if parts[0] is not None:
+            return parts[0] / args[1]
+        case "pow" if args[0] is by:
+            return dag.pow(by, args[1] - 1.0)
+        case "abs" if args[0] is by:
+            return dag.function("sign", by)
+    return None
+
+
+def _function(name: str) -> Callable[[Any], Any]:
+    def apply(x: Any) -> Any:
+        if isinstance(x, Law):
+            return _Formed(lambda at: apply(x.form(at)))
+        return x.dag.function(name, x) if isinstance(x, Node) else folded(name, x)
+
+    return apply
+
+
+exp, log, sqrt, sin, tanh, floor, magnitude = map(
+    _function, ("exp", "log", "sqrt", "sin", "tanh", "floor", "abs")
+)
+
+
+def select(condition: Any, accepted: Any, refused: Any) -> Any:
+    """Return ``accepted`` if ``condition >= 0``, else ``refused``."""
+    parts = (condition, accepted, refused)
+    if any(isinstance(part, Law) for part in parts):
+        return _Formed(lambda at: select(*(_at(part, at) for part in parts)))
+    dag = next((part.dag for part in parts if isinstance(part, Node)), None)
+    if dag is None:
+        return accepted if condition >= 0 else refused
+    return dag.select(*(part if isinstance(part, Node) else dag.constant(part) for part in parts))
+
+
+def larger(a: Any, b: Any) -> Any:
+    """Return the larger of two values."""
+    return select(a - b, a, b)
+
+
+def smaller(a: Any, b: Any) -> Any:
+    """Return the smaller of two values."""
+    return select(b - a, a, b)

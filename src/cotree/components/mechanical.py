@@ -23,7 +23,7 @@ from cotree.components.component import (
     optional,
     value,
 )
-from cotree.components.law import Law
+from cotree.components.law import Law, argument, larger, smaller, sqrt, tanh
 from cotree.components.ports import across_source, ideal_coupling, scalar, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
@@ -88,14 +88,14 @@ def _linear(m: _Motion) -> Terminal:
         through=Law.taking(
             ("stretch", "stiffness", f"free_{m.length}"), lambda s, k, free: k * (s - free)
         ),
-        storage=Law.field("stiffness"),
+        storage=argument("stiffness"),
     )
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
     """Return a function that adapts a spring to its stiffness or to an expression of its force."""
     # The expression may have any slope: the port is not passive.
-    law = Law.field(m.force)
+    law = argument(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m, "nonzero"), required=True)
 
@@ -141,16 +141,14 @@ def _stop_law(
     transition: Any,
 ) -> Any:
     """Return the force of the stops at both limits, which sets in smoothly over ``transition``."""
-    import sympy
-
     # The penetration (x + sqrt(x^2 + d^2)) / 2 tends to zero below the limit and to x beyond it,
     # and is d / 2 at the limit.
     above, below = stretch - upper, lower - stretch
-    reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
+    reach, depth = (sqrt(x**2 + transition**2) for x in (above, below))
     # Damping is proportional to the derivative of the penetration, which rises from 0 to 1.
-    contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
+    contact = 1 + (above / reach + below / depth) / 2
     # Tension is positive: beyond the upper limit the stop pulls back, below the lower it pushes.
-    return stiffness * (above + reach - below - depth) / 2 + damping * contact * across
+    return stiffness / 2 * (above + reach - below - depth) + damping * across * contact
 
 
 def _stop(m: _Motion) -> Component:
@@ -196,19 +194,16 @@ def _backlash(m: _Motion) -> Component:
 
     def port(has_lower: bool, has_upper: bool) -> Terminal:
         def law(stretch: Any, across: Any, lower: Any, upper: Any, k: Any, d: Any) -> Any:
-            import sympy
-
-            above = k * sympy.Max(stretch - upper, 0) if has_upper else sympy.Integer(0)
-            below = k * sympy.Max(lower - stretch, 0) if has_lower else sympy.Integer(0)
+            above = k * larger(stretch - upper, 0) if has_upper else 0
+            below = k * larger(lower - stretch, 0) if has_lower else 0
             # The damping force is at most as large as the elastic force, so that contact never
             # pulls and the force does not jump when contact begins.
             reach = above + below
-            return above - below + sympy.Max(-reach, sympy.Min(reach, d * across))
+            return above - below + larger(-reach, smaller(reach, d * across))
 
         names = ("stretch", "across", "lower", "upper", "stiffness", "damping")
-        whole = Law.taking(names, law)
-        # Remove the arguments of a limit that is absent.
-        through = Law.formed_by(lambda: whole.expression)
+        # Without the arguments of a limit that is absent.
+        through = law(*map(argument, names))
         return Terminal(m.domain, Kind.SPRING, through=through, is_passive=False)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
@@ -228,10 +223,8 @@ _GAP = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit abo
 
 def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
-        import sympy
-
         # The law is smooth, without events: a loaded contact creeps instead of sticking.
-        return force * sympy.tanh(across / transition) + damping * across
+        return force * tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")
     return scalar(

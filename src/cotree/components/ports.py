@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, Role
-from cotree.components.law import Law
+from cotree.components.law import Law, argument
 from cotree.components.terminal import Kind, Terminal
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def scalar(
 
 def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
     """Build a source that prescribes an across variable."""
-    law = Law.field(field.name)
+    law = argument(field.name)
     return scalar(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
 
 
@@ -51,7 +51,7 @@ def storage(
 
     If ``is_absolute``, its tail must be the ground, as for inertias.
     """
-    terminal = Terminal(domain, kind, storage=Law.field(field.name), is_absolute=is_absolute)
+    terminal = Terminal(domain, kind, storage=argument(field.name), is_absolute=is_absolute)
     return scalar(name, doc, (field,), terminal)
 
 
@@ -59,7 +59,7 @@ def content_storage(
     domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
 ) -> Component:
     """Build a storage whose field is its content, such as a charge as a function of voltage."""
-    content = Law.field(field.name)
+    content = argument(field.name)
     return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
 
@@ -171,7 +171,7 @@ def with_heat(component: Component) -> Component:
     """Add a thermal port through which a component's heat flows out: its flow is minus the loss."""
     loss = loss_of(component)
     assert loss is not None  # callers pass only components with a loss
-    port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=Law.of(-loss.expression))
+    port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=-loss)
     return replace(
         component, ports=(*component.ports, port), domains=(*component.domains, "thermal")
     )

@@ -92,9 +92,9 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
     """Build a law; raise SceneError if it is no expression or has unsupported operations."""
     import sympy
 
-    law = Law(function)
+    names = Law(function).arguments
     try:
-        expression = law.expression
+        expression = sympy.sympify(function(*(sympy.Symbol(name, real=True) for name in names)))
     except Exception as error:
         raise SceneError(f"{what} returns no expression: {error}") from None
     if not isinstance(expression, sympy.Expr):
@@ -104,28 +104,18 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
         )
     # A symbol that is not an argument would have no value in scenes.
     free = {str(symbol) for symbol in expression.free_symbols}
-    if odd := sorted(free - set(law.arguments)):
+    if odd := sorted(free - set(names)):
         raise SceneError(f"{what} uses {', '.join(odd)}, which is not one of its arguments")
-    _check_operations(law, what)
-    return law
-
-
-def _check_operations(law: Law, what: str) -> None:
-    """Build a law and its derivatives on trial, and raise SceneError for unsupported operations."""
-    from cotree.dag.nodes import Dag
-
-    # The nodes are built in a separate Dag, which is discarded. Arguments are symbols, so that no
-    # operation folds to a constant and all are checked.
-    dag = Dag()
-    arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
+    # The law and its derivatives are formed here, so that all operations are checked.
     try:
-        law.value(dag, arguments)
+        law = Law.of(expression, names)
     except (ValueError, TypeError, ArithmeticError) as error:
         raise SceneError(f"{what} {_predicate(error)}") from None
     try:
-        law.partial_values(dag, arguments)
+        _ = law.changing
     except (ValueError, TypeError, ArithmeticError) as error:
         raise SceneError(f"the derivative of {what} {_predicate(error)}") from None
+    return law
 
 
 def _predicate(error: Exception) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from cotree.components.law import Law
+from cotree.components.law import Law, argument
 from cotree.domains import DOMAINS
 
 
@@ -172,7 +172,7 @@ class Terminal:
     touch: Touch | None = None  # for a contact of two bodies: the direction in which the port acts
 
 
-_ACROSS = Law.field("across")
+_ACROSS = argument("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:

@@ -46,11 +46,9 @@ CONVECTION = scalar(
 
 
 def _radiation(potential_head: Any, potential_tail: Any, area: Any, emissivity: Any) -> Any:
-    import sympy
-
     # Stefan-Boltzmann law. It depends on both absolute temperatures, not only on their difference.
     fall = potential_head**4 - potential_tail**4
-    return sympy.Float(STEFAN_BOLTZMANN) * area * emissivity * fall
+    return STEFAN_BOLTZMANN * area * emissivity * fall
 
 
 RADIATION = scalar(

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import optional, value
-from cotree.components.law import Law
+from cotree.components.law import Law, argument
 from cotree.components.ports import ideal_gyration, scalar
 from cotree.components.terminal import Kind, Terminal
 
@@ -41,7 +41,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
         is_passive=False,
     )
     winding = replace(
-        resistive, kind=Kind.THROUGH_STORAGE, through=None, storage=Law.field("inductance")
+        resistive, kind=Kind.THROUGH_STORAGE, through=None, storage=argument("inductance")
     )
     output = Terminal(
         domain,

@@ -26,8 +26,7 @@ from cotree.components.diodes import (
     junction_current,
     split_extras,
 )
-from cotree.components.law import Law
-from cotree.components.law import law_symbol as symbol
+from cotree.components.law import ZERO, Law, argument, exp, larger, magnitude, select, smaller, sqrt
 from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError
@@ -126,7 +125,7 @@ TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
 
-# Cached, because SymPy forms these laws slowly and many transistors share them.
+# Cached, since many transistors share these laws.
 @lru_cache(maxsize=256)
 def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
@@ -187,19 +186,17 @@ class _Laws:
 
     def __init__(self, sign: int, has: frozenset[str]) -> None:
         self.sign, self.has = sign, has
-        self.voltage = {"be": symbol("vbe"), "bc": symbol("vbc")}
-        self.thermal = symbol("thermal_voltage")
-        saturation = symbol("saturation_current")
+        self.voltage = {"be": argument("vbe"), "bc": argument("vbc")}
+        self.thermal = argument("thermal_voltage")
+        saturation = argument("saturation_current")
         self.forward, self.reverse = (
-            junction_current(v, saturation, symbol(f"{way}_ideality") * self.thermal)
+            junction_current(v, saturation, argument(f"{way}_ideality") * self.thermal)
             for v, way in ((self.voltage["be"], "forward"), (self.voltage["bc"], "reverse"))
         )
 
     def _base_charge(self) -> Any:
-        import sympy
-
         def share(of: Any, name: str) -> Any:
-            return of / symbol(name) if name in self.has else 0
+            return of / argument(name) if name in self.has else 0
 
         # Base-width modulation (Early effect), linear in both voltages.
         q1 = 1 / (
@@ -207,61 +204,57 @@ class _Laws:
             - share(self.voltage["bc"], "forward_early_voltage")
             - share(self.voltage["be"], "reverse_early_voltage")
         )
+        # Without knee currents the root is one, so that qb is q1.
+        if not self.has & {"forward_knee_current", "reverse_knee_current"}:
+            return q1
         # High-level injection: gains fall beyond the knee currents.
         q2 = share(self.forward, "forward_knee_current")
         q2 += share(self.reverse, "reverse_knee_current")
-        # Without knee currents the root is one, so that qb is q1.
-        if q2 == 0:
-            return q1
         # The sum can be negative only during a root search.
-        return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
+        return q1 / 2 * (1 + sqrt(larger(1 + 4 * q2, 1e-6)))
 
     def _current(self, own: str) -> Any:
-        import sympy
-
         # Transport current from collector to emitter through the base, without recombination in the
         # base.
         transport = (self.forward - self.reverse) / self._base_charge()
         # The transport current enters the be port with positive and the bc port with negative sign,
         # so that it cancels in the base current, the sum of both port currents.
         if own == "be":
-            total = transport + self.forward / symbol("forward_gain")
+            total = transport + self.forward / argument("forward_gain")
         else:
-            total = self.reverse / symbol("reverse_gain") - transport
+            total = self.reverse / argument("reverse_gain") - transport
         v = self.voltage[own]
         if f"{own}_recombination" in self.has:
-            ideality = symbol(f"{own}_recombination_ideality")
-            factor = sympy.exp(v / (ideality * self.thermal)) - 1
-            total += symbol(f"{own}_recombination") * factor
-        return total + symbol("leakage") * v if "leakage" in self.has else total
+            ideality = argument(f"{own}_recombination_ideality")
+            factor = exp(v / (ideality * self.thermal)) - 1
+            total += argument(f"{own}_recombination") * factor
+        return total + argument("leakage") * v if "leakage" in self.has else total
 
     def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
         """Return a junction charge's derivatives with respect to its own and the other voltage."""
-        import sympy
-
-        v, capacity = self.voltage[own], sympy.Integer(0)
+        v, capacity = self.voltage[own], ZERO
         if f"{own}_capacitance" in self.has:
             capacity += depletion_capacity(v, own)
-        charge = sympy.Integer(0)
+        charge = ZERO
         if own == "be" and "forward_transit_time" in self.has:
-            charge = symbol("forward_transit_time") * self.forward / self._base_charge()
+            charge = argument("forward_transit_time") * self.forward / self._base_charge()
         if own == "bc" and "reverse_transit_time" in self.has:
-            charge = symbol("reverse_transit_time") * self.reverse
-        return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
+            charge = argument("reverse_transit_time") * self.reverse
+        return capacity + charge.slope(f"v{own}"), charge.slope(f"v{other}")
 
     def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
         """Build the port of junction ``own``, 'be' or 'bc'; ``other`` is the other junction."""
         through, storage, kind = self.sign * self._current(own), None, Kind.DISSIPATOR
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
-            kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
+            kind, storage = Kind.ACROSS_STORAGE, self._of_port(capacity, own, other)
             # The sign of pnp transistors cancels: it applies to voltage rates and currents.
-            through += cross * symbol(f"across_rate_{other}")
+            through += cross * argument(f"across_rate_{other}")
         return Terminal(
             _DOMAIN,
             kind,
             own,
-            through=Law.of(self._of_port(through, own, other)),
+            through=self._of_port(through, own, other),
             storage=storage,
             is_passive=False,
             between=between,
@@ -271,18 +264,18 @@ class _Laws:
         """Build the port of the substrate junction, which never conducts forwards."""
         # The p substrate adjoins n material, which is the collector of npn and the base of pnp
         # transistors. Both have the same polarity, so that no sign enters.
-        v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
+        v, storage, kind = argument("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
             # The junction is always reverse biased, so that the linear continuation begins at zero
             # voltage.
-            storage = Law.of(depletion_capacity(v, "substrate", share=0))
-        leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
+            storage = depletion_capacity(v, "substrate", share=0)
+        leakage = argument("leakage") * v if "leakage" in self.has else ZERO
         return Terminal(
             _DOMAIN,
             kind,
             "substrate",
-            through=Law.of(leakage),
+            through=leakage,
             storage=storage,
             is_passive=False,
             between=between,
@@ -291,7 +284,9 @@ class _Laws:
     def _of_port(self, expression: Any, own: str, other: str) -> Any:
         # Laws are written for npn transistors. For pnp ones, voltages and currents change sign.
         names = {own: "across", other: f"across_{other}"}
-        return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
+        return expression.where(
+            **{f"v{at}": self.sign * argument(name) for at, name in names.items()}
+        )
 
 
 def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
@@ -377,20 +372,18 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
     def law(
         across: Any, gate: Any, factor: Any, threshold: Any, modulation: Any, leakage: Any
     ) -> Any:
-        import sympy
-
         vds, vgs = sign * across, sign * gate
         # Square law with channel-length modulation (level 1: H. Shichman and D. A. Hodges, IEEE
         # Journal of Solid-State Circuits 3 (1968) 285). a and b cover the ohmic and the saturated
         # region.
         at_source = vgs - sign * threshold
-        a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
+        a, b = (larger(above, 0) for above in (at_source, at_source - vds))
         # In the ohmic region a - b equals vds, but the difference suffers from cancellation for
         # small vds. At a gate voltage of 2 V, rounding would cause a current of about 1e-18 A at
         # zero vds.
-        is_open = sympy.Min(at_source, at_source - vds) > 0
-        across_channel = sympy.Piecewise((vds, is_open), (a - b, True))
-        channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
+        is_open = smaller(at_source, at_source - vds)
+        across_channel = select(-is_open, a - b, vds)
+        channel = factor / 2 * (1 + modulation * magnitude(vds)) * ((a + b) * across_channel)
         return sign * channel + leakage * across
 
     plain = scalar(
@@ -427,7 +420,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
             Kind.THROUGH_SOURCE,
             "gs",
             # The gate has no static current. Its port only measures the voltage.
-            through=Law(lambda: 0),
+            through=ZERO,
             is_passive=False,
             between=("gate", "source"),
         ),
@@ -450,22 +443,20 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     """
 
     def shifted() -> Any:
-        import sympy
-
-        vds, vbs = sign * symbol("across"), sign * symbol("across_bs")
-        effect, potential = symbol("body_effect"), symbol("surface_potential")
-        v = vbs - sympy.Min(vds, 0)
+        vds, vbs = sign * argument("across"), sign * argument("across_bs")
+        effect, potential = argument("body_effect"), argument("surface_potential")
+        v = vbs - smaller(vds, 0)
         # The argument of the root is positive in every branch.
-        straight = sympy.Max(v, 0) / (2 * sympy.sqrt(potential))
-        root = sympy.Max(0, sympy.sqrt(potential - sympy.Min(v, 0)) - straight)
-        raised = sign * effect * (root - sympy.sqrt(potential))
-        arguments = {name: symbol(name) for name in _CHANNEL}
+        straight = larger(v, 0) / (2 * sqrt(potential))
+        root = larger(sqrt(potential - smaller(v, 0)) - straight, 0)
+        raised = sign * effect * (root - sqrt(potential))
+        arguments = {name: argument(name) for name in _CHANNEL}
         arguments["threshold"] += raised
         return law(*arguments.values())
 
     @lru_cache(maxsize=1)
     def made() -> Component:
-        drain = replace(plain.ports[0], through=Law.of(shifted()))
+        drain = replace(plain.ports[0], through=shifted())
         # Like the gate, the bulk port has no current.
         bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
         return replace(

@@ -423,6 +423,17 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     return [new.get(root, root) for root in roots]
 
 
+def formed_in(dag: Dag, root: Node, replacement: Mapping[Node, Node]) -> Node:
+    """Return a node of another graph in ``dag``, with its symbols replaced."""
+    new = dict(replacement)
+    for node in reachable([root]):
+        if node.value is not None:
+            new[node] = dag.constant(node.value)
+        elif node not in new:
+            new[node] = dag.rebuild(node, tuple([new[arg] for arg in node.args]))
+    return new[root]
+
+
 def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
     """Return a node with its arguments replaced, and the same origin."""
     args = tuple([new.get(arg, arg) for arg in node.args])

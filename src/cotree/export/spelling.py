@@ -9,8 +9,6 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.law import law_symbol
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
@@ -47,11 +45,18 @@ class DisplayName:
         return ACCENTS[self.suffix].format(latex_symbol(letter)) + index
 
 
+def real_symbol(name: str) -> Any:
+    """Return the SymPy symbol of a variable."""
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
 def latex_symbol(name: str) -> str:
     """Return a name in LaTeX."""
     import sympy
 
-    text: str = sympy.latex(law_symbol(name))
+    text: str = sympy.latex(real_symbol(name))
     return text
 
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role, integral_of
-from cotree.components.law import law_symbol
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import reachable
 from cotree.domains import DOMAINS
-from cotree.export.spelling import joined, printer
+from cotree.export.spelling import joined, printer, real_symbol
 from cotree.export.symbolic import SymbolTable, symbolic_equations, to_sympy
 from cotree.formulation.networks.rules import FieldRule, Lawful
 from cotree.graph import f_circuit, f_cutset
@@ -414,12 +413,12 @@ class _Speller:
 
     def _introduce(self, symbol: Node, letter: str, place: str) -> None:
         """Store the name of a symbol, and of its derivative in each sensitivity graph."""
-        self.known[symbol] = law_symbol(f"{letter}{place}")
+        self.known[symbol] = real_symbol(f"{letter}{place}")
         for graph in self.graphs[1:]:
             # The symbol is new in the arena, so no equation contains it.
             tangent = self.dag.symbol(f"steps {graph.label}", symbol.index)
             graph.seed[symbol] = tangent
-            self.known[tangent] = law_symbol(f"{letter}{graph.subscript}{place}")
+            self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
 
     def placeholder(self, variable: Variable, letter: str, place: str) -> Node:
         """Return the symbol that represents a network variable in terminal equations."""
@@ -474,7 +473,7 @@ class _Speller:
         """Store names for components that are longer than their names, for use in later terms."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
             # SymPy may simplify an expression to a number, such as sin^2 + cos^2.
-            symbol = value if value.is_number else law_symbol(f"{name}{suffix}")
+            symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
             # The name belongs to the positive value, which more terms contain.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol

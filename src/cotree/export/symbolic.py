@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from cotree.components.law import law_symbol
 from cotree.dag.nodes import reachable
 from cotree.equations import spread
 from cotree.export.spelling import (
@@ -19,6 +18,7 @@ from cotree.export.spelling import (
     joined,
     latex_subscript,
     printer,
+    real_symbol,
     spell_multipliers,
     spell_states,
     subscript,
@@ -472,7 +472,7 @@ class SymbolTable:
         names = cls(states, accelerations, multipliers, rates, {}, {}, {})
         used = {*given, "t"}
         for name in (*given, "t"):
-            names.symbols[name] = law_symbol(name)
+            names.symbols[name] = real_symbol(name)
         # Names are unique over all graphs, since s_L may be a parameter or the sensitivity of s.
         for along in (None, *(direction.name for direction in equations.sensitivities)):
             mark = names.subscripts[along] = subscript(along, of_states)
@@ -481,7 +481,7 @@ class SymbolTable:
                 while text in used:
                     text += "_"
                 used.add(text)
-                symbol = law_symbol(text)
+                symbol = real_symbol(text)
                 names.symbols[row if along is None else (row, along)] = symbol
                 names.latex[symbol] = own.latex(*latex_subscript(along, of_states))
         return names

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from cotree.components import Kind
-from cotree.components.law import Law, law_symbol
+from cotree.components.law import argument, sqrt
 from cotree.components.terminal import Touch
 from cotree.scene.networks import scalar_ports
 
@@ -43,23 +43,14 @@ def with_ball_joints(scene: _Scene) -> _Scene:
 
 
 def _turns(terminal: Terminal) -> tuple[Terminal, ...]:
-    def law_of(name: str) -> Law:
-        return Law.formed_by(lambda: component(name))
-
-    def component(name: str) -> Any:
-        import sympy
-
-        assert terminal.through is not None
-        squares = sum(law_symbol(f"across_{other}") ** 2 for other in _NAMES)
-        speed = sympy.sqrt(squares + _SLOWEST**2)
-        law = terminal.through.expression.subs(law_symbol("across"), speed)
-        return sympy.expand(law / speed) * law_symbol(f"across_{name}")
-
+    assert terminal.through is not None
+    squares = sum(argument(f"across_{other}") ** 2 for other in _NAMES)
+    factor = terminal.through.over("across").where(across=sqrt(squares + _SLOWEST**2))
     return tuple(
         replace(
             terminal,
             port=name,
-            through=law_of(name),
+            through=factor * argument(f"across_{name}"),
             is_passive=False,
             touch=Touch(0, f"spin{i + 1}"),
         )

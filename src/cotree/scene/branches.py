@@ -143,7 +143,7 @@ def branches(law: Law | None) -> bool:
 
     # Absolute values, maxima and minima are not included: they have kinks, but no jumps.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
-    return law is not None and law.expression.has(*kinds)
+    return law is not None and law.expression is not None and law.expression.has(*kinds)
 
 
 def may_branch(edge: Edge) -> bool:

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind, Law, Role, Terminal
+from cotree.components import Kind, Role, Terminal
+from cotree.components.law import ZERO
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Dag
 from cotree.domains import DOMAINS
@@ -238,7 +239,7 @@ def _of_port(quantity: str, port: Port, domain: str) -> Iterator[tuple[str, str,
 def _is_meter(port: Port) -> bool:
     """Return whether a port only measures a variable, while its other variable is zero."""
     law = getattr(port.terminal, GIVES[port.kind]) if port.kind in GIVES else None
-    return law is not None and law.expression == 0
+    return law is not None and law.is_zero
 
 
 def _open(source: Port, tail: str, head: str, measured: str) -> Port:
@@ -246,7 +247,7 @@ def _open(source: Port, tail: str, head: str, measured: str) -> Port:
         source.terminal.domain,
         Kind.THROUGH_SOURCE,
         measured,
-        through=Law(lambda: 0),
+        through=ZERO,
         is_passive=False,
     )
     return Port(f"{source.name}.{measured}", source.edge, terminal, PortEnds(tail, head))

@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.arguments import check_names
-from cotree.components import Component, Kind, Law, Role, Terminal, integral_of
-from cotree.components.law import law_symbol
+from cotree.components import Component, Kind, Role, Terminal, integral_of
+from cotree.components.law import ZERO
 from cotree.errors import ParameterError, SceneError, brief, check_known, nearest
 from cotree.scene.description import Edge, SceneDescription
 from cotree.scene.expressions import Expression, parse
@@ -224,21 +224,17 @@ def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
     # At rest the current is constant, so that no voltage is induced: a source of zero voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
-        none = Law(lambda: 0)
         if is_short:  # the circulating current is undetermined, but any resistance would end it
             return replace(
-                terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
+                terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=ZERO, across=None
             )
-        return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
+        return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=ZERO)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal
     # At rest the voltage is constant: only the static current remains, with all rates zero.
-    static = None if terminal.through is None else terminal.through.expression
-    if static is not None:
-        rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
-        static = static.subs(rates)
+    static = terminal.through or ZERO
+    rates = [name for name in static.arguments if name.startswith("across_rate_")]
+    static = static.where(**dict.fromkeys(rates, 0.0)) if rates else static
     # If the current does not depend on the port's voltage, the port is a source.
-    if static is None or law_symbol("across") not in static.free_symbols:
-        law = Law(lambda: 0) if static is None else Law.of(static)
-        return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)
-    return replace(terminal, kind=Kind.DISSIPATOR, storage=None, through=Law.of(static))
+    kind = Kind.DISSIPATOR if static.uses("across") else Kind.THROUGH_SOURCE
+    return replace(terminal, kind=kind, storage=None, through=static)

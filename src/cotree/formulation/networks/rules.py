@@ -3,17 +3,17 @@
 A rule is a sum (an f-circuit or f-cutset equation) or a law (a terminal equation). The derivative
 of a sum is a sum, and the derivative of a law is a sum with partial derivatives as factors.
 Therefore a sensitivity graph has the same topology (paper, Eq. (4)). The partial derivatives of a
-SymPy law are computed only once, also if it was solved for a rate or differentiated in time.
+law are computed only once, also if it was solved for a rate or differentiated in time.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from cotree.components import Kind, Terminal
-from cotree.components.law import Law, law_symbol
+from cotree.components.law import ZERO, Law, argument
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Dag, Node, substitute
 from cotree.errors import FormulationError
@@ -201,12 +201,6 @@ class Unknown(Rule):
         return (self.residual,)
 
 
-def _or_zero(law: Law | None) -> Any:
-    import sympy
-
-    return sympy.Integer(0) if law is None else law.expression
-
-
 @lru_cache(maxsize=1024)
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     """Return a storage's terminal equation, solved for the rate of its state.
@@ -216,19 +210,19 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     assert terminal.storage is not None
     # Both cases are one form: through minus loss over capacity, or its dual.
     given, loss = _sides(terminal, is_across)
-    return Law.of((given - loss) / terminal.storage.expression)
+    return (given - loss) / terminal.storage
 
 
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
     """Return the law of a dependent storage: ``storage * rate``, or the rate of its content."""
-    return Law.of(_stored(terminal, is_across))
+    return _stored(terminal, is_across)
 
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
     """Return the residual of a storage: rate of its content plus loss, minus the inflow."""
-    return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
+    return _stored(terminal, is_across) - _sides(terminal, is_across)[0]
 
 
 @lru_cache(maxsize=1024)
@@ -239,23 +233,23 @@ def linear_content(terminal: Terminal) -> Law | None:
     # A loss that contains rates stores energy itself, so the content would be incomplete.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
-    return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
+    return terminal.storage * argument("across" if is_across else "through")
 
 
-def _stored(terminal: Terminal, is_across: bool) -> Any:
+def _stored(terminal: Terminal, is_across: bool) -> Law:
     loss = _sides(terminal, is_across)[1]
     if terminal.content is not None:
-        return rate_of(terminal.content).expression + loss
+        return rate_of(terminal.content) + loss
     assert terminal.storage is not None
     # Linear storage: capacity * rate of across, or inertance * rate of through, plus the loss.
-    rate = law_symbol("across_rate" if is_across else "through_rate")
-    return terminal.storage.expression * rate + loss
+    rate = argument("across_rate" if is_across else "through_rate")
+    return terminal.storage * rate + loss
 
 
-def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
+def _sides(terminal: Terminal, is_across: bool) -> tuple[Law, Law]:
     if is_across:
-        return law_symbol("through"), _or_zero(terminal.through)
-    return law_symbol("across"), _or_zero(terminal.across)
+        return argument("through"), terminal.through or ZERO
+    return argument("across"), terminal.across or ZERO
 
 
 @lru_cache(maxsize=1024)
@@ -263,19 +257,19 @@ def across_residual(terminal: Terminal) -> Law:
     """Return the equation of a branch with an unknown across variable."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
         # This form is symmetric if the laws are.
-        return Law.of(terminal.through.expression - law_symbol("through"))
+        return terminal.through - argument("through")
     assert terminal.across is not None
     # Variable minus law; if the law does not depend on the variable, the slope is one.
-    return Law.of(law_symbol("across") - terminal.across.expression)
+    return argument("across") - terminal.across
 
 
 @lru_cache(maxsize=1024)
 def through_residual(terminal: Terminal) -> Law:
     """Return the equation of a chord with an unknown through variable."""
     if terminal.through is not None:
-        return Law.of(law_symbol("through") - terminal.through.expression)
+        return argument("through") - terminal.through
     assert terminal.across is not None
-    return Law.of(terminal.across.expression - law_symbol("across"))
+    return terminal.across - argument("across")
 
 
 @lru_cache(maxsize=1024)
@@ -286,21 +280,21 @@ def friction_residual(terminal: Terminal) -> Law:
     """
     assert terminal.friction is not None
     own = terminal.friction
-    through, mode = law_symbol("through"), law_symbol(own.mode)
-    struck = impulse = 0
+    through, mode = argument("through"), argument(own.mode)
+    struck = impulse = ZERO
     if own.presser:
-        impulse = law_symbol(f"impulse{own.suffix}")
+        impulse = argument(f"impulse{own.suffix}")
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
     # With this sign, the derivative with respect to the through variable is positive in every mode,
     # since the through variable opposes the motion.
-    return Law.of(
-        -stuck * law_symbol("across_rate")
-        + forward * (through - own.forward.expression)
-        + backward * (through - own.backward.expression)
+    return (
+        -stuck * argument("across_rate")
+        + forward * (through - own.forward)
+        + backward * (through - own.backward)
         + free * through
-        + struck * (impulse - law_symbol("across_rate"))
+        + struck * (impulse - argument("across_rate"))
     )
 
 
@@ -312,26 +306,24 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
     times the share, plus the law of the mode. In an impact, the jump is the change of the across
     variable and replaces its rate; the rates of all states are then their changes by the impact.
     """
-    import sympy
-
-    multiplier = law_symbol("multiplier")
+    multiplier = argument("multiplier")
     if terminal.stop is not None:
-        mode = law_symbol(f"mode{terminal.stop.suffix}")
+        mode = argument(f"mode{terminal.stop.suffix}")
         _, held, struck = _stop_weights(mode)
-        jump = struck * law_symbol(f"impulse{terminal.stop.suffix}")
-        return Law.of((held + struck) * multiplier), Law.of(held + struck), Law.of(jump)
+        jump = struck * argument(f"impulse{terminal.stop.suffix}")
+        return (held + struck) * multiplier, held + struck, jump
     own = terminal.friction
     assert own is not None
-    mode = law_symbol(own.mode)
-    jump = sympy.Integer(0)
+    mode = argument(own.mode)
+    jump = ZERO
     if own.presser:
         stuck, forward, backward, _, struck = pressed_weights(mode)
-        impulse = law_symbol(f"impulse{own.suffix}")
+        impulse = argument(f"impulse{own.suffix}")
         stuck, jump = stuck + struck, struck * impulse
     else:
         stuck, forward, backward, _ = mode_weights(mode, own.grip is not None)
-    sliding = forward * own.forward.expression + backward * own.backward.expression
-    return Law.of(stuck * multiplier + sliding), Law.of(stuck), Law.of(jump)
+    sliding = forward * own.forward + backward * own.backward
+    return stuck * multiplier + sliding, stuck, jump
 
 
 @lru_cache(maxsize=1024)
@@ -343,16 +335,13 @@ def stop_residual(terminal: Terminal) -> Law:
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
-    mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
-    # Each factor is exactly one in its own modes, and zero in all others.
-    free = (1 - mode**2) * (4 - mode**2) / 4
-    held = mode**2 * (4 - mode**2) / 3
-    struck = mode**2 * (mode**2 - 1) / 12
-    wanted = struck * law_symbol(f"impulse{suffix}")
-    return Law.of(free * through + wanted - (held + struck) * law_symbol("across_rate"))
+    mode, through = argument(f"mode{suffix}"), argument("through")
+    free, held, struck = _stop_weights(mode)
+    wanted = struck * argument(f"impulse{suffix}")
+    return free * through + wanted - (held + struck) * argument("across_rate")
 
 
-def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
+def _stop_weights(mode: Law) -> tuple[Law, Law, Law]:
     """Return factors that are each one in one mode of a stop: open, closed, or in an impact."""
     return (
         (1 - mode**2) * (4 - mode**2) / 4,
@@ -361,13 +350,13 @@ def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
     )
 
 
-def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
+def mode_weights(mode: Law, may_be_free: bool) -> tuple[Law, Law, Law, Law]:
     """Return expressions that are each one in one mode of friction and zero in all others.
 
     Doubles represent them exactly for the modes 0, 1, -1, 2: stuck, forwards, backwards, free.
     """
     if not may_be_free:
-        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, 0
+        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, ZERO
     return (
         (1 - mode**2) * (2 - mode) / 2,
         mode * (mode + 1) * (2 - mode) / 2,
@@ -376,7 +365,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
     )
 
 
-def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
+def pressed_weights(mode: Law) -> tuple[Law, Law, Law, Law, Law]:
     """Return weights like :func:`mode_weights` for friction whose normal force acts in a stop.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
@@ -394,7 +383,7 @@ def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
 def spring_residual(terminal: Terminal) -> Law:
     """Return the rate of a spring's through variable by its law, minus the rate by the f-cutset."""
     assert terminal.through is not None
-    return Law.of(rate_of(terminal.through).expression - law_symbol("through_rate"))
+    return rate_of(terminal.through) - argument("through_rate")
 
 
 @lru_cache(maxsize=1024)
@@ -402,8 +391,8 @@ def spring_rate(terminal: Terminal) -> Law:
     """Return a linear spring's time-differentiated law, solved for the rate of its stretch."""
     assert terminal.storage is not None
     # The differentiated law is affine in the rate of the stretch, with slope k.
-    at_rest = spring_residual(terminal).expression.subs(law_symbol("stretch_rate"), 0)
-    return Law.of(-at_rest / terminal.storage.expression)
+    at_rest = spring_residual(terminal).where(stretch_rate=0.0)
+    return -at_rest / terminal.storage
 
 
 @lru_cache(maxsize=1024)
@@ -412,25 +401,23 @@ def spring_stretch(terminal: Terminal) -> Law:
     assert terminal.through is not None
     assert terminal.storage is not None
     # The law is affine in the stretch s: f = f0 + k s, with k = ``storage``.
-    unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
-    return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
+    unstretched = terminal.through.where(stretch=0.0)
+    return (argument("through") - unstretched) / terminal.storage
 
 
 @lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
     """Return the residual of an explicit law: the variable minus the law."""
-    return Law.of(law_symbol(name) - law.expression)
+    return argument(name) - law
 
 
 @lru_cache(maxsize=1024)
 def rate_of(law: Law) -> Law:
     """Return a law's time derivative: the sum of its partial derivatives times rates."""
-    import sympy
-
-    total = sympy.Integer(0)
-    for name, partial in law.partials.items():
-        total += partial * law_symbol(rate_name(name))
-    return Law.of(total)
+    total = ZERO
+    for name in law.changing:
+        total += law.slope(name) * argument(rate_name(name))
+    return total
 
 
 def rate_name(name: str) -> str:
