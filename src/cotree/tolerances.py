@@ -40,8 +40,8 @@ class Limits(NamedTuple):
     most_projections: int = 10
     small_correction: float = 1e-8
     #: Constraints are violated if a residual, in its own unit, exceeds this fraction of max(1,
-    #: largest state). Near a singular configuration, residuals of trial steps at a tolerance of
-    #: 1e-8 stay below it in directions that the constraints hardly determine.
+    #: largest state). Trial steps near singular configurations, at a tolerance of 1e-8, remain
+    #: below it.
     largest_residual: float = 1e-6
     #: Rates jump at a breakpoint if their difference across it exceeds their change over the same
     #: time on one side by this factor. Smaller differences are due to rounding of the time.
@@ -50,13 +50,13 @@ class Limits(NamedTuple):
     #: step may occur before a breakpoint; ``stall_steps`` in a row are a stall.
     stall_spacings: int = 16
     stall_steps: int = 5
-    #: A run with stiff rates changes its method if more than this many steps remain, since another
-    #: method must be compiled and takes some hundred steps and matrix evaluations.
+    #: A run that becomes stiff changes its method only if more than this many steps remain: the
+    #: other method must be compiled, and needs some hundred steps and matrix evaluations itself.
     most_stiff_steps: int = 1000
-    #: Maximum number of simultaneous events in a chain that one event triggers.
+    #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50
-    #: Number of points of the interpolation polynomial, and limit of its estimated error with
-    #: explicit methods, in tolerances.
+    #: Number of points of the interpolation polynomial, and maximum estimated error of interpolation
+    #: in tolerances, for explicit methods.
     history_points: int = 6
     history_doubt: float = 4.0
     #: Pivots chosen in advance are accepted up to this relative error of matrix entries.

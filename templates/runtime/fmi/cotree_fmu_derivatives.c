@@ -168,7 +168,6 @@ static int propagate(fmu *m)
 #endif
 }
 
-/* Mark the states that are known variables. */
 static void mark_known_states(fmu *m, const fmu_direction *d)
 {
     size_t i;

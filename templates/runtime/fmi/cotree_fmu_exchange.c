@@ -110,7 +110,6 @@ static void find_segment(fmu *m)
     fmu_invalidate(m);
 }
 
-/* Apply events at the current point. */
 static int apply_events(fmu *m, fmu_event_info *news)
 {
     cotree_events *const e = fmu_events(m);

@@ -117,7 +117,6 @@ static int select_modes(fmu *m)
     return fmu_refresh(m, FMU_POINT);
 }
 
-/* Compute the sensitivities at the start. */
 static int start_sensitivities(fmu *m)
 {
     int i, j;

@@ -16,7 +16,6 @@ void cotree_history_init(cotree_history *h, int n, cotree_real *workspace)
     }
 }
 
-/* Remove the oldest point. */
 static void remove_oldest(cotree_history *h)
 {
     cotree_real *const first_y = h->y[0], *const first_rate = h->rate[0];

@@ -90,7 +90,6 @@ static void copy_prepared(cotree_job *job, cotree_arena *arena)
 
 static int interpolate(cotree_real t, cotree_real *w, void *context);
 
-/* Initialise the events at the start of the job. */
 static void init_events(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 {
     const cotree_real own = job->breakpoints[job->n_breakpoints - 1] - job->breakpoints[0];
@@ -466,7 +465,6 @@ static const cotree_real *slopes_of(const cotree_job *job, int segment)
 #endif
 }
 
-/* Apply the events at a breakpoint. */
 static int apply_breakpoint_events(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
@@ -496,7 +494,6 @@ static int apply_breakpoint_events(cotree_job *job)
     return status;
 }
 
-/* Apply the events found within the last step. */
 static int apply_found_events(cotree_job *job)
 {
     cotree_events *const events = &ENGINE->events;
@@ -634,7 +631,6 @@ static int end_step(cotree_job *job)
 }
 
 #if COTREE_HAS_EVENTS
-/* Apply the events and restart. */
 static int continue_after_events(cotree_job *job)
 {
     int status = apply_found_events(job);
@@ -740,7 +736,6 @@ static int change_stretch(cotree_job *job, cotree_stretch stretch)
     return status == COTREE_OK ? COTREE_JOB_MORE : fail(job, status);
 }
 
-/* Return whether the job is near a singular position. */
 static int is_near_singularity(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;

@@ -1,5 +1,5 @@
-/* cotree_limits.h: tolerances and limits of several files. The first ones also stand in class
- * Limits of tolerances.py. */
+/* cotree_limits.h: tolerances and limits of several files. Class Limits of tolerances.py contains
+ * the first ones, too. */
 #ifndef COTREE_LIMITS_H
 #define COTREE_LIMITS_H
 

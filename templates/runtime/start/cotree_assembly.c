@@ -185,7 +185,6 @@ int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const c
     return status;
 }
 
-/* Compute the gradients of all rows. */
 int cotree_assembly_compute_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const cotree_run *const run = a->run;

@@ -228,7 +228,6 @@ static int set_tolerances(cotree_job *job)
     return c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->handles[ATOLS]);
 }
 
-/* Create the integrator. */
 static int create_integrator(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);

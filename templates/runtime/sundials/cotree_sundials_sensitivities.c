@@ -229,7 +229,6 @@ static void scatter_start(const cotree_job *job)
 #endif
 }
 
-/* Start the integration of sensitivities. */
 COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -260,7 +259,6 @@ COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
     return flag;
 }
 
-/* Restart the integration of sensitivities. */
 COTREE_PRIVATE int cotree_bdf_restart_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
