@@ -55,8 +55,8 @@ class Limits(NamedTuple):
     most_stiff_steps: int = 1000
     #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50
-    #: Number of points of the interpolation polynomial, and maximum estimated error of interpolation
-    #: in tolerances, for explicit methods.
+    #: Number of points of the interpolation polynomial, and maximum estimated error of explicit
+    #: methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
     #: Pivots chosen in advance are accepted up to this relative error of matrix entries.
