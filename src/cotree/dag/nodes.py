@@ -31,24 +31,11 @@ _EVEN = frozenset({"cos", "cosh", "abs"})
 class Node:
     """One scalar value of a :class:`Dag`.
 
-    Attributes
-    ----------
-    dag : Dag
-        The graph that contains the node.
-    index : int
-        Number of the node, larger than the index of every argument.
-    op : str
-        ``constant``, ``symbol``, a row of :data:`cotree.dag.operations.OPERATIONS`, a node with
-        several results (``solve``, ``table``, ``call``), or ``result``, one value of such a node.
-    args : tuple of Node
-        Arguments of the operation.
-    data : object
-        ``(kind, position)`` of a symbol, number of a result, or description of a node with several
-        results; None otherwise.
-    value : float or None
-        The number, if the node is a constant.
-    section : str
-        Label of the node, for comments in the generated code.
+    ``index`` is larger than the indices of all arguments ``args``. ``op`` is ``constant``,
+    ``symbol``, a row of :data:`cotree.dag.operations.OPERATIONS`, a node with several results
+    (``solve``, ``table``, ``call``), or ``result``, one value of such a node. ``data`` is
+    ``(kind, position)`` of a symbol, the number of a result, or the description of a node with
+    several results. ``value`` is the number of a constant; ``section`` labels the generated code.
     """
 
     __slots__ = ("args", "dag", "data", "index", "op", "section", "value")
@@ -119,20 +106,9 @@ class Node:
 class Dag:
     """An expression graph of interned nodes.
 
-    Attributes
-    ----------
-    nodes : list of Node
-        All nodes by index.
-    zero, one : Node
-        The constants 0 and 1.
-    section : str
-        Label of new nodes, set by :meth:`labelled`.
-    suffix : str
-        Text that :meth:`labelled` adds to every label.
-    origins : dict of Node to str
-        Origins of values for messages, such as "resistance of edge 'R1'".
-    formed : dict
-        Cache of :func:`cotree.dag.dual.formed`.
+    ``section`` is the label of new nodes; ``suffix`` is appended to every label. ``origins`` maps
+    nodes to descriptions for messages, such as "resistance of edge 'R1'"; ``formed`` is the cache
+    of :func:`cotree.dag.dual.formed`.
     """
 
     def __init__(self) -> None:

@@ -344,10 +344,9 @@ class Design(Reported):
     conditions : tuple of ConditionValue
         The constraints at these values, scenario by scenario.
     success : bool
-        Whether the search ended at an optimum: all constraints hold within 1e-6 of their size at
-        the start, and ``optimality`` is at most 1e-4 or the search ended because the objective
-        changed by less than ``tolerance``. A search that ends at its maximum number of iterations
-        is successful only if its best point meets these tolerances.
+        Whether the best point is an optimum: all constraints hold within 1e-6 of their size at the
+        start, and ``optimality`` is at most 1e-4. If SciPy's method has converged, a residual of
+        1e-4 of the largest gradient of the search also suffices.
     message : str
         Sentences that describe how the search ended.
     optimality : float

@@ -71,15 +71,7 @@ class Estimated:
 
 
 class Scaled:
-    """Conversion between parameter values and the optimiser's variables.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the parameters.
-    lower, upper : ndarray, shape (n,)
-        Bounds of the optimiser's variables.
-    """
+    """Conversion of parameter values to the optimiser's variables and their bounds, and back."""
 
     def __init__(self, estimated: Sequence[Estimated]) -> None:
         self.names = tuple(row.name for row in estimated)

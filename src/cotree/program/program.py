@@ -114,15 +114,7 @@ class Program:
         return longest_step(limits, _parameters(limits, p))
 
     def values(self, kernel: str, known: Mapping[str, Sequence[float]]) -> list[float]:
-        """Evaluate a kernel in Python.
-
-        Parameters
-        ----------
-        kernel : str
-            A name in ``KERNELS``.
-        known : mapping of str to sequence of float
-            The kernel arguments by kind, including ``p``; ``t`` is a sequence of one entry.
-        """
+        """Evaluate a kernel in Python; ``known`` has its arguments by kind, including ``p``."""
         roots = self.kernels[kernel].results
         given = {
             symbol: float(known[ARGUMENT_OF[symbol.data[0]]][symbol.data[1]])
