@@ -691,6 +691,7 @@ def test_a_relaxation_oscillator_and_its_sensitivity():
         *[("log10(100) + ln(exp(1)) + ceil(-2.5) + nint", None), ("if(V(a) > 0, 1, {k})", None)],
         *[("log10(100) + ln(exp(1)) + ceil(-2.5)", 1.0), ("if(V(a) > 0, 1, k)", 7.0)],
         *[("asinh(2) + acosh(2) + atanh(.5)", 3.3098997), ("2u*1meg", 2.0)],
+        *[("u(V(0)) + u(V(a))*10", 0.5), ("u2(-V(a)/8) + u2(-V(a))*10 + u2(V(a))", 10.25)],
         *[("asinh(V(a)*1e8)", -19.8069751), ("asinh(V(a)*1e4)", -10.5966347)],
     ],
 )
@@ -759,6 +760,18 @@ def test_waveforms_of_points_and_parameters(text, values):
     times = [0.25, 0.75, 1.5, 2.0] if "PULSE" not in text else [0.5, 1.5, 3.0, 4.5]
     result = model.simulate((0, 5), [0.0, *times])
     assert result["a"][1:] == pytest.approx(values, abs=1e-12)
+
+
+def test_the_second_delay_of_an_exponential_may_be_shorter():
+    """ngspice 39 leaves out both exponentials before the first delay, then begins with both."""
+    scene = read("title\nV1 a 0 EXP(1 3 1 0.4 0.5 0.7)\nR1 a 0 1k\n.tran 0.01 3\n")
+    scene.output("a", "a.v")
+    found = scene.compile().simulate((0, 2), [0.0, 0.75, 1.5, 2.0])["a"]
+    after = [
+        1.0 + 2.0 * (1.0 - np.exp(-(t - 1.0) / 0.4)) - 2.0 * (1.0 - np.exp(-(t - 0.5) / 0.7))
+        for t in (1.5, 2.0)
+    ]
+    assert found == pytest.approx([1.0, 1.0, *after], abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -198,6 +198,9 @@ def _exponential(given: _Numbers) -> Source:
         return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
 
     up, down = f"({high} - {low})*{since(first, rise)}", f"({low} - {high})*{since(second, fall)}"
+    if isinstance(first, float) and isinstance(second, float) and second < first:
+        # In ngspice, both exponentials are absent before the first delay.
+        down = f"where(t > {text_of(first)}, {down}, 0)"
     return Source("", {"value": f"{low} + {up} + {down}"})
 
 

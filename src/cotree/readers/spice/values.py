@@ -43,7 +43,7 @@ _SPELT |= {"(": f"{GROUP}("}
 #: Functions of netlists that scenes lack or call by another name.
 _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
-    *("u", "uramp", "ceil", "pwr", "limit"),
+    *("u", "u2", "uramp", "ceil", "pwr", "limit"),
 )
 #: A number with a suffix in place of the decimal point, as printed on resistors.
 _PRINTED = re.compile(r"([+-]?\d+)(?![eE]\d)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
