@@ -347,3 +347,20 @@ def test_auto_takes_c():
     result = ball().compile(["e"]).simulate((0, 2))
     assert result.statistics.method == "dop853"
     assert "stood in" not in result.message
+
+
+@pytest.mark.parametrize("method", ["dopri5", "dop853", "rodas5"])
+def test_points_before_a_kink_at_the_end_of_a_step_are_on_its_first_branch(method):
+    """Steps of 50 us end at 2 ms, within rounding of the kink, up to which nothing drives."""
+    scene = Scene("half_waves")
+    scene.edge("V", "voltage_source", "a", "ground", voltage="max(2*sin(1000*pi*t), 0)")
+    scene.edge("R", "resistor", "a", "b", resistance=1e3)
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1e-6)
+    times = np.linspace(1.0, 2.0, 101)  # ms, the time constant
+    run = scene.compile().simulate(
+        (0, 3e-3), times * 1e-3, method=method, rtol=1e-8, atol=1e-11, max_step=5e-5
+    )
+    # v' = 2 sin(pi t) - v up to 1 ms, then v' = -v.
+    begin = 2.0 * np.pi * (1.0 + np.exp(-1.0)) / (1.0 + np.pi**2)
+    # The second branch would change the last points by 0.02.
+    np.testing.assert_allclose(run["C.v"], begin * np.exp(1.0 - times), rtol=0, atol=1e-8)

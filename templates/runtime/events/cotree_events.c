@@ -492,9 +492,13 @@ static int find_first_event(cotree_events *e)
         cotree_copy(e->n, e->end, e->w);
         return COTREE_EVENTS_FOUND;
     }
-    if (cotree_has_left_branch(e, g) && cotree_select_branches(e, e->t_after, e->end) != 0)
-        return e->failure;
+    e->leaves_branch = cotree_has_left_branch(e, g);
     return COTREE_EVENTS_NONE;
+}
+
+int cotree_events_change_branches(cotree_events *e)
+{
+    return cotree_select_branches(e, e->t_after, e->end) != 0 ? e->failure : COTREE_EVENTS_NONE;
 }
 
 int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real *start,
@@ -509,6 +513,7 @@ int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real
     e->end = reduced_point(e, t_after, end, e->narrowed + e->n);
     e->t_end = t_end;
     e->n_found = 0;
+    e->leaves_branch = 0;
     e->margin = COTREE_F(0.0);
     e->h = h;
     if (h != NULL) {

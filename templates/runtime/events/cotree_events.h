@@ -111,6 +111,7 @@ typedef struct cotree_events {
     int is_time_fixed; /* 1: the event time is given, not the zero of an event function */
     int is_fine;       /* 1: interpolation is as accurate as the steps */
     int is_coarse;     /* 1: interpolation is too inaccurate to update the scales */
+    int leaves_branch; /* 1: the last step ended beyond a frozen branch, within its tolerance */
     int is_refined;    /* 1: the samples come from quarter steps, not from interpolation */
     int failure;       /* status of the last failure; 0: none */
 
@@ -235,6 +236,10 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from);
 int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real *start,
                        cotree_real t_after, const cotree_real *end, cotree_real t_end,
                        const cotree_history *h);
+
+/* Select new branches at the end of the last step if leaves_branch is set. Points within the step
+ * must be stored before, since they may be integrated on the old branches. */
+int cotree_events_change_branches(cotree_events *e);
 
 /* Apply the events found by cotree_events_find. */
 int cotree_events_apply(cotree_events *e);

@@ -878,8 +878,13 @@ static int advance(cotree_job *job)
 #endif
 #if COTREE_HAS_EVENTS
     if (has_events(job)) {
-        const int found = find_events(job, start, end);
+        int found = find_events(job, start, end);
         if (found == COTREE_EVENTS_FOUND) return continue_after_events(job);
+        if (found == COTREE_EVENTS_NONE && e->events.leaves_branch) {
+            status = job->wanted != NULL ? store_wanted(job, job->t) : COTREE_OK;
+            if (status != COTREE_OK) return fail(job, status);
+            found = cotree_events_change_branches(&e->events);
+        }
         if (found != COTREE_EVENTS_NONE) return reject_step(job, start, found);
     }
 #endif
