@@ -84,8 +84,8 @@ def is_singular(op: str, args: Sequence[Node]) -> bool:
 class Clips:
     """Chain rule for operations whose arguments are constant in one of their branches.
 
-    An object is used for one traversal. Terms of all other operations are plain products.
-    ``replacements`` are nodes that will replace symbols and may also have branches.
+    Terms of all other operations are plain products. ``replacements`` are nodes that will replace
+    symbols and may also have branches.
     """
 
     def __init__(self, replacements: Mapping[Node, Node]) -> None:
@@ -458,37 +458,46 @@ def tangents_along(
     See :func:`tangents` for the parameters. A node in the seed of one direction is constant along
     directions whose seeds do not contain it.
     """
-    # A node with a zero seed also has a row, so that its arguments are not visited.
-    seeded: dict[Node, dict[int, Node]] = {}
-    for i, seed in enumerate(seeds):
-        for node, d in seed.items():
-            seeded.setdefault(node, {})
-            if not d.is_zero:
-                seeded[node][i] = d
-    known = {node: row for node, row in seeded.items() if row}
-    several: dict[Node, dict[int, list[Node]]] = {}
-    clips = Clips(replacements)
-    for node in reachable(roots, stop=seeded):
-        if node in seeded or not node.args:
-            continue
+    return Tangents(seeds, Clips(replacements)).of(roots)
+
+
+class Tangents:
+    """Derivatives of values along several directions, each of which is formed once."""
+
+    def __init__(self, seeds: Sequence[Mapping[Node, Node]], clips: Clips) -> None:
+        # A node with a zero seed also has a row, so that its arguments are not visited.
+        self._known: dict[Node, dict[int, Node]] = {}
+        for i, seed in enumerate(seeds):
+            for node, d in seed.items():
+                row = self._known.setdefault(node, {})
+                if not d.is_zero:
+                    row[i] = d
+        self._several: dict[Node, dict[int, list[Node]]] = {}
+        self._clips = clips
+
+    def of(self, roots: Sequence[Node]) -> list[dict[int, Node]]:
+        """Return the nonzero derivatives of each root, by direction index."""
+        known = self._known
+        for node in reachable(roots, stop=known):
+            if node not in known:
+                known[node] = self._formed(node)
+        return [known[root] for root in roots]
+
+    def _formed(self, node: Node) -> dict[int, Node]:
         if node.op == "result":
-            all_of = several.get(node.args[0], {})
+            all_of = self._several.get(node.args[0], {})
             row = {i: found[node.data] for i, found in all_of.items()}
         else:
-            rows = [known.get(arg, {}) for arg in node.args]
+            rows = [self._known[arg] for arg in node.args]
             along = dict.fromkeys(i for row in rows for i in row)
-            if not along:
-                continue
             zero = node.dag.zero
             changes = {i: [row.get(i, zero) for row in rows] for i in along}
             if node.op in SEVERAL:
-                several[node] = {i: _tangents_of_several(node, d) for i, d in changes.items()}
-                continue
-            row = {i: _tangent(node, d, clips) for i, d in changes.items()}
-        row = {i: d for i, d in row.items() if not d.is_zero}
-        if row:
-            known[node] = row
-    return [known.get(root, {}) for root in roots]
+                found = {i: _tangents_of_several(node, d) for i, d in changes.items()}
+                self._several[node] = found
+                return {}
+            row = {i: _tangent(node, d, self._clips) for i, d in changes.items()}
+        return {i: d for i, d in row.items() if not d.is_zero}
 
 
 def _tangent(node: Node, d_args: Sequence[Node], clips: Clips) -> Node:

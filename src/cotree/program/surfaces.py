@@ -27,7 +27,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.dag.continuity import agree_at, ways_to_zero
-from cotree.dag.derivative import SINGULAR, tangent
+from cotree.dag.derivative import SINGULAR, Clips, Tangents
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable, Table
 from cotree.dag.multi_output import SEVERAL
 from cotree.dag.nodes import (
@@ -211,6 +211,8 @@ class _Kinks:
         self, order: Sequence[Node], roots: Sequence[Node], moving: Sequence[Node]
     ) -> None:
         self._order, self._roots, self._moving = order, set(roots), set(moving)
+        self._tangents: dict[Node, Tangents] = {}
+        self._clips = Clips({})
 
     @cached_property
     def _places(self) -> dict[Node, int]:
@@ -255,7 +257,7 @@ class _Kinks:
     def is_smooth(self, node: Node) -> bool:
         """Return whether all users of a branching value are twice differentiable at its kink."""
         condition, positive, negative = _branches(node)
-        if _agree_twice(positive, negative, condition, self._moving):
+        if self._agree_twice(positive, negative, condition):
             return True
         if node in self._roots:
             return False
@@ -273,13 +275,35 @@ class _Kinks:
                 above[reader], below[reader] = (
                     substitute([reader], known)[0] for known in (above, below)
                 )
-                if _agree_twice(above[reader], below[reader], condition, self._moving):
+                if self._agree_twice(above[reader], below[reader], condition):
                     del above[reader], below[reader]
                     continue
             except (ArithmeticError, ValueError):  # undefined at the kink
                 return False
             waiting.update(self._readers(reader))
         return False
+
+    def _agree_twice(self, above: Node, below: Node, boundary: Node) -> bool:
+        """Return whether values and their first two derivatives agree at the zero of a boundary."""
+        pairs = [(above, below)]
+        symbols = sorted(self._moving.intersection(symbols_in([boundary])), key=repr)
+        for order in range(3):
+            if order > 0:
+                pairs = [
+                    (self._derivative(a, symbol), self._derivative(b, symbol))
+                    for a, b in pairs
+                    for symbol in symbols
+                ]
+            if not all(agree_at(*pair, boundary) for pair in pairs):
+                return False
+        return True
+
+    def _derivative(self, value: Node, symbol: Node) -> Node:
+        # The derivatives of a value are parts of those of its users.
+        if symbol not in self._tangents:
+            self._tangents[symbol] = Tangents([{symbol: symbol.dag.one}], self._clips)
+        (row,) = self._tangents[symbol].of([value])
+        return row.get(0, value.dag.zero)
 
     def sides_above(self, node: Node) -> _Sides:
         """Return the sides of a branching value that its users, up to the roots, permit."""
@@ -317,22 +341,6 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
         return condition, condition, -condition
     above, below = sides or (dag.one, -dag.one)
     return condition, above, below
-
-
-def _agree_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
-    """Return whether two values and their first two derivatives agree at the zero of a boundary."""
-    pairs, one = [(above, below)], above.dag.one
-    symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
-    for order in range(3):
-        if order > 0:
-            pairs = [
-                (tangent(a, {symbol: one}), tangent(b, {symbol: one}))
-                for a, b in pairs
-                for symbol in symbols
-            ]
-        if not all(agree_at(*pair, boundary) for pair in pairs):
-            return False
-    return True
 
 
 #: End of a branch at a kink: it continues; it is undefined beyond, with a finite slope; its slope
