@@ -209,8 +209,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-#: Libraries that do not depend on the model: the modules of each, and the modules whose headers
-#: cffi reads.
+#: Libraries independent of the model: their modules, and those whose headers cffi reads.
 LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
     "columns": (("columns",), ("abi", "columns")),

@@ -107,8 +107,7 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # Number of consecutive statements that equal those one period later, without the last
-        # iteration.
+        # Statements in a row that equal those one period later, without the last iteration.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)

@@ -77,8 +77,7 @@ def start_tables(layout: Layout) -> StartTables:
     n_values = len(layout.constraints) - n_rows - len(layout.quaternions)
     conditions = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
     rates = layout.constraints[n_values : n_values + n_rows]
-    # The axes of an edge's constraints are arbitrary, so rows of an edge with the same unit form a
-    # group.
+    # Constraint axes of an edge are arbitrary: rows with the same unit form a group.
     edges = [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
     edges += [(split_name(row.name)[0], row.unit) for row in conditions]
     numbers = {edge: i for i, edge in enumerate(dict.fromkeys(edges))}

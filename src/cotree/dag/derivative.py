@@ -27,8 +27,7 @@ _BRANCHING = frozenset({"select", "abs", "sign"})
 #: Maximum number of branches of a value that are stored, constants first.
 _MOST_BRANCHES = 16
 
-#: Number of random points at which sums are evaluated; fraction of its terms below which a sum
-#: counts as zero.
+#: Number of random points; fraction of its terms below which a sum counts as zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 

@@ -117,8 +117,7 @@ def _piecewise(expression: Any) -> _Maker:
         raise ValueError(
             "the law has a Piecewise without a default branch: end it with (value, True)"
         )
-    # The first branch whose condition holds is selected, so selections are nested from the last to
-    # the first branch.
+    # The first true condition decides, so selections are nested from the last to the first branch.
     last = _maker(value)
     branches: list[tuple[_Maker, _Chooser]] = []
     for value, condition in reversed(pairs[:-1]):

@@ -213,8 +213,7 @@ def _of_table(node: Node, given: Range) -> Range:
         )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
         return _hull(ends)  # the function is monotonic
-    # The value differs from the mean of both ends by at most half the width times the steepest
-    # slope.
+    # Largest deviation from the mean of both ends: half the width times the steepest slope.
     steepest = max(map(abs, slopes))
     mean = 0.5 * (ends[0] + ends[1])
     reach = 0.5 * steepest * (given[1] - given[0])

@@ -21,8 +21,7 @@ class RestartTimes:
     slopes: FloatArray  # derivatives of the times along each direction
     #: Largest difference between the derivatives of coinciding time events.
     spreads: FloatArray
-    #: Largest magnitude of the first times of periodic events, [s], which determines the rounding
-    #: errors.
+    #: Largest magnitude of the first times of periodic events, [s], for rounding errors.
     scale: float = 0.0
 
     def __len__(self) -> int:

@@ -309,8 +309,7 @@ def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None
                 f"integral({text}) needs a run from initial values, but this scene starts at its "
                 "operating point, where an integral over time has no steady value"
             )
-        # The integrand need not be a current: the factor 1.0 may have any unit, which avoids a unit
-        # error.
+        # The factor 1.0 may have any unit, so that the integrand need not be a current.
         current = f"1.0*({text})"
         scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=current)
         scene.edge(f"{name}c", "capacitor", f"{name}n", "ground", capacitance=1.0)

@@ -159,8 +159,7 @@ class Search:
         first = self.point(start)
         if isinstance(first, Error):
             raise first
-        # SciPy's methods stop if absolute changes are small, so the objective is scaled to order
-        # one.
+        # The objective is scaled to order one, since SciPy's tolerances are absolute.
         unit = max(abs(first.objective), float(np.linalg.norm(first.gradient)), 1e-300)
         return minimize(
             lambda v: self.penalised(v).objective / unit,

@@ -175,12 +175,10 @@ def band_of(
     deviation, kind = like_measured(problem, number, quantity, given)
     at, there = predicted_at(found, run, output, t, deviation, kind)
     middle = at.likelihood.transformed(there.values)
-    # Rows of the information are derivatives divided by sigma, on the scale on which noise is
-    # additive.
+    # Rows of the information are derivatives divided by sigma, on the scale of additive noise.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Maximum likelihood underestimates the noise; it is corrected by the factor that also corrects
-    # standard errors.
+    # Maximum likelihood underestimates the noise: correct it like standard errors.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors

@@ -267,8 +267,7 @@ def _rows(
         at, there = bands.predicted_at(found, run, item.output, t, noise, kind)
         information = at.likelihood.fisher_rows(there) * found.split.sizes
         for i in range(len(t)):
-            # One row belongs to the value, the other to its standard deviation if that is
-            # estimated.
+            # Rows of the value and, if it is estimated, of its standard deviation.
             rows.append(information[[i, i + len(t)]])
             labels.append((item.output, run.name, float(t[i]), float(there.sigma[i])))
     if not rows:

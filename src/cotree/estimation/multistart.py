@@ -57,8 +57,7 @@ class Rendezvous:
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
         self._compute = compute
-        # Items are (number of a function, point, queue for the answer), or None if a function has
-        # returned.
+        # Items are (number of a function, point, queue for the answer), or None at a return.
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._asked: list[tuple[int, Any, queue.SimpleQueue[Any]]] = []
         self._n_working = 0

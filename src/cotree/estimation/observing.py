@@ -243,8 +243,7 @@ def measured_rows(
             elif column in run.noise:
                 deviations = [run.noise[column]]
             else:
-                # Offsets of units do not apply to a standard deviation; that of a logarithm has no
-                # unit.
+                # Standard deviations have no offset of units; for a logarithm they have no unit.
                 factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
                 deviations = _given_noise(run, column, given, factor, there)
             deviations *= len(there) // len(deviations)

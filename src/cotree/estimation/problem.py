@@ -60,8 +60,7 @@ class _Runs:
     def run(self, columns: Sequence[str], rows: Array, n_first: int, *, slopes: bool) -> Block:
         """Run all rows; the first ``n_first`` rows belong to the first point in parameter space."""
         if slopes not in self._plans:
-            # The method is chosen at the first point; stiffness at another point is detected during
-            # its run.
+            # The method is chosen at the first point; later stiffness is detected during a run.
             members = Members(tuple(columns), rows[:n_first], {MEMBER: np.arange(n_first)})
             # The method is chosen once, so that results do not depend on previous evaluations.
             known = next(iter(self._plans.values()), None)
@@ -120,8 +119,8 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # If only the previous run estimates an initial value, its matrix determines this
-            # sensitivity.
+            # Initial values estimated only in the previous run have the sensitivities of its
+            # matrix.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):

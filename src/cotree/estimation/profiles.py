@@ -38,8 +38,7 @@ _STEP, _TOO_FAR = 0.25, 1.0
 # Maximum number of steps in one direction, and largest growth factor of the step size.
 _MOST, _LONGER = 60, 2.0
 
-# Unbounded parameters are followed for this many standard errors or, if undetermined, units of
-# change.
+# Range of unbounded parameters, in standard errors or, if undetermined, units of change.
 _FARTHEST = 50.0
 
 # Tolerances of the optimised parameters; their effect on the objective is of second order.

@@ -43,8 +43,7 @@ class Circuits:
             return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
-            # Paths from one ancestor share their inner parts: each sum adds one term to a known
-            # sum.
+            # Paths from one ancestor share inner parts: each sum adds one term to a known sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
                 # Sums are in the ancestor's basis, each term in its parent's basis.
@@ -160,8 +159,7 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
         with system.dag.labelled(f"f-circuits, geometry of {branch.edge}"):
             own = resolve_branch(system, frames, branch)
             geometry.append(own)
-            # Angular velocities add up along the rotation tree, positions along the translation
-            # tree.
+            # Angular velocities add up along the rotation tree, positions along the other one.
             total = vector.add(omega[branch.turn_parent], relative_spin(frames, own))
             omega.append(frames.down(branch.child, total))
     return Motion(system, clusters, frames, tuple(geometry), tuple(omega), first)

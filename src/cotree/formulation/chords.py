@@ -129,8 +129,7 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     units = vector.identity(dag)
     if not turning:
         for i, place in enumerate(("xy", "yz", "zx")):
-            # The axes agree if each axis of one node is perpendicular to the next axis of the
-            # other.
+            # The axes agree if each axis of one node is perpendicular to the other's next axis.
             mark = units[(i + 1) % 3]
             if edge.rotation is not None:
                 mark = vector.transposed_times(edge.rotation, mark)

@@ -151,8 +151,7 @@ class Clusters:
         while a != b:  # a parent has a smaller number than its children
             branch = self.branches[max(a, b)]
             assert branch is not None
-            # The cluster with the larger number is no ancestor of the other: replace it by its
-            # parent.
+            # The cluster with the larger number is not the ancestor: replace it by its parent.
             a, b = min(a, b), branch.parent
         return a
 
@@ -269,8 +268,7 @@ class _Walks:
     def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # The rotation of an arm or a weld resolves the second node's axes in the first node's
-            # axes.
+            # The rotation of an arm or weld resolves the second node's axes in the first node's.
             own = edge.rotation
             if step.sign < 0 and own is not None:
                 own = vector.transpose(own)

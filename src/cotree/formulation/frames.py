@@ -166,8 +166,7 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
-        # The edge begins at the outer node: the displacement, positive inwards, is fixed in the
-        # child.
+        # The edge begins at the outer node: the displacement, inwards, is fixed in the child.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []

@@ -284,8 +284,7 @@ class Observer:
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node is at the outer end of an edge that points outwards, else at the inner
-        # end.
+        # The second node is at the outer end if the edge points outwards, else at the inner end.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]

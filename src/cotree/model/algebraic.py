@@ -65,8 +65,7 @@ class Algebraic:
             return self._accept(t, y, root)
         except UnsolvedError as error:
             with np.errstate(all="ignore"):
-                # A Jacobian may be singular at one point by chance; with undetermined unknowns it
-                # is singular everywhere.
+                # A Jacobian may be singular at one point by chance, but not at several.
                 points = (root.z, guess[self.cut :], *_nearby_points(root.z))
                 self._check_index(equation.by_unknowns(z) for z in points)
                 if not np.any(root.g):  # the Jacobian is singular at a double root

@@ -26,8 +26,7 @@ class Rates:
     model: CompiledModel
     linearizer: Callable[[], Linearizer]  # creates the linearizer
     t: float  # time, [s]
-    #: Names of the parameters p, a subset of the model's sensitivities; others keep the scene's
-    #: values.
+    #: Names of the parameters p, among the model's sensitivities; others have scene values.
     names: tuple[str, ...]
 
     @property

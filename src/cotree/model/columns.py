@@ -41,8 +41,7 @@ def in_columns(
         whole = np.zeros((points.n, points.s.shape[1]))
         whole[:, points.places] = results
         results = whole
-    # Without a compiler, or after a failure in C, Python evaluates the other points and raises the
-    # error.
+    # Without a compiler, or after a failure in C, Python evaluates the rest and raises errors.
     for j in range(done, points.n):
         results[j] = _at(model, name, points, j)
     return results.T.copy()

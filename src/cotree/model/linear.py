@@ -37,8 +37,7 @@ _FEW, _SHARE = 60, 0.1
 #: Number of random sign vectors that estimate the rounding errors of large systems.
 _PROBES = 16
 
-#: Number of inverse iterations; factor by which a nonzero singular value exceeds its rounding
-#: error.
+#: Number of inverse iterations; least ratio of a nonzero singular value to its error.
 _ROUNDS, _CLEARLY = 4, 1e3
 
 #: Minimum rounding error of singular values, in units of machine precision times the largest one.
@@ -61,8 +60,7 @@ class Linear(NamedTuple):
     #: Scale of each unknown: its magnitude plus its change if each term of the equations changes by
     #: 100 %. Its rounding error is about this scale times the machine precision.
     scale: Array
-    #: Summed magnitudes of the terms of each equation; infinite if only steps decide on
-    #: convergence.
+    #: Summed magnitudes of each equation's terms; infinite if only steps decide on convergence.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:

@@ -53,8 +53,7 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 class Direction:
     """A direction in the space of states, inputs and parameters."""
 
-    #: Components; entries of algebraic unknowns in ``y`` are ignored, since the equations determine
-    #: them.
+    #: Components; entries of algebraic unknowns in ``y``, which equations determine, are ignored.
     y: Array
     u: Array
     p: Array

@@ -268,8 +268,7 @@ def iterate(
             # The matrix belongs to an earlier point: repeat the step with a new one.
             kept = _REFACTOR
         else:
-            # Without damping, a step is rejected only if its residuals are infinite, which proves
-            # nothing.
+            # Without damping, only infinite residuals reject a step, which proves nothing.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -565,8 +564,7 @@ class FrozenSystem:
     def value(self, z: Array) -> Array:
         """Return the residuals g of the equations, then a - w of the exponents."""
         unknowns, w = np.split(z, [self._n])
-        # Residuals are g(z, e) and a(z, e) - w with e = exp(w) + c w. Hence d/dw = (exp(w) + c)
-        # d/de.
+        # Residuals: g(z, e) and a(z, e) - w with e = exp(w) + c w; d/dw = (exp(w) + c) d/de.
         slope = np.exp(w) + self._conductance
         values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
         values[self._n :] -= w

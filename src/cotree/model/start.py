@@ -184,8 +184,7 @@ def _given_values(
     for name, value in initial.items():
         i = names.index(name)
         y[i] = float(value)
-        # An initial value of the run depends on itself with derivative one, on other parameters
-        # with zero.
+        # The derivative of a run's initial value is one for itself and zero for other parameters.
         s[i] = [float(other == name) for other in wanted]
     # A run without sensitivities ignores initial sensitivities.
     if slopes and wanted:

@@ -445,8 +445,7 @@ def contradiction(
     """
     rows, m, n = at.model.layout.redundant, len(at.model.sensitivities), is_apart.shape[1]
     if is_apart[0].any():
-        # The kernel's last two rows are the values that follow from the states and the prescribed
-        # ones.
+        # The kernel's last two rows are the values from the states and the prescribed ones.
         follows, given = at.call("start", y)[-2 * n :].reshape(2, n)
         apart = {
             f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "

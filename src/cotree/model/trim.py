@@ -518,8 +518,7 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
         raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # Residuals are divided by their largest derivative, since rates may differ by orders of
-    # magnitude.
+    # Divided by the largest derivative, since rates may differ by orders of magnitude.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
     violated = listed(

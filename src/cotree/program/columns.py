@@ -346,8 +346,7 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Indices of the rates that depend on unknowns."""
-        # Rates without unknowns are not results of the map: with_unsolved forms their derivatives
-        # directly.
+        # Rates without unknowns are not in the map: with_unsolved forms their derivatives.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
         return [i for i, node in rates.items() if node in moving]

@@ -114,8 +114,7 @@ def _kinds(
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # A selection by a frozen sign is constant; ends and numbers of frozen intervals count
-            # as linear.
+            # Selections by frozen signs are constant; ends and numbers of frozen intervals linear.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]

@@ -68,8 +68,7 @@ class Layout:
     #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: Index in the kernel ``event_ranges`` of each event, then of each kink, or -1 if the function
-    #: is linear.
+    #: Index of each event, then of each kink, in the kernel ``event_ranges``; -1 if linear.
     ranges: tuple[int, ...] = ()
     #: Number of quantities on which the ranges depend, the last results of the kernel ``events``.
     n_quantities: int = 0

@@ -108,8 +108,7 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         # Constraints on speeds alone have no position residual.
         values = [zero if v is None else v for v in rows.values]
         shrink: dict[Node, Node] = {}
-        # To first order, rotations do not change the norms of quaternions, which are therefore
-        # corrected separately.
+        # Rotations do not change norms of quaternions to first order: correct these separately.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
             # Newton's step for |q|^2 = 1 along q is dq = -q (|q|^2 - 1) / (2 |q|^2), which does not
             # rotate the frame.
@@ -246,8 +245,7 @@ def _newton_step(
     """Form the rates at the end of a step, the step, its second-order part and its validity."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
-    # Second derivatives are formed with symbols for z', whose long expressions are substituted
-    # afterwards.
+    # Second derivatives use symbols for z', replaced by its long expressions afterwards.
     known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
@@ -419,8 +417,7 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        # The kernel also returns the rates, so that one call suffices for a stage with
-        # sensitivities.
+        # With the rates, so that one call suffices for a stage with sensitivities.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
         "outputs": outputs[:m],

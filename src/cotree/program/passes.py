@@ -285,8 +285,7 @@ _FEW = 250
 #: order allows loops over repeated links: a chain of 1000 rods needs half the C text. A chain of
 #: 100 rods is twice as fast if reordered.
 _MANY = 20_000
-#: Ratio of (time to start all operations) to (longest path) above which operations overlap in any
-#: order.
+#: Ratio of (time to start all operations) to (longest path) above which any order overlaps.
 _MOST_EARLY = 3.0
 
 

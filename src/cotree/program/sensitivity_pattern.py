@@ -104,8 +104,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # A time event depends on the parameter if the derivative of its first time or period is
-        # nonzero.
+        # Time events depend on the parameter if their first time or period has a derivative.
         moved = [
             node
             for node, own in looking.items()

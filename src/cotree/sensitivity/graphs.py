@@ -70,12 +70,10 @@ class Changes(Sums):
 
     def at(self, cluster: int) -> Wrench | None:
         """Return a cluster's sum, or None if neither the sum nor the cluster's motion changes."""
-        # The tangents of projections and moments, which are products, also need the value of the
-        # sum.
+        # Tangents of projections and moments, which are products, also need the sum's value.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # The sum on the cluster is constant, but the motion spaces on which it is projected
-            # rotate.
+            # The sum is constant, but the motion spaces on which it is projected rotate.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
@@ -143,8 +141,7 @@ class Reach:
     #: Indices of outputs that depend on unknowns, which change along every direction.
     moving: tuple[int, ...]
     starts: tuple[Node, ...]  # initial values
-    #: Indices of constraints, and of through variables along measures, by symbol. Most involve only
-    #: two bodies.
+    #: Indices of constraints, and of through variables along measures, by symbol.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 

@@ -31,12 +31,10 @@ ERROR = "largest |y - ref| / max(1, max |ref|)"
 #: Definition of errors relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# The relative error of a quantity is measurable if both reference solutions agree within this
-# fraction.
+# Relative errors are measurable if both reference solutions agree within this fraction.
 _MEASURABLE = 1e-2
 
-# If two methods agree within this tolerance, below all errors of interest, no further method is
-# run.
+# If two methods agree within this tolerance, no further method is run.
 _ENOUGH = 1e-10
 # Largest permitted difference between the two solutions of a reference.
 _TOO_FAR = 1e-6

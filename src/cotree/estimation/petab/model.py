@@ -94,8 +94,7 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is not None:
                 found.parameters[parameter] = value
-        # Parameters for initial values are kept: they do not affect a run that starts from a steady
-        # state.
+        # Parameters for initial values are kept: they do not affect a run from a steady state.
         for parameter in entities.initial.values() if before else ():
             if before and parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
@@ -105,8 +104,7 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is None:
                 continue
-            # A numeric initial value is a parameter of the scene, on which other initial values may
-            # depend.
+            # A numeric initial value is a scene parameter, on which others may depend.
             if not before and identifier in entities.initial:
                 found.parameters[entities.initial[identifier]] = value
             else:

@@ -406,8 +406,7 @@ def _solve_block(
     """Determine the linear unknowns of a block, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # Derivatives with respect to the unknowns show which equations are linear, and in which
-    # unknowns.
+    # Derivatives with respect to the unknowns show the unknowns in which equations are linear.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)

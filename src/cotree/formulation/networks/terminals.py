@@ -195,8 +195,7 @@ class Terminals:
         if self._is_swapped(name, "across"):
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
-            # For a chord, the f-circuit determines the across variable and the law the through
-            # variable.
+            # The f-circuit determines a chord's across variable, the law its through variable.
             return self._topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
