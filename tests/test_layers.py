@@ -55,6 +55,8 @@ def test_a_cold_run_imports_no_sympy(name, tmp_path, monkeypatch):
     )
     assert "cotree.formulation" in modules
     assert "sympy" not in modules
+    # A mechanism needs no networks.
+    assert ("cotree.formulation.networks.network" in modules) == (name != "slider-pendulum")
 
 
 def test_a_command_imports_what_it_needs():

@@ -20,7 +20,6 @@ from cotree.codegen.context import model_context
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range
-from cotree.formulation.networks.network import draw_networks
 from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
 from cotree.program.surfaces import freeze_branches
@@ -36,7 +35,6 @@ from cotree.scene.graphs import (
     separate_trees,
 )
 from cotree.scene.jumps import jump_values, lower_discontinuities
-from cotree.scene.variants import scene_at_rest
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -77,6 +75,8 @@ def draw_graphs(
     if not mechanics.edges:
         graphs, trees = {}, {}
     # Networks have a graph and a normal tree for each domain.
+    from cotree.formulation.networks.network import draw_networks
+
     _, networks, normal = draw_networks(scene)
     # As for mechanisms, the tree of the across variables is shown.
     across = {domain: tree.across for domain, tree in normal.items()}
@@ -206,6 +206,8 @@ def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     wanted = [row.name for row in layout.states]
     for total, _ in layout.followers:  # not the totals but the variables that follow from them
         wanted[total] = "0"
+    from cotree.scene.variants import scene_at_rest
+
     try:
         at_rest = scene_at_rest(scene, wanted, jump_values(scene))
         program, _ = generate(formulate(at_rest, given, None)[1])

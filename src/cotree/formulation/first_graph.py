@@ -35,8 +35,8 @@ from cotree.formulation.mass_matrix import (
     met_where_idle,
     safe_pivots,
 )
+from cotree.formulation.networks.attached import Attached, attach_network
 from cotree.formulation.networks.couplings import Coupling, through_name
-from cotree.formulation.networks.network import Attached, Network, attach_network
 from cotree.formulation.outputs import Observer, Outputs, form_outputs, observe_motion
 from cotree.formulation.start import Condition, body_starts, start_conditions
 from cotree.formulation.system import System, bind
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.formulation.measures import Measure
+    from cotree.formulation.networks.network import Network
     from cotree.scene.description import SceneDescription
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import tangent_of
-from cotree.formulation.networks.solved import differentiate_plan
 from cotree.sensitivity.turning import Seed, Support, derivatives_labelled, view_along
 
 if TYPE_CHECKING:
@@ -93,6 +92,8 @@ def network_tangents(
     support: Support,
 ) -> NetworkTangents:
     """Differentiate the networks; ``couplings`` are tangents of multibody variables at ports."""
+    from cotree.formulation.networks.solved import differentiate_plan
+
     # All directions are evaluated together, so partial derivatives of laws are computed once.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
     return NetworkTangents(

@@ -5,18 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind, Role
-from cotree.dag.derivative import tangents
+from cotree.components import Kind
 from cotree.dag.nodes import STATE, UNKNOWN, Node, symbols_in
 from cotree.equations import Guard, PositionRow, State
-from cotree.formulation.constraints import along_speeds
 from cotree.formulation.fields import is_varying
-from cotree.formulation.networks.couplings import (
-    Coupling,
-    coupling_loads,
-    form_couplings,
-    through_name,
-)
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.solved import Solved, make_plan, solve_plan
 from cotree.formulation.networks.states import (
@@ -39,16 +31,15 @@ from cotree.formulation.networks.unilateral import (
     reacting_fields,
     used_by_friction,
 )
-from cotree.formulation.outputs import observe_motion
-from cotree.scene.events import event_expressions
 from cotree.scene.networks import Port, scalar_graphs, scalar_ports
 from cotree.scene.normal_trees import NormalTree, normal_trees
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from cotree.formulation.across import Motion, View
-    from cotree.formulation.laws import Applied
+    from cotree.formulation.networks.couplings import (
+        Coupling,
+    )
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.system import System
     from cotree.graph import LinearGraph
@@ -314,114 +305,3 @@ def _negative(node: Node, what: str, at_scene: float) -> Guard:
     """Return a guard on the sign of a value that is not positive at the scene's values."""
     breach = "must be negative, as in the scene" if at_scene else "must not be zero"
     return Guard(-node, what, True, breach)
-
-
-@dataclass(frozen=True)
-class Attached:
-    """Networks and their couplings to a multibody system."""
-
-    network: Network | None  # the networks; None if the scene has none
-    observed: Mapping[str, Node]  # values of network variables used in outputs and fields
-    couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
-    throughs: Mapping[str, Node]  # symbols of the through variables of these ports
-    #: Derivatives of these through variables with respect to accelerations, by index: the inertia
-    #: of storages coupled to joints.
-    slopes: Mapping[str, Mapping[int, Node]]
-    #: Names used only in fields of friction and dampers on the mechanism; they may be reactions.
-    reacting: frozenset[str] = frozenset()
-
-    @property
-    def holding(self) -> tuple[Holding, ...]:
-        """Friction and stops on the mechanism whose forces are multipliers."""
-        return self.network.holding if self.network else ()
-
-    @property
-    def loads(self) -> list[Applied]:
-        """The through variables of the couplings as loads on the multibody system."""
-        return coupling_loads(self.couplings, self.throughs)
-
-    def with_inertia(
-        self, mass: Sequence[Sequence[Node]], motion: Motion
-    ) -> tuple[tuple[Node, ...], ...]:
-        """Add the inertia of storages that are coupled to joints to a mass matrix."""
-        rows = [list(row) for row in mass]
-        for name, slopes in self.slopes.items():
-            pull = along_speeds(motion, self.couplings[name].pull)
-            for i, gradient in enumerate(pull):
-                for j, slope in slopes.items():
-                    # tau = s_j v_j' + ... acts along its pull p, which adds p_i s_j.
-                    rows[i][j] = rows[i][j] + gradient * slope
-        return tuple(tuple(row) for row in rows)
-
-
-def attach_network(scene: SceneDescription, view: View) -> Attached:
-    """Form a scene's scalar networks, with symbolic accelerations of the mechanism."""
-    # Purely multibody scenes have no networks.
-    if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
-        return Attached(None, {}, {}, {}, {})
-    system = view.motion.system
-    couplings = form_couplings(scalar_ports(scene), view)
-    named = set(system.signals.measured)  # network variables in fields of the mechanism
-    throughs = {
-        name: system.signals.node(through_name(coupling.port))
-        for name, coupling in couplings.items()
-    }
-    observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
-    # Networks are formed only as far as outputs, events and fields of the mechanism require.
-    names = {name for expression in observing for name in expression.names}
-    before = system.signals.measured
-    wanted = sorted(names.union(before))
-
-    def is_motion(name: str) -> bool:
-        return observe_motion(view.motion, name) is not None
-
-    network, observed = form_network(
-        scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=True
-    )
-    if network.holding and not _is_linear(network, couplings, observed, named):
-        # The forces are then algebraic unknowns.
-        network, observed = form_network(
-            scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=False
-        )
-    reacting = frozenset(
-        name
-        for name in system.signals.measured
-        if name not in before and system.signals.node(name) in network.of_friction
-    )
-    slopes = {}
-    for name, coupling in couplings.items():
-        own = _slopes(observed[through_name(coupling.port)], system)
-        if own:
-            slopes[name] = own
-    return Attached(network, observed, couplings, throughs, slopes, reacting)
-
-
-def _is_linear(
-    network: Network,
-    couplings: Mapping[str, Coupling],
-    observed: Mapping[str, Node],
-    named: Collection[str],
-) -> bool:
-    """Return whether forces on the mechanism are linear in the multipliers."""
-    multipliers = [row.multiplier for row in network.holding]
-    one = multipliers[0].dag.one
-    forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
-    slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
-    # Fields of the mechanism must not contain a force that depends on them.
-    acting = [observed[name] for name in named if name in observed]
-    return set(multipliers).isdisjoint(symbols_in([*slopes, *acting]))
-
-
-def _slopes(through: Node, system: System) -> dict[int, Node]:
-    """Differentiate a through variable with respect to the accelerations."""
-    found = {}
-    occurring = set(symbols_in([through]))
-    for speed in system.speeds:
-        # Only storages coupled to joints react to accelerations, as an inertia does.
-        if speed.acceleration not in occurring:
-            continue
-        # Affine in the accelerations: the slope enters the mass matrix, the rest is a load.
-        (slope,) = tangents([through], {speed.acceleration: through.dag.one})
-        if not slope.is_zero:
-            found[speed.index] = slope
-    return found
