@@ -74,8 +74,8 @@ typedef struct cotree_model {
     int n_prepared;
     int n_nonzeros; /* number of nonzeros of the Jacobian */
     int n_guards;
-    int n_constraints; /* with time derivatives and norms of quaternions */
-    int n_algebraic;   /* number of the last states that are algebraic; their rates are residuals */
+    int n_constraints; /* includes time derivatives and norms of quaternions */
+    int n_algebraic;   /* number of algebraic unknowns, the last states; rates are residuals */
     const cotree_quantity *states;
     const cotree_quantity *parameters;
     const cotree_quantity *inputs;

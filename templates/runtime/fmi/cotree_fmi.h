@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-/* The standards prescribe parameters that a unit with real variables only does not use. */
+/* The standards prescribe parameters that units with only real variables do not use. */
 #if defined(__GNUC__) || defined(__clang__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif

@@ -61,7 +61,7 @@ enum fmu_number {
     FMU_IS_CHOSEN,  /* 1: the projection at the start is ambiguous */
     FMU_IS_BEGUN,   /* 1: events were processed at least once */
     FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
-    FMU_IS_SOLVED,  /* 1: algebraic unknowns match `old` and the time in the next entry */
+    FMU_IS_SOLVED,  /* 1: algebraic unknowns are solved for `old` at FMU_SOLVED_AT */
     FMU_SOLVED_AT,
     FMU_IS_SET_UP, /* 1: the start and stop time and the tolerance are set */
     FMU_HAS_ENDED, /* 1: an event ended the simulation */

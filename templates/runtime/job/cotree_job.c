@@ -776,8 +776,8 @@ static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
     }
 }
 
-/* Enter a stretch near a singular position. A stretch with loosened tolerances starts at the start
- * of the stretch with projected rates, where rounding errors are smaller. */
+/* Enter a stretch near a singular position. A stretch with loosened tolerances begins where the
+ * projected rates began, since rounding errors are smaller there. */
 static int enter_stretch(cotree_job *job, cotree_stretch stretch)
 {
     cotree_singularity *const s = ENGINE->singularity;

@@ -27,7 +27,7 @@ typedef struct cotree_singularity {
     /* Lengths of the longest ordinary steps, and of the last short step at which constraints were
      * tested. */
     cotree_real longest, longest_of_block, tested;
-    int n_ordinary, n_short; /* ordinary steps; short steps since the last ordinary one */
+    int n_ordinary, n_short; /* ordinary steps so far; short steps since the last of them */
     /* Tolerances of the job outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;

@@ -517,8 +517,8 @@ cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int col
     return cotree_assembly_pick(a, row, slopes, start_slopes) / cotree_assembly_unit_of_row(a, row);
 }
 
-/* Compute the sensitivities of one level that are not prescribed, either to parameters or to
- * initial states. */
+/* Compute the sensitivities of the free states of one level, either to parameters or to initial
+ * states. */
 static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int level,
                                   const int *seeds, int is_state, cotree_real *s)
 {

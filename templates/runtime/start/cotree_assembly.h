@@ -93,7 +93,7 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x);
 /* Project the states that are not prescribed onto the constraints. */
 int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x);
 
-/* Return whether the projection from one point to another is ambiguous, since free directions
+/* Return whether the projection from one point to another is ambiguous because free directions
  * outnumber independent rows. */
 int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
                               const cotree_real *to);
@@ -109,8 +109,8 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
  * states at x. */
 void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree_real *direction);
 
-/* Compute the entries of a direction of the states at x that are not prescribed, at one level: 0
- * coordinates, 1 speeds. rates: changes of all rows along the direction. */
+/* Compute the entries of a direction for the free states of one level (0 coordinates, 1 speeds) at
+ * the states x. rates: changes of all rows along the direction. */
 int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                            const cotree_real *rates, cotree_real *direction);
 
