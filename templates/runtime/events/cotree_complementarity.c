@@ -141,6 +141,35 @@ static cotree_real slip_along(const cotree_events *e, int k)
     return e->modes[k] * slip[0];
 }
 
+/* Return the acceleration of a gap or slip, and the magnitude below which it counts as zero. */
+static cotree_real acceleration_of(const cotree_events *e, int k)
+{
+    return k >= cotree_first_stop(e) ? cotree_separation_acceleration(e, k)
+                                     : e->jumps.rates[PLACE(k, SLIP)];
+}
+
+static cotree_real zero_acceleration(const cotree_events *e, int k)
+{
+    return k >= cotree_first_stop(e) ? cotree_rest_tolerance(e, k)
+                                     : cotree_slip_rest_tolerance(e, k);
+}
+
+/* Evaluate the rates of change of accelerations if one of them is zero although its constraint does
+ * not hold. */
+static int compute_later_accelerations(cotree_events *e, cotree_real t)
+{
+    int k, is_needed = 0;
+    for (k = 0; k < e->n_modes; ++k) {
+        if (cotree_is_load(e, k) || !e->is_active[k] || is_holding(e, k)) continue;
+        is_needed = is_needed || COTREE_FABS(acceleration_of(e, k)) <= zero_acceleration(e, k);
+    }
+    if (!is_needed) return 0;
+    if (cotree_compute_curvature(e, t, e->trial) != 0) return e->failure;
+    for (k = cotree_first_stop(e); k < e->n_modes; ++k)
+        e->later_acceleration[k - cotree_first_stop(e)] = acceleration_of(e, k);
+    return cotree_compute_rates(e, t, e->trial);
+}
+
 /* Return the relative amount by which a constraint that does not hold moves against its mode: the
  * acceleration of a gap or slip or, in an impact, the speed after it beyond the required one. At
  * zero acceleration its rate of change is decisive. */
@@ -155,9 +184,9 @@ static cotree_real find_reversal(cotree_events *e, int k)
         if (is_stop && e->impact_role[own] > 0) rate -= e->required_speed[own];
         return rate < -none ? -rate / COTREE_FMAX(e->impact_speed, COTREE_MIN) : COTREE_F(0.0);
     }
-    rate = is_stop ? cotree_separation_acceleration(e, k) : e->jumps.rates[PLACE(k, SLIP)];
+    rate = acceleration_of(e, k);
     e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], COTREE_FABS(rate));
-    none = is_stop ? cotree_rest_tolerance(e, k) : cotree_slip_rest_tolerance(e, k);
+    none = zero_acceleration(e, k);
     if (rate < -none) return -rate / e->acceleration_scale[k];
     if (rate > none) return COTREE_F(0.0);
     largest = cotree_largest_acceleration_scale(e);
@@ -393,7 +422,7 @@ static int evaluate_trial(cotree_events *e, cotree_real t)
 {
     if (e->is_impact) return 0;
     compute_force_noise(e);
-    return cotree_compute_later_accelerations(e, t);
+    return compute_later_accelerations(e, t);
 }
 
 /* Find the constraint whose mode changes first (*changed = -1 if only mode sets that were tried

@@ -189,13 +189,11 @@ COTREE_PRIVATE int cotree_has_left_branch(const cotree_events *e, const cotree_r
 COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 
 /* Defined in cotree_friction.c: */
-COTREE_PRIVATE int cotree_list_modes(const cotree_hybrid *h, int kind, int *places);
 COTREE_PRIVATE void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena);
 COTREE_PRIVATE int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t,
                                               cotree_real size);
 COTREE_PRIVATE cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_compute_later_accelerations(cotree_events *e, cotree_real t);
 COTREE_PRIVATE int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired);
 COTREE_PRIVATE int cotree_was_selected(const cotree_events *e, int i);
 COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real *w);
@@ -203,7 +201,7 @@ COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real
 /* Defined in cotree_stops.c: */
 COTREE_PRIVATE int cotree_first_stop(const cotree_events *e);
 COTREE_PRIVATE int cotree_count_contact_friction(const cotree_hybrid *h);
-COTREE_PRIVATE void cotree_list_stops(cotree_events *e, const cotree_hybrid *h);
+COTREE_PRIVATE void cotree_list_stops(cotree_events *e);
 COTREE_PRIVATE int cotree_is_contact_friction(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_disc(const cotree_events *e, int k);
 COTREE_PRIVATE int cotree_is_load(const cotree_events *e, int k);
@@ -221,8 +219,6 @@ COTREE_PRIVATE cotree_real cotree_separation_acceleration(const cotree_events *e
 COTREE_PRIVATE void cotree_find_active_stops(cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_largest_acceleration_scale(const cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_rest_tolerance(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_marginally_open(const cotree_events *e, int k);
-COTREE_PRIVATE void cotree_store_later_accelerations(cotree_events *e);
 COTREE_PRIVATE void cotree_update_open_gaps(cotree_events *e, int k);
 
 #if COTREE_HAS_DISCS

@@ -21,7 +21,7 @@
 
 /* List the modes whose first event is of the given kind. Return their number; if places is NULL,
  * only count them. */
-int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
+static int list_modes(const cotree_hybrid *h, int kind, int *places)
 {
     int i, k, n = 0;
     for (i = 0; i < h->n_events; ++i) {
@@ -38,17 +38,20 @@ int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
     return n;
 }
 
-/* List the modes of friction, then those of loads. */
-static void list_frictions(cotree_events *e, const cotree_hybrid *h)
+/* List the modes of friction, of loads and of stops, and the events of each mode. */
+static void list_events(cotree_events *e, const cotree_hybrid *h)
 {
     int i, k;
-    cotree_list_modes(h, COTREE_FRICTION_SLIP, e->places);
-    cotree_list_modes(h, COTREE_FRICTION_LOAD, e->places + e->n_frictions * N_PLACES);
+    list_modes(h, COTREE_FRICTION_SLIP, e->places);
+    list_modes(h, COTREE_FRICTION_LOAD, e->places + e->n_frictions * N_PLACES);
+    list_modes(h, COTREE_STOP_REBOUND, e->places + cotree_first_stop(e) * N_PLACES);
     for (i = 0; i < h->n_events; ++i) {
-        const int part = h->events[i].kind - COTREE_FRICTION_SLIP;
-        if (part <= 0 || part >= N_PLACES - SLIP) continue;
-        for (k = 0; k < e->n_frictions; ++k) {
-            if (PLACE(k, MODE_STATE) == h->events[i].targets[0]) PLACE(k, SLIP + part) = i;
+        const int kind = h->events[i].kind, is_gap = kind >= COTREE_STOP_UPPER;
+        if (kind <= COTREE_FRICTION_SLIP || kind > COTREE_STOP_FORCE) continue;
+        for (k = 0; k < e->n_modes && kind != COTREE_FRICTION_LOAD; ++k) {
+            if (PLACE(k, MODE_STATE) != h->events[i].targets[0]) continue;
+            PLACE(k, is_gap ? UPPER_GAP + kind - COTREE_STOP_UPPER
+                            : SLIP + kind - COTREE_FRICTION_SLIP) = i;
         }
     }
 }
@@ -57,10 +60,10 @@ static void list_frictions(cotree_events *e, const cotree_hybrid *h)
 void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena)
 {
     const cotree_hybrid *const h = run->model->hybrid;
-    const int n_frictions = cotree_list_modes(h, COTREE_FRICTION_SLIP, NULL);
-    const int n_stops = cotree_list_modes(h, COTREE_STOP_REBOUND, NULL);
+    const int n_frictions = list_modes(h, COTREE_FRICTION_SLIP, NULL);
+    const int n_stops = list_modes(h, COTREE_STOP_REBOUND, NULL);
     const int n_pressed = cotree_count_contact_friction(h);
-    const int n_modes = n_frictions + cotree_list_modes(h, COTREE_FRICTION_LOAD, NULL) + n_stops;
+    const int n_modes = n_frictions + list_modes(h, COTREE_FRICTION_LOAD, NULL) + n_stops;
 #if COTREE_HAS_DISCS
     const int n_discs = cotree_count_discs(h);
 #else
@@ -117,11 +120,11 @@ void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *ar
     e->saved_modes = cotree_arena_reals(arena, n_modes);
     e->kernel_modes = cotree_arena_reals(arena, n_stops > 0 ? n_modes : 0);
     if (arena->base == NULL) return;
-    list_frictions(e, h);
+    list_events(e, h);
 #if COTREE_HAS_DISCS
     cotree_list_discs(e);
 #endif
-    cotree_list_stops(e, h);
+    cotree_list_stops(e);
     for (i = 0; i < e->n_events; ++i) {
         e->is_impact_event[i] = 0;
         e->gap_at_release[i] = e->zero_level[i] = COTREE_F(0.0);
@@ -240,23 +243,6 @@ cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
-}
-
-/* Evaluate the rates of change of accelerations if a constraint opens at zero acceleration. */
-int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
-{
-    int k, is_needed = 0;
-    for (k = 0; k < e->n_frictions; ++k) {
-        const cotree_real rate = COTREE_FABS(e->jumps.rates[PLACE(k, SLIP)]);
-        is_needed = is_needed || (e->is_active[k] && e->modes[k] != COTREE_F(0.0) &&
-                                  rate <= cotree_slip_rest_tolerance(e, k));
-    }
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k)
-        is_needed = is_needed || cotree_is_marginally_open(e, k);
-    if (!is_needed) return 0;
-    if (cotree_compute_curvature(e, t, e->trial) != 0) return e->failure;
-    cotree_store_later_accelerations(e);
-    return cotree_compute_rates(e, t, e->trial);
 }
 
 /* Set whether a force stays at its limit, as it does if both limits are zero, and for a load at

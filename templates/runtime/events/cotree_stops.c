@@ -51,18 +51,9 @@ static void list_contact_friction(cotree_events *e)
     }
 }
 
-void cotree_list_stops(cotree_events *e, const cotree_hybrid *h)
+void cotree_list_stops(cotree_events *e)
 {
-    int i, k;
-    cotree_list_modes(h, COTREE_STOP_REBOUND, e->places + cotree_first_stop(e) * N_PLACES);
-    for (i = 0; i < h->n_events; ++i) {
-        const int part = h->events[i].kind;
-        if (part < COTREE_STOP_UPPER || part > COTREE_STOP_FORCE) continue;
-        for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-            if (PLACE(k, MODE_STATE) != h->events[i].targets[0]) continue;
-            PLACE(k, UPPER_GAP + part - COTREE_STOP_UPPER) = i;
-        }
-    }
+    int k;
     for (k = 0; k < e->n_stops; ++k) {
         const int own = cotree_first_stop(e) + k;
         e->impulse_states[k] = e->rows[PLACE(own, REBOUND)].targets[1];
@@ -260,24 +251,6 @@ cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING *
                            cotree_largest_acceleration_scale(e));
-}
-
-/* Return whether a closed stop is open in this trial but has zero acceleration, so that the rate of
- * change of its acceleration is decisive. */
-int cotree_is_marginally_open(const cotree_events *e, int k)
-{
-    return e->is_active[k] && e->modes[k] == COTREE_F(0.0) &&
-           COTREE_FABS(cotree_separation_acceleration(e, k)) <= cotree_rest_tolerance(e, k);
-}
-
-/* Store the accelerations that compute_curvature evaluated a little later. */
-void cotree_store_later_accelerations(cotree_events *e)
-{
-    int k;
-    for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        if (e->is_active[k])
-            e->later_acceleration[k - cotree_first_stop(e)] = cotree_separation_acceleration(e, k);
-    }
 }
 
 /* Set whether a closed gap is free to open, and its distance from zero. */
