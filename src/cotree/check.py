@@ -362,7 +362,7 @@ def _check(runs: _Runs, name: str) -> ParameterCheck:
     differences, refusal = _differences(experiment, name, steps, y.shape)
     # Maximum over time; nan if a run at a step failed.
     deviations = np.max(np.abs(s - differences), axis=2)
-    # `scale`, e_S, e_y and h* of the notes of `check_sensitivities`, by quantity.
+    # `scale`, e_S, e_y and h* for each quantity, as defined in the notes of `check_sensitivities`.
     scale = np.maximum(_largest(s), _largest(y) / size)
     s_error = np.maximum(_largest(s - sensitivities(runs.with_s_loose, name)), runs.asked(s))
     y_error = np.maximum(_largest(y - quantities(runs.loose)), runs.asked(y))

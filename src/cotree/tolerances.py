@@ -11,7 +11,8 @@ from typing import NamedTuple
 #: At this relative tolerance the error of a step may be as large as the solution.
 LARGEST_RTOL = 1.0
 
-#: Above this relative tolerance, error estimates, the leading terms of series, are unreliable.
+#: Above this relative tolerance error estimates are unreliable, since they are leading terms of
+#: series.
 LOOSE_RTOL = 1e-2
 
 #: A step fails if projection changes its end by more than this many tolerances on average.
@@ -51,7 +52,7 @@ class Limits(NamedTuple):
     stall_spacings: int = 16
     stall_steps: int = 5
     #: A run that becomes stiff changes its method only if more than this many steps remain: the
-    #: other method must be compiled, and needs some hundred steps and matrix evaluations itself.
+    #: other method must first be compiled, and needs a few hundred steps and matrices itself.
     most_stiff_steps: int = 1000
     #: Maximum length of a chain of simultaneous events that trigger each other.
     event_rounds: int = 50

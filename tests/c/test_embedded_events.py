@@ -195,8 +195,8 @@ def bouncing() -> Model:
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (grazing, "event 'hit' stops the integration at t = 0.451524: it only just touches zero"),
-        (bouncing, "it happens ever faster, and accumulates at t = 1.80609"),
+        (grazing, "event 'hit' stops the integration at t = 0.451524: its function only touches zero"),
+        (bouncing, "it recurs ever faster and accumulates at t = 1.80609"),
     ],
 )
 def test_what_ends_a_run_is_said(

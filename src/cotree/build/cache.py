@@ -195,7 +195,7 @@ def _sources() -> bytes:
 
 @contextlib.contextmanager
 def private_directory() -> Iterator[Path]:
-    """Create a private folder for one build in the cache, and thus on the same file system."""
+    """Create a private folder for one build on the file system of the cache."""
     _remove_abandoned()
     with tempfile.TemporaryDirectory(
         prefix=_PRIVATE_PREFIX, dir=cache_directory(), ignore_cleanup_errors=True

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 
 _LEVELS = ("-O0", "-Og", "-O1", "-O2", "-O3")
-# Numbers of operations in the longest function above which -O1 takes minutes, because of register
-# allocation; longer functions are compiled with -O0.
+# If the longest function has more operations than this, it is compiled with -O0, since register
+# allocation with -O1 takes minutes.
 _STATEMENT_LIMIT_GCC = 4_000
 _STATEMENT_LIMIT_CLANG = 20_000
 # Number of operations in all functions above which gcc is called with -Og. Straight-line code then

@@ -159,7 +159,7 @@ Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to 
 
 
 def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds the options of a command's arguments ``settings`` and ``tree``.
+    """Return a decorator that adds options for a command's arguments ``settings`` and ``tree``.
 
     ``settings``, a dict of the options that were set, is replaced by options for all settings of
     runs that have a help text, except those in ``leave``; ``helps`` replaces help texts or
@@ -271,7 +271,7 @@ def write_file(path: Path | None, write: Callable[[Path], object]) -> None:
         typer.echo(f"wrote {path}")
 
 
-#: Exit code, as in shells, of a command that Ctrl-C interrupts.
+#: Exit code of a command that Ctrl-C interrupts, as in shells.
 INTERRUPTED = 130
 
 

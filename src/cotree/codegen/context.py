@@ -317,7 +317,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # In registry order, kernels follow the kernels that they call, with known stack sizes.
+    # In registry order, kernels follow the kernels that they call, whose stack sizes are known.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)

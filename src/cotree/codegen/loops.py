@@ -103,7 +103,7 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return the length of the longest loop at each start if numbers are ignored."""
+    """Return the length of the longest loop from each statement if constants may differ."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
@@ -348,7 +348,7 @@ class _LoopWriter:
         first = column[0]
         if all(number == first for number in column):
             return first
-        # Constants are not computed with a step, which would be inexact.
+        # Constants are not computed as a start plus multiples of a step, which would round.
         if slot != "r":
             step = column[1] - first  # type: ignore[operator]
             if all(number == first + step * i for i, number in enumerate(column)):  # type: ignore[operator]

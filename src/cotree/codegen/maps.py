@@ -152,8 +152,9 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # The next segment begins with the first ready statement in the original order, and contains
-        # all statements with the same blocks that are or become ready. This makes segments long.
+        # The next segment begins with the first ready statement in the original order. It takes
+        # each statement with the same blocks that is ready, or becomes ready meanwhile, so that
+        # segments are long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:

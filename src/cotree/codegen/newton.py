@@ -258,7 +258,7 @@ def _solve(plan: Elimination, target: Target) -> Body:
 
 
 def _factor_rows(plan: Elimination) -> list[Statement]:
-    """Return assignments of the factors; those that later factors read are also temporaries."""
+    """Return the assignments of the factors; factors read by later ones are also temporaries."""
     read = {i for entry in plan.factors for pair in entry.products for i in pair}
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []

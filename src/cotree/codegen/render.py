@@ -1,4 +1,4 @@
-"""Rendering of templates, and the runtime: ordinary C text in ``templates/runtime``.
+"""Rendering of templates, and access to the C files in ``templates/runtime``.
 
 The runtime is the same for every model. In: names of headers, or C text that includes them. Out:
 the text of these headers and their sources. The folders of the runtime contain modules. A module

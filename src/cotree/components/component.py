@@ -124,7 +124,7 @@ MotionStep = Freedom | FreeRotation
 
 @dataclass(frozen=True)
 class Plane:
-    """Fields that must be normal to a plane or in it, so that an edge keeps its nodes in it."""
+    """Fields that must be normal or parallel to a plane, so that an edge keeps its nodes in it."""
 
     along: tuple[str, ...] = ()
     within: tuple[str, ...] = ()

@@ -239,7 +239,7 @@ def _moved(root: Node, known: Mapping[Node, Any]) -> Any:
 
 
 def _quotient(root: Node, by: Node) -> Node | None:
-    """Divide by a symbol without a pole at zero; return None if no term contains it."""
+    """Divide by a symbol without leaving a pole at zero; return None if no term contains it."""
     dag, args = root.dag, root.args
     if root is by:
         return dag.one

@@ -92,7 +92,7 @@ def ideal_coupling(
     *,
     reverses: bool = False,
 ) -> Component:
-    """Build a lossless transformer: across of the first port is ``field`` times the second one.
+    """Build a lossless transformer with the law across_1 = ``field`` * across_2.
 
     Each port is (domain, name). ``reverses`` changes the sign of the ratio.
     """

@@ -116,7 +116,8 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
-    # In v = R i + d(L(s) i)/dt the storage is L di/dt. This law is the rest, with L'(s) s_dot i.
+    # In v = R i + d(L(s) i)/dt the storage provides L di/dt. This law provides the remaining terms,
+    # R i + L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 

@@ -217,8 +217,8 @@ class _Laws:
         # Transport current from collector to emitter through the base, without recombination in the
         # base.
         transport = (self.forward - self.reverse) / self._base_charge()
-        # The transport current enters the be port with positive and the bc port with negative sign,
-        # so that it cancels in the base current, the sum of both port currents.
+        # The transport current is positive at the be port and negative at the bc port. It cancels
+        # in the base current, which is the sum of both port currents.
         if own == "be":
             total = transport + self.forward / argument("forward_gain")
         else:

@@ -22,7 +22,7 @@ def evaluate(
     numbers: Numbers = "real",
     order: Sequence[Node] | None = None,
 ) -> list[Any]:
-    """Return the values of the roots; ``values`` contains symbols and other known nodes.
+    """Return the values of the roots; ``values`` has the values of symbols and other known nodes.
 
     With the numbers 'complex_', for complex steps, real parts select branches. ``order`` is the
     result of :func:`~cotree.dag.nodes.reachable`, if known. Raise KeyError if a symbol has no

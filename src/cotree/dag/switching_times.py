@@ -173,7 +173,7 @@ def _pieces(
 
 
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
-    """Return the lines of the branches of a selection."""
+    """Return the linear functions of time of the branches of a selection."""
     condition, accepted, refused = node.args
     # max(x, 0), as in sources with a delay, is a line that starts at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:

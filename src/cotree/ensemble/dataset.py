@@ -211,7 +211,7 @@ def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     found = {name: plain(getattr(plan.settings, name)) for name in names}
     found["inputs"] = {**found["inputs"], **expressions}
-    # "auto" means that stiff members may use another method than the one chosen for all.
+    # "auto": stiff members may use a method other than the one chosen for all.
     found["method"] = "auto" if plan.is_chosen else found["method"]
     # Parameters that members set are omitted, since their common values have no effect.
     shared = found["parameters"] or {}

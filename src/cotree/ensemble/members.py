@@ -52,7 +52,8 @@ def column_values(values: Any, what: str) -> FloatArray:
     return numbers
 
 
-# Largest number of members of a grid, which guards against mistakes: the rows alone take gigabytes.
+# Largest number of members of a grid, to guard against mistakes: at this size the rows alone take
+# gigabytes.
 _MOST = 100_000_000
 
 

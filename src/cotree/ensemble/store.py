@@ -282,7 +282,7 @@ class Store:
             return open_store(self.path)
 
     def _open(self, size: Callable[[], int]) -> int:
-        """Create the folder, or check that its ensemble is the same; return the block size."""
+        """Create the folder, or check that it holds this ensemble; return the block size."""
         is_new = self._is_empty()
         empty = self._schema.dataset({})
         coordinates = {name: row.values for name, row in empty.coords.items()}

@@ -59,7 +59,7 @@ _N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
 class Split:
     """Determined and undetermined directions in parameter space at one point."""
 
-    #: Unit of change of each parameter on its scale, which doubles the value to first order.
+    #: Change of each parameter, on its scale, that doubles its value to first order.
     sizes: Array
     values: Array  # the same changes in unscaled values
     open: Array  # undetermined directions in these units, as orthonormal columns

@@ -193,7 +193,7 @@ def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
     points = motion.clusters.points
     turned = node_angle(motion, points[edge.second], system.plane)
     turned = turned - node_angle(motion, points[edge.first], system.plane)
-    # The axis may point against the normal: plus or minus one.
+    # This component is 1 or -1, since the axis may point against the normal.
     return axis["xyz".index(system.plane)] * turned
 
 

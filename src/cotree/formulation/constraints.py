@@ -136,8 +136,8 @@ def _along_speeds(
         # Efforts act along speeds directly and need no projection.
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
-        # Each wrench is propagated separately, since the sizes add squares term by term. Parents
-        # have smaller numbers, so clusters with larger numbers are not affected.
+        # Each wrench is propagated separately, since a size is the sum of the squares of single
+        # terms. Parents have smaller numbers, so clusters with larger numbers are not affected.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):

@@ -390,7 +390,7 @@ class HoldingRow:
     measure: Measure  # measure along which the force acts
     gradient: tuple[Node, ...]  # J: derivatives of the measure's rate with respect to the speeds
     column: tuple[Node, ...]  # generalised forces per unit of the multiplier
-    #: Sums of the squared terms of the gradient, without cancellation, while the edge holds.
+    #: While the edge holds: sums of the squared terms of the gradient, which cannot cancel.
     sizes: tuple[Node, ...]
     bias: Node  # b: acceleration of the measure at zero coordinate accelerations
 

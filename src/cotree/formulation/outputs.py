@@ -260,7 +260,7 @@ class Observer:
         for row in self.applied:
             if row.edge != edge.name:
                 continue
-            # Each pair acts on two clusters; either may be used, since the ground has no sum.
+            # Each pair acts on two clusters with opposite signs; the ground has no sum.
             for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
                 sign = 1 if cluster == second.cluster else -1
                 if sign < 0 and second.cluster != 0:

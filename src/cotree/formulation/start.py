@@ -95,7 +95,7 @@ def _start(
 
 @dataclass(frozen=True)
 class Condition:
-    """Initial value of a coordinate or rate that is not a state, and its derivatives by speeds."""
+    """Initial value of a coordinate or rate that is no state, with its derivatives along speeds."""
 
     name: str
     unit: str

@@ -42,7 +42,7 @@ class Contracted:
         return [name for name in cheapest if parts.join(*self.ends[name])]
 
     def extended(self, forest: Iterable[str]) -> Parts:
-        """Return the connected parts of a forest."""
+        """Return the connected components of a forest."""
         parts = self._parts()
         for name in forest:
             parts.join(*self.ends[name])

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Smallest ratio of a squared constraint gradient to its summed terms. Below it, the row is scaled
-#: as if it had this ratio, so that rounding errors, about 1e-31, fall below the rank tolerance.
+#: Smallest ratio of a squared constraint gradient to the sum of its squared terms. A row with a
+#: smaller ratio is scaled as if it had this one, so that rounding errors (a ratio of about 1e-31)
+#: remain below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
 
@@ -279,7 +280,7 @@ def _core(
         tuple(core),
         tuple(tuple(rows[i].get(j, dag.zero) for j in core) for i in core),
         tuple(dag.one if size.is_zero else size for size in sizes.values()),
-        # The core's accelerations precede its multipliers and must be unique.
+        # In the core, accelerations precede multipliers and must be determined uniquely.
         sum(i < n for i in core),
     )
 

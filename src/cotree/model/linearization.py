@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Relative distance below which eigenvalues count as equal: rounding splits a defective double
 #: eigenvalue by the square root of the machine precision. An eigenvalue also counts as multiple if
-#: the cosine between its left and right eigenvectors is smaller.
+#: the cosine between its left and right eigenvectors is below this value.
 _SPLIT = float(np.finfo(np.float64).eps) ** 0.5
 
 

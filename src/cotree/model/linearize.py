@@ -53,7 +53,8 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 class Direction:
     """A direction in the space of states, inputs and parameters."""
 
-    #: Components; entries of algebraic unknowns in ``y``, which equations determine, are ignored.
+    #: Components of the direction. Entries of ``y`` for algebraic unknowns are ignored, since
+    #: equations determine these.
     y: Array
     u: Array
     p: Array
@@ -232,7 +233,7 @@ class Linearizer:
         return self._first.along(values, direction)
 
     def inputs_by_parameters(self, at: EvaluationPoint, dp: Array) -> Array:
-        """Differentiate the scene's inputs along a change of the parameters, shape (n_inputs,)."""
+        """Return the derivatives of inputs along a change of the parameters, shape (n_inputs,)."""
         none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
         values = self._values(at.t, y, at.p, none, self._inputs.symbols)
         return self._inputs.along(values, Direction(y, none, dp))

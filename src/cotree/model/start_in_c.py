@@ -1,4 +1,4 @@
-"""Search for consistent initial states by ``templates/runtime/start/cotree_start.c``.
+"""Search for consistent initial states, in C (``templates/runtime/start/cotree_start.c``).
 
 If the iteration in C fails, Python searches for the algebraic unknowns; it also factorises large
 systems. If a kernel fails, Python evaluates it again and raises an exception that names the cause.

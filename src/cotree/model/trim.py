@@ -157,7 +157,7 @@ class TrimPoint(Reported):
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Return the unknowns' derivatives with respect to a quantity, and its unit direction."""
+        """Return the unknowns' derivatives and the unit direction of a quantity."""
         assert self.linearizer is not None
         if name in self.unknowns:
             raise ParameterError(

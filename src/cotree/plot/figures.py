@@ -27,7 +27,7 @@ class ShownFigure(Figure):
                 return  # it was displayed before
             if "inline" in backend:
                 pyplot.close(self)
-        # The notebook then displays the figure as a picture.
+        # If this is raised, the notebook displays the figure as a picture.
         raise NotImplementedError
 
 

@@ -437,7 +437,7 @@ class _Ways:
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Return the derivatives of all rates along any direction; symbols ``still`` are zero."""
+        """Return the derivatives of all rates along a direction; those of ``still`` are zero."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)

@@ -109,7 +109,7 @@ class Layout:
 
     @cached_property
     def has_start_equations(self) -> bool:
-        """Whether initial values determine other values or must agree with them."""
+        """Whether initial values follow from others or must be consistent with them."""
         is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
         return bool(is_found) or any(row.is_jump for row in self.events)
 

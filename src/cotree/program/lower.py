@@ -263,7 +263,7 @@ def _newton_step(
 def _curvature(
     dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
 ) -> list[Node]:
-    """Return the second derivatives along a step from the rows of first derivatives."""
+    """Differentiate the rows of first derivatives along a step."""
     steps = list(seed.values())
     changes = iter(tangents([node for row in slopes for node in row.values()], seed))
     return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]

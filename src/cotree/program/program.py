@@ -114,7 +114,7 @@ class Program:
         return longest_step(limits, _parameters(limits, p))
 
     def values(self, kernel: str, known: Mapping[str, Sequence[float]]) -> list[float]:
-        """Evaluate a kernel in Python; ``known`` has its arguments by kind, including ``p``."""
+        """Evaluate a kernel in Python; ``known`` maps kinds of arguments (``p``) to values."""
         roots = self.kernels[kernel].results
         given = {
             symbol: float(known[ARGUMENT_OF[symbol.data[0]]][symbol.data[1]])

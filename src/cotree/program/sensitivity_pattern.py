@@ -200,7 +200,7 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Return pairs of indices: a storage content, and the unknown that it determines."""
+    """Return index pairs: the content of a storage, and the unknown that it determines."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)

@@ -1,4 +1,4 @@
-"""Modes and events of a scene, each checked when it is stated."""
+"""Modes and events of a scene, each checked when it is declared."""
 
 from __future__ import annotations
 

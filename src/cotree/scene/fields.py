@@ -89,7 +89,7 @@ def initial_units(component: Component) -> dict[str, str]:
         return _network_units(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
-        # Names are the same for all planes; z represents them.
+        # Names are the same in each plane, so the names of plane z are used.
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
     steps = [step for space in spaces for step in space]
     units = {name: unit for step in steps for name, unit in (*step.coordinates, *step.rates)}

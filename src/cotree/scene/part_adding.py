@@ -154,7 +154,7 @@ def check_entries(given: Mapping[str, Any]) -> None:
 
 
 def statement_of(part: Part) -> dict[str, Any]:
-    """Return the table of a part in a scene file, with ambiguous bindings in tables by kind."""
+    """Return the table of a part in a scene file; ambiguous bindings are in one table per kind."""
     table: dict[str, Any] = {}
     if part.counts:
         table["count"] = part.counts[0] if len(part.counts) == 1 else list(part.counts)

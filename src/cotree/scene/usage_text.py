@@ -204,7 +204,7 @@ def _in_rows(value: object) -> str:
 
 
 def _value(value: object) -> str:
-    # Strings are quoted like code formatters do, unlike repr().
+    # Quote strings as code formatters do, with double quotes, unlike repr().
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, Mapping):

@@ -141,7 +141,7 @@ class Reach:
     #: Indices of outputs that depend on unknowns, which change along every direction.
     moving: tuple[int, ...]
     starts: tuple[Node, ...]  # initial values
-    #: Indices of constraints, and of through variables along measures, by symbol.
+    #: For each symbol, the indices of constraints, and of through variables along measures.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 
@@ -442,7 +442,7 @@ def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
-    """Return a direction along which only the initial value of its own state changes, by one."""
+    """Return the direction that changes the initial value of one state by one, and nothing else."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
     # An initial value affects only the start; the derivative of its state is one there.
     return replace(direction, initial={own: first.system.dag.one})

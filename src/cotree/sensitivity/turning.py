@@ -227,7 +227,7 @@ class Seed:
     support: Support  # symbols on which values depend, shared by all directions of a system
 
     def of(self, node: Node) -> Node:
-        """Differentiate a coordinate or an expression of fields."""
+        """Differentiate a coordinate, or an expression in fields, along the direction."""
         if node.op == "symbol":
             return self.symbols.get(node, self.dag.zero)
         # Most fields depend on no symbol of the seed: this test avoids their traversal.

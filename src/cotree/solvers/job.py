@@ -110,7 +110,7 @@ _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
 class Rows:
-    """Stored times and values of a job, with a row for each; the first ``job.n_kept`` are valid."""
+    """Stored points of a job, one per row; the first ``job.n_kept`` rows are valid."""
 
     def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
         self._ffi, self._job, self._n, self._room = ffi, job, problem.size, -1

@@ -119,7 +119,7 @@ def check_available(method: str) -> None:
         check_installed(method)
     if row.family != "correctors":
         return
-    # Correctors run models without events, see ``refusal``.
+    # Corrector methods run only models without events; see ``refusal``.
     engine = load_engine(row.stepper, has_events=False)
     if isinstance(engine, str):
         raise SolveError(

@@ -181,7 +181,7 @@ class _Run:
             self.stop = IntegrationStopError(FAILED, reason)
 
     def step_done(self, t: float, z: FloatArray, rounding: float) -> None:
-        """Count a step; store its end point if all steps are stored and ``rounding`` is small."""
+        """Count a step; if the run keeps all steps and ``rounding`` is small, store its end."""
         self.n_steps += 1
         self.t, self.z = t, z
         self.evaluator.step_done()

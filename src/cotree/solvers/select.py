@@ -369,7 +369,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
 
 def probe_steps(rtol: float) -> int:
-    """Return the number of "dop853" steps that cover a few steps at a loose tolerance."""
+    """Return the number of "dop853" steps in the time of a few steps at a loose tolerance."""
     # Step sizes of a method of order 8 are proportional to the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))

@@ -167,7 +167,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
         y = y / problem.sizes[:n, None]
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
-    # States at rest are rounding errors, which tolerances need not control.
+    # At rest, states are rounding errors, which tolerances need not control.
     if largest <= _ROUNDINGS * sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (

@@ -116,7 +116,7 @@ class Reference:
         )
 
     def summary(self) -> str:
-        """Return a text with both methods and their agreement."""
+        """Return a summary of both methods' results and their agreement."""
         sensitivities = (
             ""
             if math.isnan(self.agreement_sensitivities)

@@ -85,7 +85,7 @@ struct cotree_worker {
     double *events;
     int most_events;
     int n_events;
-    void *own; /* memory of `lanes` */
+    void *own; /* memory block for `lanes` */
 };
 
 /* How a member ended. Codes above COTREE_MEMBER_STOPPED are failures. */

@@ -569,17 +569,17 @@ const char *cotree_events_message(int status)
     case COTREE_EVENTS_CONTRADICT:
         return "its new values contradict the constraints";
     case COTREE_EVENTS_UNDERDETERMINED:
-        return "its new values leave states undetermined, which have no sensitivities";
+        return "its new values do not determine all states, which then have no sensitivities";
     case COTREE_EVENTS_REST_AT_ZERO:
-        return "it leaves no speed away from zero, and the motion goes on through it";
+        return "it leaves no speed away from zero, so that the motion passes through it";
     case COTREE_EVENTS_GRAZING:
-        return "it only just touches zero, where nothing has sensitivities";
+        return "its function only touches zero, where sensitivities are not defined";
     case COTREE_EVENTS_ACCUMULATE:
-        return "it happens ever faster, and accumulates";
+        return "it recurs ever faster and accumulates";
     case COTREE_EVENTS_CHATTER:
-        return "it happens too often: it chatters";
+        return "it recurs too often: it chatters";
     case COTREE_EVENTS_CASCADE:
-        return "it and others trigger each other without end";
+        return "it and other events trigger each other without end";
     case COTREE_EVENTS_SLIDING:
         return "the motion is driven to a jump from both sides, and slides along it";
     case COTREE_EVENTS_LEAVES_JUMP:

@@ -32,7 +32,7 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_NOT_FINITE = 21,      /* an event function is not finite */
     COTREE_EVENTS_SET_NOT_FINITE = 22,  /* a new value is not finite */
     COTREE_EVENTS_CONTRADICT = 23,      /* new values violate constraint detail; -1: unknown */
-    COTREE_EVENTS_UNDERDETERMINED = 24, /* new values leave states free: no sensitivities */
+    COTREE_EVENTS_UNDERDETERMINED = 24, /* states are not determined: no sensitivities */
     COTREE_EVENTS_REST_AT_ZERO = 25,    /* a value at rest at zero accelerates through zero */
     COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */
     COTREE_EVENTS_ACCUMULATE = 27,      /* events accumulate at the time detail (Zeno) */

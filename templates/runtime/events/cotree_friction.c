@@ -277,8 +277,8 @@ static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
     for (; k < e->n_modes; ++k) cotree_update_open_gaps(e, k);
 }
 
-/* Resolve impacts and select all modes at w, after an event or a jump of inputs. The changes of
- * mode belong to the last event. */
+/* Resolve impacts and select all modes at w, after an event or a jump of inputs. Changes of mode
+ * are attributed to the last event. */
 int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     int k, is_changed = 0, status;

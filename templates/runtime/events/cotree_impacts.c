@@ -73,8 +73,8 @@ static cotree_impulse impact_of(cotree_events *e)
     return s;
 }
 
-/* Evaluate a trial of the impact: the speeds after it and its impulses. Return 0, or another number
- * if it has no solution. */
+/* Evaluate a trial of the impact: the speeds after it and its impulses. Return 0, or nonzero if
+ * the impact has no solution. */
 int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_impulse s = impact_of(e);

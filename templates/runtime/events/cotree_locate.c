@@ -363,7 +363,7 @@ cotree_real cotree_locate_root(cotree_events *e, int i, cotree_real a, cotree_re
     const cotree_real least = cotree_rounding_band(e, i), at_a = side * value_at(e, i, a);
     cotree_real from = a, width = b - a, value = at_a;
     int n;
-    /* The sign of a value that starts at zero is a rounding error: move towards b. */
+    /* If the value starts at zero, its sign is due to rounding: move towards b. */
     for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
         if (value > least) return find_root(e, value_at, i, side, from, b);
         width *= COTREE_F(0.5);

@@ -1,8 +1,8 @@
 /* cotree_fmu_derivatives.c: directional and adjoint derivatives of an instance.
  *
  * f are the rates, g the residuals of the algebraic unknowns z, and h any other unknown. The
- * derivatives by the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During initialization the
- * states that are computed from parameters contribute, too. */
+ * derivatives with respect to the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During
+ * initialization, states that are computed from parameters also contribute. */
 #include "cotree_fmu_internal.h"
 
 /* Return the column of a known variable, or -1 if it has none. */
@@ -25,7 +25,7 @@ static int column_of(const fmu *m, unsigned reference)
     }
 }
 
-/* Return the row of an unknown variable, or -1 if it has none. States are the last rows. */
+/* Return the row of an unknown of the FMU, or -1 if it has none. States are the last rows. */
 static int row_of(const fmu *m, unsigned reference)
 {
     const int n_events = fmu_size_of(m, FMU_INDICATORS);

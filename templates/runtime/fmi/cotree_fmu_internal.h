@@ -178,8 +178,8 @@ COTREE_PRIVATE void fmu_invalidate(fmu *m);
 /* Input function that writes the inputs set by the importer. */
 COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context);
 
-/* Initialization. fmu_move_start computes the entries of a direction for states that are not
- * prescribed from its entries for prescribed states, inputs and parameters. */
+/* Initialization. fmu_move_start computes the entries of a direction for other states, given those
+ * for prescribed states, inputs and parameters. */
 COTREE_PRIVATE int fmu_start(fmu *m);
 COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
 

@@ -37,7 +37,7 @@ static int set_breakpoints(fmu *m, double t, double end, cotree_job *job)
     return 0;
 }
 
-/* Return the maximum step size, which resolves all pulses. A bound of zero or nan is ignored. */
+/* Return the maximum step size that resolves all pulses. Bounds of zero or nan are ignored. */
 static double longest_step(const fmu *m)
 {
     double longest = DBL_MAX;
@@ -241,7 +241,7 @@ static int take_step(fmu *m, double t, double step, fmu_progress *progress)
     result = run_job(m, &job, &n_events);
     copy_results(m, &job, result);
     progress->reached = job.t;
-    /* If the importer accepts no early return, an event ended the simulation. */
+    /* The step ended early. If the importer accepts no early return, a terminal event ended it. */
     progress->is_early = m->returns_early && job.t != end;
     if (result != COTREE_JOB_FAILED) return 0;
     /* If a part of the step was computed, a shorter step succeeds. */

@@ -351,7 +351,7 @@ static int check_set(const fmu *m, unsigned reference, double value)
     /* The standard allows changes of parameters only in Event Mode, and most importers follow it.
      * CasADi sets parameters at every evaluation, and integrates again for other values. */
     if (block == FMU_PARAMETERS) return 0;
-    /* Some importers set single states, as if these were marked for reinitialisation. */
+    /* Some importers set individual states as if they were marked for reinitialisation. */
     if (block == FMU_STATES && index < N_RATES && (is_early || m->is_exchanged)) return 0;
     if (block == FMU_STATES && index < N_RATES) {
         return fmu_refuse(m, "state '%s' cannot be set in %s", m->model->states[index].name,

@@ -6,7 +6,7 @@
  * do not change. The changes of the sensitivities are computed in the same way from their rates. */
 #include "cotree_jumps_internal.h"
 
-/* Return the index of an event's change of speed, its last new value, among all new values. */
+/* Return the index of an event's last new value, its change of speed, among all new values. */
 static int speed_change_place(const cotree_jumps *j, int event)
 {
     return cotree_first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;

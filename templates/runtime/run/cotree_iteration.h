@@ -18,8 +18,8 @@ typedef struct cotree_newton_limits {
     int max_steps;
     cotree_real rounding; /* a step shorter than this is the last one */
     cotree_real small;    /* so is a step below this and above half the previous one */
-    /* stalled: steps below this size that cannot be reduced are rounding errors. min_share:
-     * smallest damping factor. */
+    /* stalled: if the iteration cannot progress, steps below this size count as rounding errors.
+     * min_share: smallest damping factor. */
     cotree_real stalled, min_share;
 } cotree_newton_limits;
 
@@ -27,8 +27,8 @@ typedef struct cotree_iteration {
     /* Compute the Newton step at x and its size; size 0 ends the iteration. is_new: 1 to form the
      * matrix at this point, 0 to use the previous one. */
     int (*step)(const struct cotree_iteration *a, int is_new, cotree_real *size);
-    /* Set x to the last point with a new matrix plus a fraction of its step. NULL: no damping;
-     * step itself updates x. */
+    /* Set x to the point of the last new matrix plus a fraction of the step from there. NULL: no
+     * damping; step itself updates x. */
     int (*move)(const struct cotree_iteration *a, cotree_real share);
     void *context;     /* argument that is passed to the callbacks */
     cotree_real t, *x; /* time; unknowns, updated at each step */

@@ -194,7 +194,7 @@ int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed)
 /* Return the point at which rates are evaluated: z or its projection, valid until the next call. */
 const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_real *z);
 
-/* Compute the Jacobian, n_rates rows, of the states' rates with algebraic unknowns eliminated. */
+/* Compute the n_rates rows of the Jacobian of the rates, with algebraic unknowns eliminated. */
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context);
 
 /* Return whether the model has constraints that the run satisfies by projection. */

@@ -272,7 +272,7 @@ COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_syste
     return cotree_bdf_form_matrix(job, s->shares, 0);
 }
 
-/* Correct blocks, and return the size of the corrections in the norm of the error test. */
+/* Apply corrections to blocks, and return their size in the norm of the error test. */
 static double size_of_corrections(cotree_job *job, const cotree_system *s, int first, int last,
                                   const double *rates, const double *weights, double *e)
 {

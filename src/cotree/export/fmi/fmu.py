@@ -210,7 +210,7 @@ def reference_files(
     text = io.StringIO()
     rows = zip(times, *columns.values(), strict=True)
     write_rows(text, [("time", *columns), *rows])
-    # The namespace of attributes is that of manifests of layered standards.
+    # The attributes are in the namespace that FMI defines for manifests of layered standards.
     space = "http://fmi-standard.org/fmi-ls-manifest"
     ElementTree.register_namespace("fmi-ls", space)
     root = ElementTree.Element(
@@ -378,7 +378,7 @@ def _facts(
         token="",
         integrator=integrator,
         is_exchangeable=is_exchangeable,
-        # Model Exchange has no integration of sensitivities.
+        # In Model Exchange, sensitivities are not integrated.
         has_sensitivities=bool(layout.sensitivities) and not is_exchangeable,
         is_strict=is_dependent,
         outside=outside,

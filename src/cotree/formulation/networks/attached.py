@@ -57,7 +57,7 @@ class Attached:
     def with_inertia(
         self, mass: Sequence[Sequence[Node]], motion: Motion
     ) -> tuple[tuple[Node, ...], ...]:
-        """Add the inertia of storages that are coupled to joints to a mass matrix."""
+        """Add to a mass matrix the inertia of storages that are coupled to joints."""
         rows = [list(row) for row in mass]
         for name, slopes in self.slopes.items():
             pull = along_speeds(motion, self.couplings[name].pull)

@@ -208,7 +208,7 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     It is ``(through - leak) / capacity`` or ``(across - drop) / inertance``.
     """
     assert terminal.storage is not None
-    # Both cases are one form: through minus loss over capacity, or its dual.
+    # Both cases have the same form, (through - loss) / capacity, or its dual.
     given, loss = _sides(terminal, is_across)
     return (given - loss) / terminal.storage
 

@@ -352,7 +352,7 @@ class Terminals:
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
-        """Raise an error if a value jumps; if only parameters decide, add a guard."""
+        """Raise an error if a value jumps; if that depends on parameters only, add a guard."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard

@@ -86,7 +86,8 @@ class SceneWriter(Generic[_Scene]):
         self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
         self.namer = Namer()
         self.roles = roles_of(content)
-        # Identifiers of the model keep their names. Names that the reader adds must differ.
+        # Identifiers of the model are names of the scene. Names that the reader adds must differ
+        # from them.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:
@@ -195,7 +196,7 @@ class SceneWriter(Generic[_Scene]):
                 self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
 
     def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
-        """Declare a state, and an output with the value to which formulas refer."""
+        """Declare a state and an output, whose value formulas use."""
         own, begin = self.names[id], self._initial_name(id)
         value = f"{own}.c"
         if not own_value:

@@ -345,7 +345,7 @@ _ONE_PORTS = {
 def _valued(
     place: Instance, line: Line, known: set[str]
 ) -> tuple[tuple[str, ...], dict[str, str], Value]:
-    """Return words, settings and value (a word, or ``R=``, ``C=``, ``L=``) of an element."""
+    """Return an element's words, settings and value, a word or ``R=``, ``C=``, ``L=``."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
     # Exactly one of the two forms of the value is required.
