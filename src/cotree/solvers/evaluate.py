@@ -244,12 +244,10 @@ class Evaluator:
             return matrix
         row, column = _first_not_finite(matrix)
         of, by = describe_entry(self.problem, row), describe_entry(self.problem, column)
-        phrase = (
-            f"the derivative of {of} differentiated by {by} is {matrix[row, column]} "
-            f"at t = {float(t):.10g}"
-        )
+        entry = f"the Jacobian entry of {of} and {by}"
+        phrase = f"{entry} is {matrix[row, column]} at t = {float(t):.10g}"
         if self._last_jacobian is None:
-            raise IntegrationStopError(FAILED, f"the Jacobian is not finite: {phrase}")
+            raise IntegrationStopError(FAILED, phrase)
         # A trial step may leave the domain of the equations. An older Jacobian only slows down the
         # iteration; if the right-hand side is not finite either, the solver shortens the step.
         self.not_finite = self.not_finite or phrase

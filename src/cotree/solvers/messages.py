@@ -49,13 +49,13 @@ def failure(job: Job, problem: Problem) -> str:
     elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
         reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
     if c.kernel_status == SINGULAR and not problem.n_algebraic:
-        reasons.append("a linear system of the model is singular ahead")
+        reasons.append("a linear system of the model is singular within the next step")
     if c.row >= 0:
         of, by = describe_entry(problem, c.row), describe_entry(problem, c.column)
-        reasons.append(f"the derivative of {of} differentiated by {by} is not finite ahead")
+        reasons.append(f"the Jacobian entry of {of} and {by} is not finite within the next step")
     if c.entry >= 0:
         name = describe_entry(problem, int(job.places[c.entry]))
-        reasons.append(f"the derivative of {name} is not finite ahead")
+        reasons.append(f"the derivative of {name} is not finite within the next step")
     elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
         reasons += _fault_of_jacobian(job, problem)
     reason = "; ".join(reasons)
