@@ -60,9 +60,7 @@ def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancesto
     while cluster != ancestor:
         # Bases change one branch at a time; a cluster may share its parent's basis.
         a = frames.up(cluster, a)
-        branch = clusters.branches[cluster]
-        assert branch is not None
-        cluster = branch.parent
+        cluster = clusters.to(cluster).parent
     return a
 
 
@@ -150,8 +148,7 @@ def move(system: System, clusters: Clusters, frames: Frames, first: Motion | Non
     # The ground comes first and does not rotate. Each branch comes after the branches that carry
     # it, so that each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
-    for branch in clusters.branches[1:]:
-        assert branch is not None
+    for branch in clusters.branches:
         if first is not None and frames.is_kept(branch.child):
             geometry.append(first.to(branch.child))
             omega.append(first.omega[branch.child])

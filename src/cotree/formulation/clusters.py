@@ -118,28 +118,29 @@ class Clusters:
     """The rigid clusters of a system: number 0 is the ground, parents come before children."""
 
     points: dict[str, Point]  # points of all nodes
-    branches: tuple[Branch | None, ...]  # branch that leads to each cluster; None for the ground
+    branches: tuple[Branch, ...]  # branch that leads to each cluster except the ground
     #: Lumped inertia of each cluster; None if it has none.
     inertias: tuple[Inertia | None, ...]
     #: Branches of every edge with a motion space, for each graph.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
+    def to(self, cluster: int) -> Branch:
+        """Return the branch that leads to a cluster."""
+        return self.branches[cluster - 1]
+
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:
         """Return the branches of the translation tree from an ancestor outwards to a cluster."""
         found: list[Branch] = []
         while cluster != ancestor:
-            branch = self.branches[cluster]
-            assert branch is not None
-            found.append(branch)
-            cluster = branch.parent
+            found.append(self.to(cluster))
+            cluster = found[-1].parent
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
         """Return the branches that rotate a cluster, along the rotation tree from the ground."""
         found: list[Branch] = []
         while cluster:
-            branch = self.branches[cluster]
-            assert branch is not None
+            branch = self.to(cluster)
             # Translations do not change the axes.
             if branch.turns:
                 found.append(branch)
@@ -149,10 +150,8 @@ class Clusters:
     def common_ancestor(self, a: int, b: int) -> int:
         """Return the outermost cluster that is on both clusters' paths to the ground."""
         while a != b:  # a parent has a smaller number than its children
-            branch = self.branches[max(a, b)]
-            assert branch is not None
             # The cluster with the larger number is not the ancestor: replace it by its parent.
-            a, b = min(a, b), branch.parent
+            a, b = min(a, b), self.to(max(a, b)).parent
         return a
 
 
@@ -189,7 +188,7 @@ def lump(system: System) -> Clusters:
     """Group the nodes into rigid clusters, from the ground outwards, and lump their inertias."""
     found = _Walks(system)
     found.walk()
-    inertias = _inertias(system, found.points, len(found.branches))
+    inertias = _inertias(system, found.points, len(found.branches) + 1)
     return Clusters(found.points, tuple(found.branches), inertias, found.entries)
 
 
@@ -199,7 +198,7 @@ class _Walks:
     def __init__(self, system: System) -> None:
         self.system = system
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
-        self.branches: list[Branch | None] = [None]
+        self.branches: list[Branch] = []
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
         # The rotation tree's step to each node, and the rotation from the node's axes to its
         # cluster's axes (None if equal).
@@ -291,11 +290,11 @@ class _Walks:
 
     def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
         """Build the branches that lead into a cluster, and return the cluster's origin."""
-        first = len(self.branches)
+        first = len(self.branches) + 1
         if turning == step:
             place = self._along(step, inner, inner)
             # An edge with an empty motion space has no branch.
-            if len(self.branches) > first:
+            if place is not inner:
                 entry = EdgeEntry(step.sign, first, place.cluster)
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
@@ -305,7 +304,7 @@ class _Walks:
         place, turned = inner, self.points[turning.parent]
         if step.sign > 0:
             place = self._along(step, place, place)
-        first_turn = len(self.branches)
+        first_turn = len(self.branches) + 1
         if self.system.steps.get(turning.edge):
             place = self._along(turning, place, turned)
         else:
@@ -325,7 +324,7 @@ class _Walks:
         return place
 
     def _add(self, step: TreeStep, own: Step | None, place: Point, turned: Point) -> Point:
-        edge, child = self.system.edges[step.edge], len(self.branches)
+        edge, child = self.system.edges[step.edge], len(self.branches) + 1
         branch, outer = _branch(edge, own, step.sign, place, turned, child)
         self.branches.append(branch)
         return outer
@@ -363,17 +362,7 @@ def _branch(
         carrier = child if sign > 0 else inner
         mount, outer = turned.turn, Point(child, zero)
     branch = Branch(
-        edge.name,
-        sign,
-        place.cluster,
-        inner,
-        child,
-        carrier,
-        place.local,
-        own,
-        axes,
-        slides,
-        mount,
+        edge.name, sign, place.cluster, inner, child, carrier, place.local, own, axes, slides, mount
     )
     return branch, outer
 

@@ -156,11 +156,10 @@ def _random_state(
 
 def _carried(first: FirstGraph) -> Array:
     """Return the inertia that uncertain speeds may move, as a reference for rounding errors."""
-    n_clusters = len(first.motion.clusters.branches)
+    n_clusters = len(first.motion.clusters.inertias)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
-    for branch in reversed(first.motion.clusters.branches[1:]):
-        assert branch is not None  # only the ground has no branch
+    for branch in reversed(first.motion.clusters.branches):
         inertia, own = first.motion.clusters.inertias[branch.child], branch.child
         if inertia is not None:
             masses[own] += abs(first.system.at_scene(inertia.mass))
@@ -175,8 +174,6 @@ def _carried(first: FirstGraph) -> Array:
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
     """Return a null vector up to rounding, or None; ``least`` is a lower bound of the diagonal."""
-    if not np.all(np.isfinite(rows)):
-        return None
     n = len(least)
     # Scaled to a unit diagonal, so that the bound does not depend on units.
     sizes = np.sqrt(np.maximum(np.abs(np.diag(rows)), least))

@@ -101,8 +101,7 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):
-        for branch in clusters.branches[1:]:
-            assert branch is not None
+        for branch in clusters.branches:
             # From the child's axes to the basis of its ``turn_parent``.
             relative = _turned(rotations[branch.turn_parent], branch)
             if branch.turns and branch.child in own_axes:

@@ -99,7 +99,7 @@ def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], l
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
         # These are positive at the scene's values; guards detect changes of parameters.
-        is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
+        is_safe = bool(own) and all(0.0 < system.at_scene(node) < math.inf for node in own)
         is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
             edges = " and ".join(f"'{name}'" for name in dict.fromkeys(b.edge for b in branches))
@@ -153,16 +153,12 @@ def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
     waiting = list(outer)
     while waiting:
         cluster = waiting.pop()
-        branch = clusters.branches[cluster]
-        if branch is not None and cluster not in found:
+        if cluster and cluster not in found:
             found.add(cluster)
+            branch = clusters.to(cluster)
             # Any motion that carries or rotates the cluster gives it kinetic energy.
             waiting += [branch.parent, branch.turn_parent]
     return found
-
-
-def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
-    return bool(0.0 < value(node) < math.inf)
 
 
 def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
@@ -170,8 +166,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
     held = {point.cluster for point in clusters.points.values()}
     found: list[list[Branch]] = []
     own: list[Branch] = []
-    for branch in clusters.branches[1:]:
-        assert branch is not None
+    for branch in clusters.branches:
         own.append(branch)
         # A joint of several steps is one motion; its massless intermediate clusters have no nodes.
         if branch.child in held:
@@ -193,7 +188,8 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         sliding = [inertia.mass] if any(not branch.turns for branch in branches) else []
         if not turning:
             return sliding
-        central = _central(inertia)
+        centre = vector.scale(1.0 / inertia.mass, inertia.moment)
+        central = carried_inertia(inertia, vector.neg(centre)).tensor
         # Several axes may span all directions, so the central tensor must be positive definite: its
         # leading minors must be positive.
         if len(turning) > 1 or turning[0].quaternion is not None:
@@ -213,12 +209,6 @@ def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
     # About an axis through the cluster's origin, which is the joint's outer node.
     wrench = unit_wrench(inertia, turning, shifting)
     return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
-
-
-def _central(inertia: Inertia) -> Matrix:
-    offset = vector.scale(1.0 / inertia.mass, inertia.moment)
-    moved = carried_inertia(inertia, vector.neg(offset))
-    return moved.tensor
 
 
 def _minors(m: Matrix) -> list[Node]:
