@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion, View
+    from cotree.formulation.measures import Facing
 
 
 def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
@@ -58,18 +59,6 @@ class Slip:
     def pull(self, view: View) -> Pull:
         """Return a unit force along the axis, and its reaction."""
         return pull_in_place(view, self.ends, self.axis)
-
-
-class Facing(Protocol):
-    """A direction at a contact, which may change with time."""
-
-    def value(self, view: View) -> Any:
-        """Return the vector."""
-        ...
-
-    def rate(self, view: View) -> Any:
-        """Return the time derivative of the vector."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -173,15 +162,12 @@ class Surface(Protocol):
 
     def depth(self, view: View, facing: Facing) -> Any:
         """Return the depth of the lowest point below the second node."""
-        ...
 
     def place(self, view: View, facing: Facing) -> Any:
         """Return the vector from the second node to the lowest point."""
-        ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
         """Return the time derivative of ``place``; the lowest point moves over the body."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -105,12 +105,14 @@ class Ends:
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
 
-class Seen(Protocol):
-    """A vector that is evaluated in a view."""
+class Facing(Protocol):
+    """A direction that may change with time."""
 
     def value(self, view: View) -> Any:
         """Return the vector."""
-        ...
+
+    def rate(self, view: View) -> Any:
+        """Return the time derivative of the vector."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,7 @@ def pair_pull(
     return Pull(tuple(found))
 
 
-def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
+def pull_in_place(view: View, ends: Ends, axis: Facing, beyond: Any | None = None) -> Pull:
     """Return a force along ``axis`` on the second node, and its opposite on the first body.
 
     Both act at the same point, the second node or a point at the vector ``beyond`` from it.
@@ -218,19 +220,15 @@ class Measure(Protocol):
 
     def value(self, view: View) -> Any:
         """Return the value, or None for a nonholonomic measure."""
-        ...
 
     def rate(self, view: View) -> Any:
         """Return the rate."""
-        ...
 
     def acceleration(self, view: View) -> Any:
         """Return the time derivative of the rate."""
-        ...
 
     def pull(self, view: View) -> Pull:
         """Return the wrenches and efforts per unit of the dual through variable."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,6 @@ class Given(Protocol):
 
     def __call__(self, node: Node, replacements: Mapping[Node, Node]) -> Tangent:
         """Differentiate a node after replacing symbols by the values in ``replacements``."""
-        ...
 
 
 class Rule:
