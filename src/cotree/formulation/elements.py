@@ -6,7 +6,7 @@ circuit between the nodes is summed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role
@@ -100,14 +100,12 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
         inwards(clusters, frames, motion.arm(second), second.cluster, ancestor),
     )
     reach = vector.sub(motion.position(second, ancestor), motion.position(first, ancestor))
-    force, torque = zero, zero
+    still = Action(edge, first, second, ancestor, arms, reach, {}, zero, zero)
     if edge.component.role is Role.LINE:
-        return _line(motion, edge, first, second, ancestor, arms, reach)
+        return _line(motion, still)
     if edge.component.role is Role.FORCE:
-        force = carried(motion, first, edge.vectors["force"], ancestor)
-    else:
-        torque = carried(motion, first, edge.vectors["torque"], ancestor)
-    return Action(edge, first, second, ancestor, arms, reach, {}, force, torque)
+        return replace(still, force=carried(motion, first, edge.vectors["force"], ancestor))
+    return replace(still, torque=carried(motion, first, edge.vectors["torque"], ancestor))
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
@@ -116,16 +114,9 @@ def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vecto
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
 
-def _line(
-    motion: Motion,
-    edge: BoundEdge,
-    first: Point,
-    second: Point,
-    ancestor: int,
-    arms: tuple[Vector, Vector],
-    reach: Vector,
-) -> Action:
-    """Apply a scalar law of length and rate along an axis, or along the line between the nodes."""
+def _line(motion: Motion, still: Action) -> Action:
+    """Add the force of a scalar law along an axis, or along the line between the nodes."""
+    edge, first, ancestor, reach = still.edge, still.first, still.ancestor, still.reach
     law = edge.component.law
     assert law is not None
     is_central = "axis" not in edge.vectors
@@ -143,35 +134,18 @@ def _line(
         direction = carried(motion, first, edge.vectors["axis"], ancestor)
         length = vector.dot(direction, reach)
     seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
-    arguments = {**seen, "length": length}
+    arguments = {**seen, "length": length, "rate": dag.zero}
     # The rate requires velocities: it is computed only if the law depends on it.
-    if "rate" in law.arguments and not _is_inert(edge):
-        closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
+    if "rate" in law.arguments and not edge.scalars.get("damping", dag.one).is_zero:
+        velocity = motion.velocity(still.second, ancestor)
+        closing = vector.sub(velocity, motion.velocity(first, ancestor))
         # The rate of e.r is e.r' + e'.r; along the line between nodes, e' is perpendicular to r.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             turn = axis_spin(motion, first, ancestor, direction)
             arguments["rate"] = arguments["rate"] + vector.dot(turn, reach)
-    else:
-        arguments["rate"] = dag.zero
-    magnitude = law.value(dag, arguments)
-    return Action(
-        edge,
-        first,
-        second,
-        ancestor,
-        arms,
-        reach,
-        arguments,
-        vector.scale(magnitude, direction),
-        vector.zeros(dag),
-        is_central,
-    )
-
-
-def _is_inert(edge: BoundEdge) -> bool:
-    damping = edge.scalars.get("damping")
-    return damping is not None and damping.is_zero
+    force = vector.scale(law.value(dag, arguments), direction)
+    return replace(still, arguments=arguments, force=force, is_central=is_central)
 
 
 def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
