@@ -285,12 +285,11 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
 
 
 def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
-    name = edge.component.motion_space[0].coordinates[0][0]
+    name, unit = edge.component.motion_space[0].coordinates[0]
     measure = named_measure(motion, f"{edge.name}.{name}")
     assert measure is not None  # only joints with a single coordinate have the field ``motion``
     dag = motion.system.dag
     held = dag.symbol("measure", 0) - edge.scalars["motion"]
-    unit = edge.component.motion_space[0].coordinates[0][1]
     return _named(edge, "motion", unit, Composite((measure,), held, motion.system.time))
 
 

@@ -262,11 +262,7 @@ class FieldNames:
     """
 
     def __init__(
-        self,
-        scene: SceneDescription,
-        dag: Dag,
-        known: Mapping[str, Node],
-        others: Collection[str],
+        self, scene: SceneDescription, dag: Dag, known: Mapping[str, Node], others: Collection[str]
     ) -> None:
         self._scene, self._dag, self._known = scene, dag, known
         self._of_known = resolver_of([known])
@@ -310,11 +306,7 @@ class FieldNames:
 
 
 def initial_values(
-    edge: Edge,
-    space: Sequence[MotionStep],
-    dag: Dag,
-    resolve: Resolver,
-    start: Mapping[str, Node],
+    edge: Edge, space: Sequence[MotionStep], dag: Dag, resolve: Resolver, start: Mapping[str, Node]
 ) -> dict[str, Node]:
     """Bind the initial values of a branch by short names of its coordinates and rates.
 

@@ -29,7 +29,7 @@ from cotree.scene.checks import (
 from cotree.scene.events import event_expressions
 from cotree.scene.expressions import Expression, dotted
 from cotree.scene.parameters import in_order
-from cotree.units import Dimension, unit_text
+from cotree.units import unit_text
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -302,8 +302,8 @@ class Observer:
         motion = self.motion
         zero = vector.zeros(motion.system.dag)
         total = motion.system.dag.zero
-        for cluster, inertia in enumerate(self.loads.inertias):
-            if inertia is None or cluster == 0:
+        for cluster, inertia in enumerate(self.loads.inertias[1:], start=1):
+            if inertia is None:
                 continue
             omega = motion.omega[cluster]
             # h and J refer to the cluster's origin, hence the mixed term.
@@ -318,8 +318,8 @@ class Observer:
         motion, system = self.motion, self.motion.system
         zero = vector.zeros(system.dag)
         total = system.dag.zero
-        for cluster, inertia in enumerate(self.loads.inertias):
-            if inertia is None or cluster == 0:
+        for cluster, inertia in enumerate(self.loads.inertias[1:], start=1):
+            if inertia is None:
                 continue
             # First moment about the ground's origin: m r + h.
             place = vector.scale(inertia.mass, motion.positions.between(0, cluster, zero))
@@ -356,10 +356,8 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
     motion = observer.motion
     system = motion.system
     known: dict[str, Node] = {**system.parameters, **system.inputs, "t": system.time}
-    known |= system.names
+    known |= {**system.names, **observer.networks}
     across: dict[str, Node] = {}
-
-    known |= observer.networks
     formed: dict[str, Node] = {}
     pending: list[str] = []
 
@@ -439,8 +437,7 @@ def units_of_expressions(
             return output(name)
         return variable_unit(name)
 
-    def dimension_of(name: str) -> Dimension | None:
-        return dimension_of_unit(unit_of(name))
+    dimensions = Dimensions(lambda name: dimension_of_unit(unit_of(name)), with_plain_numbers=True)
 
     def output(name: str) -> str:
         # An output that depends on itself causes an error elsewhere.
@@ -455,7 +452,7 @@ def units_of_expressions(
             return "degC"
         if len(terms) == 1 and terms != {""}:
             return terms.pop()
-        dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
+        dimension = dimensions.of(tree)
         return "" if dimension is None else unit_text(dimension)
 
     # Each name comes after its arguments: recursion could exceed Python's limit.

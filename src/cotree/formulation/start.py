@@ -55,12 +55,8 @@ def body_starts(
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
-    values = _parameter_values(scene, motion)
+    values = {symbol: scene.parameters[name].number for name, symbol in system.tunable.items()}
     return {name: _start(motion, name, spaces[name], values) for name in placed}
-
-
-def _parameter_values(scene: SceneDescription, motion: Motion) -> dict[Node, float]:
-    return {symbol: scene.parameters[name].number for name, symbol in motion.system.tunable.items()}
 
 
 def _start(

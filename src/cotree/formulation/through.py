@@ -165,9 +165,7 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
     """Add the inertia of each cluster, minus its loads, to ``sums``."""
     dag = motion.system.dag
     with dag.labelled("terminal equations of inertias"):
-        for cluster, inertia in enumerate(loads.inertias):
-            if cluster == 0:
-                continue
+        for cluster, inertia in enumerate(loads.inertias[1:], start=1):
             if inertia is not None and sums.takes(
                 cluster,
                 inertia.mass,
@@ -250,7 +248,8 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
         if composite is None:
             continue
         with system.dag.labelled(f"composite inertia beyond {branch.edge}"):
-            composite = _up(motion, branch.child, composite)
+            step = motion.frames.steps[branch.child]
+            composite = composite if step is None else resolved(composite, step)
             at_parent = carried_inertia(composite, geometry.offset)
             known = composites[branch.parent]
             # The composite inertia of the ground is not needed.
@@ -260,11 +259,6 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
                 wrench = unit_wrench(composite, geometry.turning[i], geometry.shifting[i])
                 _project_column(motion, matrix, geometry, speed.index, wrench)
     return matrix
-
-
-def _up(motion: Motion, cluster: int, inertia: Inertia) -> Inertia:
-    step = motion.frames.steps[cluster]
-    return inertia if step is None else resolved(inertia, step)
 
 
 def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:

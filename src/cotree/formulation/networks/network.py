@@ -37,9 +37,7 @@ from cotree.scene.normal_trees import NormalTree, normal_trees
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from cotree.formulation.networks.couplings import (
-        Coupling,
-    )
+    from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.system import System
     from cotree.graph import LinearGraph
@@ -287,7 +285,8 @@ def _bind_fields(
                 at_scene = system.at_scene(node) if row.sign == "nonzero" else 1.0
                 if not at_scene > 0.0:
                     active.add(edge.name)
-                    ask(_negative(node, what, at_scene))
+                    breach = "be negative, as in the scene" if at_scene else "not be zero"
+                    ask(Guard(-node, what, True, f"must {breach}"))
                 else:
                     ask(Guard(node, what, row.sign != "nonnegative"))
         for demand in edge.component.demands:
@@ -299,9 +298,3 @@ def _bind_fields(
     # If a field uses a variable of the networks, its symbol is an argument of the field.
     measured = {symbol: variable for variable, symbol in symbol_of.items()}
     return fields, measured, list(guards.values()), active
-
-
-def _negative(node: Node, what: str, at_scene: float) -> Guard:
-    """Return a guard on the sign of a value that is not positive at the scene's values."""
-    breach = "must be negative, as in the scene" if at_scene else "must not be zero"
-    return Guard(-node, what, True, breach)
