@@ -47,7 +47,7 @@ def cases() -> list[Case]:
 
 
 def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result]]:
-    """Give ways to call a model, each as a function of the number of the call."""
+    """Return ways to call a model, each as a function of the number of the call."""
     model, times = case.model, np.linspace(0.0, case.end, 101)
     name, value = model.parameters[0], float(model.default_parameters[0])
 
@@ -62,7 +62,7 @@ def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result
 
 
 def measure(call: Callable[[int], cotree.Result], rounds: int) -> list[float]:
-    """Give the medians of clock, C and their difference, [us]."""
+    """Return the medians of clock, C and their difference, [us]."""
     found = []
     for k in range(rounds + 2):
         begin = time.perf_counter()

@@ -116,7 +116,7 @@ ROWS = (
 
 
 def errors(result: Result, reference: Result) -> float:
-    """Give the largest error of states and sensitivities."""
+    """Return the largest error of states and sensitivities."""
     worst = 0.0
     for found, known in ((result.y, reference.y), (result.s, reference.s)):
         scale = np.maximum(1.0, np.abs(known).max(axis=-1, keepdims=True))

@@ -157,7 +157,7 @@ class Work:
         self.exact = block.z
 
     def plan(self, method: str, tolerance: float, lanes: int | None = 1) -> Plan:
-        """Say how members are run."""
+        """Return how members are run."""
         settings = Settings(
             (0.0, self.row.end), self.times, method, tolerance, tolerance * ATOL,
             initial=self.row.initial,
@@ -165,7 +165,7 @@ class Work:
         return Plan(self.model, settings, self.columns, lanes=lanes)
 
     def error(self, found: Any) -> float:
-        """Give the largest error of the members that were run."""
+        """Return the largest error of the members that were run."""
         exact = self.exact[: len(found)]
         share = np.abs(found - exact) / np.maximum(1.0, np.abs(exact).max(axis=1, keepdims=True))
         # A member that failed is nan.

@@ -40,13 +40,13 @@ class OfCotree:
         self.n_states = len(self.problem.model.states)
 
     def gradient(self) -> tuple[float, list[float]]:
-        """Give the log-likelihood and its gradient, which one run has both."""
+        """Return the log-likelihood and its gradient, which one run has both."""
         value, slopes = self.problem.objective(self.problem.theta())
         slopes = slopes + self.problem.priors.gradient(self.problem.theta())
         return -value - self.problem.log_prior(), (-slopes).tolist()
 
     def inside(self) -> float:
-        """Give the seconds that the tool itself counted in the last gradient."""
+        """Return the seconds that the tool itself counted in the last gradient."""
         return float("nan")
 
 
@@ -95,7 +95,7 @@ class OfAmici:
         self.names, self.theta = names, dict(zip(names, values, strict=True))
 
     def gradient(self) -> tuple[float, list[float]]:
-        """Give the log-likelihood and its gradient."""
+        """Return the log-likelihood and its gradient."""
         self.found = self.v1.simulate_petab(
             petab_problem=self.problem,
             amici_model=self.model,
@@ -109,7 +109,7 @@ class OfAmici:
         return float(self.found["llh"]), [float(self.found["sllh"][name]) for name in self.names]
 
     def inside(self) -> float:
-        """Give the seconds of the processor that its solver counted in the last gradient."""
+        """Return the seconds of the processor that its solver counted in the last gradient."""
         return sum(run.cpu_time_total for run in self.found["rdatas"]) / 1e3
 
 

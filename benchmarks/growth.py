@@ -135,7 +135,7 @@ def measure(name: str, n: int) -> Row:
 
 
 def time_of_call(path: str, program: cotree.program.Program, kernel: str) -> float:
-    """Give the median time of a call, [ns]."""
+    """Return the median time of a call, [ns]."""
     ffi = cffi.FFI()
     ffi.cdef("double time_of_call(int, double *, double *, double *, double *, double *);")
     library, layout = ffi.dlopen(path), program.layout

@@ -33,7 +33,7 @@ def levels(n_operations: int) -> list[tuple[str, ...]]:
 
 
 def places(model: Any) -> tuple[list[int], list[int]]:
-    """Give rows and columns of the Jacobian's entries, in their order."""
+    """Return rows and columns of the Jacobian's entries, in their order."""
     starts, rows = model.kernels.layout.column_starts, list(model.kernels.layout.row_indices)
     columns = [j for j in range(len(starts) - 1) for _ in range(starts[j], starts[j + 1])]
     return rows, columns
@@ -193,7 +193,7 @@ def heyoka(model: Any, kernel: str, x: Any, s: Any) -> Contender:
 
 
 def sympy_text(model: Any, kernel: str) -> tuple[str, int]:
-    """Give C text of ``diff`` and ``cse``, and its operations."""
+    """Return C text of ``diff`` and ``cse``, and its operations."""
     import sympy
     from sympy.codegen.rewriting import create_expand_pow_optimization
 

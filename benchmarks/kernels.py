@@ -169,7 +169,7 @@ def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
 
 
 def flags(model: Any, native: bool) -> tuple[str, ...]:
-    """Give the flags that the library compiles a model with."""
+    """Return the flags that the library compiles a model with."""
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
@@ -194,7 +194,7 @@ def _ns(found: dict[str, Any], key: str = "median ns") -> str:
 
 
 def ratio(result: dict[str, Any]) -> str:
-    """Give own time as a share of the best peer's, and whose that is."""
+    """Return the ratio to the time of the best peer, and the name of that peer."""
     ratios = result["ratios"]
     cells = []
     if ratios:

@@ -280,7 +280,7 @@ def passage(model: Model, times: Sequence[float], method: str, tolerance: float)
 
 
 def told(result: Result, *numbers: float) -> str:
-    """Give numbers of a run that passed, or where it stopped."""
+    """Return numbers of a run that passed, or the time at which it stopped."""
     if not result.success:
         stop = re.search(r"stopped at t = (\S+)", result.message)
         return f"stops at {float(stop[1]):.2f}"

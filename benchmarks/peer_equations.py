@@ -64,7 +64,7 @@ class Equations:
         self.rates = [rate for rate, _ in self._convert(program.kernels["rhs"].results, known)]
 
     def _convert(self, roots: Any, known: Any) -> list[tuple[Any, float]]:
-        """Give the expression and the value at the start of each node."""
+        """Return the expression and the value at the start of each node."""
         found: dict[Any, Any] = {}
         for node in reachable(roots):
             if node.op == "symbol":

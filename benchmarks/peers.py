@@ -221,7 +221,7 @@ class Trial:
 
 
 def error(y: Any, s: Any, exact: Any) -> float:
-    """Give the largest error of states and sensitivities."""
+    """Return the largest error of states and sensitivities."""
     largest = 0.0
     for found, right in ((y, exact.y), (s, exact.s)):
         if right.size:

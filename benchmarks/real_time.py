@@ -20,7 +20,7 @@ _STEPS = (0.01, 0.005, 0.001)  # shares of the span, so that all end at one time
 
 
 def run(model: cotree.Model, method: str, step: float) -> tuple[float, float]:
-    """Give the end of j1.s, [m], and the time of a step, [s], by a run a hundred times as long."""
+    """Return the final j1.s, [m], and the time of a step, [s], of a run a hundred times as long."""
     with tempfile.TemporaryDirectory() as folder:
         project = model.write(folder, method, step)
         subprocess.run(project.command, shell=True, cwd=folder, check=True)

@@ -114,7 +114,7 @@ def case(name: str, kind: str, parameters: int) -> Case:
 
 
 def error(case: Case, found: Result) -> float:
-    """Give the largest error of a run, as a share of the largest of its quantity."""
+    """Return the largest error of a run, as a share of the largest of its quantity."""
     data = read_reference(case.name)
     tables = {"": data["reference"]}
     tables |= {p: data["sensitivities"]["values"][p] for p in case.sensitivities}
@@ -166,7 +166,7 @@ def sweep(case: Case, method: str, runs: int) -> list[Run]:
 
 
 def best(runs: Sequence[Run], bound: float) -> Run | None:
-    """Give the quickest that reaches an error."""
+    """Return the fastest method that reaches an error."""
     enough = [run for run in runs if run.error <= bound]
     return min(enough, key=lambda run: run.seconds, default=None)
 
@@ -192,7 +192,7 @@ def rows_of(case: Case, found: dict[str, list[Run]]) -> list[str]:
 
 
 def as_data(case: Case, found: dict[str, list[Run]]) -> dict[str, Any]:
-    """Give everything measured, for a file."""
+    """Return all measurements for a file."""
     return {
         "reference": case.name,
         "kind": case.kind,

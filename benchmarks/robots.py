@@ -176,7 +176,7 @@ def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> di
 
 
 def kernel_text(model: Any, name: str, folder: Path) -> str:
-    """Give the C text of one kernel alone, with its headers beside it."""
+    """Return the C text of a single kernel and its headers."""
     files = model.kernels.text.files
     for file, text in files.items():
         if file.endswith(".h"):

@@ -23,7 +23,7 @@ def _text(values: Any) -> str:
 
 
 def _joint(joint: Any) -> dict[str, str]:
-    """Give type and axis of a joint."""
+    """Return type and axis of a joint."""
     name = joint.shortname()
     if name == "JointModelFreeFlyer":
         return {"type": "free"}

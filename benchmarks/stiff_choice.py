@@ -83,7 +83,7 @@ def network(n: int, per_species: float, n_sensitivities: int, seed: int) -> Mode
 
 
 def systems(names: tuple[str, ...]) -> Iterator[tuple[str, Model, float, float]]:
-    """Give names, models, ends of the run, [s], and the absolute tolerance as a share of rtol."""
+    """Return names, models, ends of the run, [s], and the absolute tolerance as a share of rtol."""
     for n, per_species, n_sensitivities, seed in NETWORKS:
         label = f"{n} species, {round(per_species * n)} reactions, {n_sensitivities}"
         if label.startswith(names):
@@ -97,7 +97,7 @@ def systems(names: tuple[str, ...]) -> Iterator[tuple[str, Model, float, float]]
 
 
 def error(found: Result, reference: Result) -> float:
-    """Give the largest error, as a share of the largest state, or sensitivity to the parameter."""
+    """Return the largest error, relative to the largest state or sensitivity."""
     pairs = [(found.y, reference.y)]
     pairs += [(found.s[:, j], reference.s[:, j]) for j in range(found.s.shape[1])]
     return max(float(np.max(np.abs(a - b)) / np.max(np.abs(b))) for a, b in pairs)
@@ -113,7 +113,7 @@ def least_time(rows: list[tuple[float, float]], wanted: float) -> float:
 
 
 def measured(model: Model, end: float, share: float, rounds: int) -> dict[str, list[float]]:
-    """Give the least times to the errors, of each method, [ms]."""
+    """Return the least times to the errors, of each method, [ms]."""
     times = np.linspace(0.0, end, POINTS)
 
     def run(method: str, rtol: float) -> Result:
@@ -130,7 +130,7 @@ def measured(model: Model, end: float, share: float, rounds: int) -> dict[str, l
 
 
 def line_of(label: str, model: Model, end: float, share: float, rounds: int) -> list[str]:
-    """Give a line of the table."""
+    """Return a line of the table."""
     settings = Settings((0.0, end), rtol=1e-6, atol=1e-6 * share)
     problem = prepared(model.kernels, settings).run(None, {}).problem
     estimate = share_of_rodas5(problem)

@@ -117,7 +117,7 @@ class Contender:
     times: list[float] = field(default_factory=list)
 
     def row(self) -> dict[str, Any]:
-        """Give its numbers for JSON."""
+        """Return its numbers for JSON."""
         kept = {k: v for k, v in vars(self).items() if k not in ("call", "value", "times")}
         if self.times:
             kept |= {"median ns": float(np.median(self.times)), "least ns": min(self.times)}
@@ -150,7 +150,7 @@ def compiler() -> str:
 
 
 def pointer(array: Any) -> Any:
-    """Give the address of an array's numbers."""
+    """Return the address of an array's data."""
     return harness()[0].cast("double *", array.ctypes.data)
 
 
@@ -216,7 +216,7 @@ def in_turn(contenders: Sequence[Contender], rounds: int, seconds: float = 0.01)
 
 
 def difference(one: Contender, other: Contender) -> float:
-    """Give the largest difference of what two compute at the same state, as a share of it."""
+    """Return the largest relative difference of two results at the same state."""
     found = []
     for contender in (one, other):
         contender.call(1)

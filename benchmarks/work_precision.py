@@ -60,7 +60,7 @@ def report_of(name: str, repeats: int, time_limit: float) -> BenchReport:
 
 
 def cells(report: BenchReport) -> list[str]:
-    """Say what is recommended, and by how much it is faster than the slowest that is as good."""
+    """Return the recommendation, and its speed relative to the slowest equally accurate method."""
     found = [f"{report.n_states}", ", ".join(report.sensitivities) or "–"]
     found.append(f"{report.reference.agreement:.0e}")
     for target in TARGETS:

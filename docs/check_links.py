@@ -46,7 +46,7 @@ class Page(HTMLParser):
 
 
 def wrong_address(link: str) -> str:
-    """Tell what is wrong with an address elsewhere; empty where it is written well."""
+    """Return the fault of an external address; empty if it is well formed."""
     if link.startswith(("data:", "javascript:")):
         return ""
     try:
@@ -61,7 +61,7 @@ def wrong_address(link: str) -> str:
 
 
 def is_elsewhere(link: str) -> bool:
-    """Tell whether a link leaves the files at hand."""
+    """Return whether a link leaves the checked files."""
     return bool(re.match(r"[a-z][a-z0-9+.-]*:|//", link, re.IGNORECASE))
 
 
@@ -96,7 +96,7 @@ def _wrong_inside(path: Path, link: str, pages: dict[Path, Page], site: Path) ->
 
 
 def anchors_of_markdown(text: str) -> set[str]:
-    """Give the anchors that GitHub and MyST make of headings."""
+    """Return the anchors that GitHub and MyST make of headings."""
     found: set[str] = set()
     for heading in _HEADING.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
         plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()

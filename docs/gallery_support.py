@@ -31,7 +31,7 @@ _seen: list[Figure] = []
 
 
 def set_style(_settings: dict[str, Any], _script: str) -> None:
-    """Give every script the same look, whatever the one before it changed."""
+    """Reset the style of plots before each script."""
     _seen.clear()
     mpl.rcdefaults()
     plt.close("all")

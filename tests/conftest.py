@@ -106,7 +106,7 @@ def _beyond_samples(items: list[pytest.Item]) -> list[pytest.Item]:
 
 
 def pytest_collection_finish() -> None:
-    """Let the cycle collector pass over what lives as long as the session, and come less often."""
+    """Exclude from cycle collection the objects of the session, and collect less often."""
     # It takes a fifth of the time otherwise: a scene's equations are some 100,000 objects.
     gc.freeze()
     gc.set_threshold(100_000, 10, 10)
@@ -186,7 +186,7 @@ def _program(name: str, sensitivities: tuple[str, ...]) -> Program:
 
 
 def _wanted(name: str, sensitivities: Sequence[str] | None) -> tuple[str, ...]:
-    """Give the sensitivities; None means those to all parameters."""
+    """Return the sensitivities; None means those to all parameters."""
     import cotree
 
     return tuple(cotree.load(name).parameters if sensitivities is None else sensitivities)
@@ -207,25 +207,25 @@ def scene(scene_name: str) -> Scene:
 
 @pytest.fixture
 def model_of() -> Callable[..., Model]:
-    """Give the model of a shipped scene, compiled once."""
+    """Return the model of a shipped scene, compiled once."""
     return lambda name, sensitivities=None: _model(name, _wanted(name, sensitivities))
 
 
 @pytest.fixture
 def equations_of() -> Callable[..., Equations]:
-    """Give the equations of a shipped scene, formed once."""
+    """Return the equations of a shipped scene, formed once."""
     return lambda name, sensitivities=None: _equations(name, _wanted(name, sensitivities))
 
 
 @pytest.fixture
 def lowered_of() -> Callable[..., Program]:
-    """Give the program of a shipped scene before its passes."""
+    """Return the program of a shipped scene before its passes."""
     return lambda name, sensitivities=None: _lowered(name, _wanted(name, sensitivities))
 
 
 @pytest.fixture
 def program_of() -> Callable[..., Program]:
-    """Give the program of a shipped scene after its passes."""
+    """Return the program of a shipped scene after its passes."""
     return lambda name, sensitivities=None: _program(name, _wanted(name, sensitivities))
 
 

@@ -10,7 +10,7 @@ _SHARED = Path(__file__).parents[2] / "shared"
 
 
 def shared_folder(name: str) -> Path:
-    """Give a folder of published problems, or skip the test.
+    """Return a folder of published problems, or skip the test.
 
     Parameters
     ----------

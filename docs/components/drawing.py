@@ -60,7 +60,7 @@ def unit(vector: Any) -> Array:
 
 
 def turned(axis: Any, angle: float) -> Array:
-    """Give the rotation matrix about an axis by an angle in degrees."""
+    """Return the rotation matrix about an axis by an angle in degrees."""
     x, y, z = unit(axis)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     a = np.radians(angle)
@@ -68,7 +68,7 @@ def turned(axis: Any, angle: float) -> Array:
 
 
 def circle(centre: Any, axis: Any, radius: float, start: float = 0, stop: float = 360) -> Array:
-    """Give points of an arc about an axis in space, by angles in degrees."""
+    """Return points of an arc about an axis in space, by angles in degrees."""
     n = unit(axis)
     first = unit(np.cross(n, [0.0, 0.0, 1.0]) if abs(n[2]) < 0.9 else [1.0, 0.0, 0.0])
     second = np.cross(n, first)
@@ -78,14 +78,14 @@ def circle(centre: Any, axis: Any, radius: float, start: float = 0, stop: float 
 
 
 def ring(centre: Any, radius: float, start: float = 0, stop: float = 360) -> Array:
-    """Give points of an arc on paper, by angles in degrees."""
+    """Return points of an arc on paper, by angles in degrees."""
     angles = np.radians(np.linspace(start, stop, 40))
     around = np.column_stack([np.cos(angles), np.sin(angles)])
     return np.asarray(centre, dtype=float) + radius * around
 
 
 def blob(centre: Any, width: float, height: float, seed: float = 0.0) -> Array:
-    """Give the outline of a body of no special shape."""
+    """Return the outline of a body of no special shape."""
     a = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     r = 1 + 0.09 * np.cos(2 * a + seed) + 0.07 * np.sin(3 * a + 2 * seed)
     around = np.column_stack([width * r * np.cos(a), height * r * np.sin(a)])

@@ -157,7 +157,7 @@ def rigid_contact(s: Sheet) -> None:
 
 
 def _wheel(centre: tuple[float, float], radius: float, teeth: int, phase: float) -> Array:
-    """Give the outline of a toothed wheel."""
+    """Return the outline of a toothed wheel."""
     points = []
     for i in range(teeth):
         for place, r in ((-0.3, -0.06), (-0.17, 0.06), (0.17, 0.06), (0.3, -0.06)):

@@ -24,7 +24,7 @@ CDEF = "double twice(double x); int abi_version(void);"
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Give each test a cache of its own."""
+    """Use a separate cache for each test."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("COTREE_CACHE_DIR", str(folder))
     return folder

@@ -167,7 +167,7 @@ def test_current_directory_stays_empty(files, toolchain, tmp_path: Path, monkeyp
 
 
 def is_running(pid: int) -> bool:
-    """Tell a live process from one that is gone or waits to be collected."""
+    """Return whether a process is alive, not ended or a zombie."""
     try:
         os.kill(pid, 0)
         status = Path(f"/proc/{pid}/stat").read_text()

@@ -37,7 +37,7 @@ def build(files: dict[str, str], command: str, time_limit: float = 60.0) -> str:
 
 @pytest.fixture
 def counting(make_script, tmp_path: Path) -> tuple[str, Path]:
-    """Give a slow compiler, and the file that has a line for each of its calls."""
+    """Return a slow compiler, and the file that has a line for each of its calls."""
     calls = tmp_path / "calls"
     calls.touch()
     # The sleep is what a second process would build in; its length decides nothing else.

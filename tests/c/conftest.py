@@ -12,7 +12,7 @@ from cotree.codegen.render import with_runtime
 
 @pytest.fixture(scope="module", params=["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Give a compiler that has its sanitizers."""
+    """Return a compiler that has its sanitizers."""
     name = need(request.param)
     folder = tmp_path_factory.mktemp("probe")
     (folder / "probe.c").write_text("int main(void) { return 0; }\n")

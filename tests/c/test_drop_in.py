@@ -34,7 +34,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, float]:
-    """Give the state at two seconds with the rod of the program."""
+    """Return the state at two seconds with the rod of the program."""
     model = cotree.load("slider-pendulum").compile()
     settings = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14, "parameters": {"L": 1.25}}
     result = model.simulate((0, 2), **settings)

@@ -49,7 +49,7 @@ def write(
 
 
 def reference(name: str, states: dict[str, str], t: float, *parameters: str) -> dict[str, float]:
-    """Give the reference values by the names that the executable prints."""
+    """Return the reference values by the names that the executable prints."""
     data = json.loads((REFERENCES / f"{name}.json").read_text())
     tables = {"": data["reference"], **data["sensitivities"]["values"]}
     found = {}

@@ -83,7 +83,7 @@ def write(model: Model, folder: Path, tolerance: float = 1e-12) -> CProject:
 
 
 def simulated(model: Model, t: float) -> dict[str, float]:
-    """Give the states, outputs and their sensitivities by the names that the executable prints."""
+    """Return states, outputs and their sensitivities by the names that the executable prints."""
     result = model.simulate(
         (0.0, t), t_eval=[t], method="dop853", rtol=1e-13, atol=1e-13, throw=True
     )

@@ -95,7 +95,7 @@ def write(model: Model, folder: Path, integrator: str = "dopri5", t_end: float =
 
 
 def simulated(model: Model, t: float) -> dict[str, float]:
-    """Give what the executable prints, by another method, which Python drives."""
+    """Return what the executable prints, computed from Python with another method."""
     result = model.simulate((0.0, t), [t], "dop853", rtol=1e-12, atol=1e-13, throw=True)
     found = {}
     for event, row in result.events.items():
@@ -195,7 +195,7 @@ def bouncing() -> Model:
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (grazing, "event 'hit' stops the integration at t = 0.451524: its function only touches zero"),
+        (grazing, "'hit' stops the integration at t = 0.451524: its function only touches zero"),
         (bouncing, "it recurs ever faster and accumulates at t = 1.80609"),
     ],
 )

@@ -82,7 +82,7 @@ class Line:
         return values
 
     def _turn_forwards(self, values):
-        """Let no one-way clutch begin the way that it locks, which would take an impact."""
+        """Change the start so that no one-way clutch begins in its locked direction."""
 
         def speed(node):
             if node == "ground":
@@ -364,7 +364,7 @@ def run_line(seed, n_runs):
 
 
 def _is_at_jump(line, result, values):
-    """Tell which points lie at a jump of a force that is given, or one rounding before it.
+    """Return which points lie at a jump of a given force, or one rounding before it.
 
     Outputs there are those on the side that rounding of the time says, and modes those behind it.
     """

@@ -51,7 +51,7 @@ class Made:
 
 
 def _looked_at(rng, made, states):
-    """Give what a jump looks at: a sum of states, less a level that may move."""
+    """Return the argument of a jump: a sum of states minus a level that may move."""
     terms = [f"{made.parameter(rng, 0.5, 2.0)}*{rng.choice(states)}"]
     if rng.random() < 0.4:
         terms.append(f"{made.parameter(rng, -0.7, 0.7)}*{rng.choice(states)}")
@@ -76,7 +76,7 @@ def _condition(rng, made, states):
 
 
 def _jump(rng, made, states, depth=0):
-    """Give an expression with a jump or a corner."""
+    """Return an expression with a jump or a corner."""
 
     def g():
         return _looked_at(rng, made, states)

@@ -31,7 +31,7 @@ LONGEST, LONGEST_TIME = 1500, 5.0  # characters, those of all types; seconds of 
 
 
 def sources() -> tuple[dict[str, str], dict[str, str]]:
-    """Give the files of shipped scenes, and the examples of the components' pages."""
+    """Return the files of shipped scenes, and the examples of the components' pages."""
     scenes = ROOT / "src" / "cotree" / "scenes"
     shipped = {name: (scenes / f"{name}.toml").read_text() for name in shipped_scenes()}
     pages = sorted((ROOT / "docs" / "components").glob("[a-z]*.md"))
@@ -51,7 +51,7 @@ def drawn(seed: int) -> tuple[str, Typo]:
 
 
 def answer(text: str) -> str:
-    """Give the sentence that refuses a scene; empty where it is accepted."""
+    """Return the message that refuses a scene; empty if it is accepted."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -62,7 +62,7 @@ def answer(text: str) -> str:
 
 
 def is_named(slip: Typo, said: str) -> bool:
-    """Tell whether a sentence names a word of the line, its table, or the line or the next."""
+    """Return whether a sentence names a word of the line, its table, or the line or the next."""
     words = (re.escape(word) for word in slip.words | slip.below)
     lines = (rf"line {n}" for n in (slip.line, slip.line + 1))
     return any(re.search(rf"(?<!\w){word}(?!\w)", said) for word in (*words, *lines))

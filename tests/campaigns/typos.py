@@ -45,12 +45,12 @@ class Typo:
 
     @property
     def words(self) -> set[str]:
-        """Give the words of the line and of its header: the culprit is one of them."""
+        """Return the words of the line and of its header, one of which is wrong."""
         return _words(f"{self.before}\n{self.after}\n{self.section}") - {"edges", "type"}
 
     @property
     def below(self) -> set[str]:
-        """Give the words below a header that is gone: its values go to the table before it."""
+        """Return the words below a deleted header, whose values belong to the previous table."""
         if not self.before.startswith("[") or self.after == self.before:
             return set()
         return _words("\n".join(self.text.split("\n")[self.line - 1 : self.line + 2]))

@@ -44,7 +44,7 @@ int swirl_partials(const double *arguments, double *results)
 
 
 def busy_scene() -> Scene:
-    """Give a scene with tables, branches, hostile texts and pivots checked at run time."""
+    """Return a scene with tables, branches, hostile texts and pivots checked at run time."""
     scene = cotree.Scene("double", gravity=[0, 0, "-9.81"])  # a word that C has taken
     scene.parameter("m", 2.0, unit="kg", doc=HOSTILE)
     scene.parameter("a", 0.7)
@@ -62,7 +62,7 @@ def busy_scene() -> Scene:
 
 
 def closed_scene() -> Scene:
-    """Give two swings tied by a bar, all in a plane, beside a pendulum on a ball joint.
+    """Return two swings tied by a bar, all in a plane, beside a pendulum on a ball joint.
 
     Three of the five constraints of the joint that closes the loop say nothing new, and what it
     starts with is no state. The ball joint has a quaternion.
@@ -89,7 +89,7 @@ def closed_scene() -> Scene:
 
 
 def solve_case(n: int, shape: SolveShape | None = None) -> tuple[Dag, list[Any]]:
-    """Give n unknowns, the rank and whether it is accepted: a system of n^2 + n parameters."""
+    """Return n unknowns, the rank and whether it is accepted: a system of n^2 + n parameters."""
     dag = Dag()
     p = [dag.symbol("p", i) for i in range(n * n + n)]
     matrix = [p[n * i : n * (i + 1)] for i in range(n)]
@@ -98,7 +98,7 @@ def solve_case(n: int, shape: SolveShape | None = None) -> tuple[Dag, list[Any]]
 
 
 def call_case() -> tuple[Dag, list[Any]]:
-    """Give values of an external function, its partials, a table, and a select of them."""
+    """Return values of an external function, its partials, a table, and a select of them."""
     dag = Dag()
     x, p = dag.symbol("x", 0), dag.symbol("p", 0)
     first, second = call(dag, SWIRL, [x, p * x])

@@ -48,7 +48,7 @@ def _program(scene, sensitivities):
 
 
 def _all_values(kernels, program):
-    """Give what every kernel computes at one point."""
+    """Return the results of every kernel at one point."""
     layout = program.layout
     n, m = len(layout.states), len(layout.sensitivities)
     rng = np.random.default_rng(3)

@@ -69,7 +69,7 @@ def check(names, found, known, x):
 
 
 def points(rng):
-    """Give special values in all pairs, and random ones of all sizes."""
+    """Return special values in all pairs, and random ones of all sizes."""
     for pair in itertools.product(VALUES, VALUES):
         yield (*pair, VALUES[rng.integers(len(VALUES))])
     for _ in range(1000):

@@ -31,7 +31,7 @@ def _semidefinite(rng, n, rank):
 
 
 def _saddle(mass, jacobian):
-    """Give the matrix of a constrained system: unknowns, then multipliers."""
+    """Return the matrix of a constrained system: unknowns, then multipliers."""
     m = len(jacobian)
     return np.block([[mass, jacobian.T], [jacobian, np.zeros((m, m))]])
 
@@ -63,7 +63,7 @@ def _in_c(a, b, shape, request):
 
 @pytest.fixture(params=["python", pytest.param("C", marks=pytest.mark.compiler)])
 def solved(request):
-    """Give the solution, the rank and whether it is accepted, by either language."""
+    """Return the solution, the rank and whether it is accepted, by either language."""
     by = {"python": _in_python, "C": _in_c}[request.param]
     return lambda a, b, shape: by(a, b, shape, request)
 

@@ -37,7 +37,7 @@ def _files(scene):
 
 
 def _taken(source, folder, flags):
-    """Give what each function takes with those that it calls, but for the C library's."""
+    """Return the stack size of each function with its callees, without the C library."""
     wanted = ["-fcallgraph-info=su", "-c", source, "-o", "model.o"]
     subprocess.run(["gcc", "-std=c99", *flags, *wanted], cwd=folder, check=True)
     graph = (folder / "model.ci").read_text()

@@ -214,7 +214,7 @@ def test_reverse_accumulates_roots_that_repeat():
 
 
 def _redundant(dag, a):
-    """Give the determined unknowns of a saddle system whose third constraint repeats the others.
+    """Return the determined unknowns of a saddle system whose third constraint repeats the others.
 
     Its Jacobian keeps its rank for every ``a``, as that of a closed loop in a plane does.
     """

@@ -40,7 +40,7 @@ def _functions():
 
 @pytest.fixture
 def points(dag, x, y):
-    """Give two duals and the values of what they are made of."""
+    """Return two duals and the values of their parts."""
     dx, dy = dag.symbol("s", 0), dag.symbol("s", 1)
     rng = random.Random(4)
     values = {node: rng.uniform(0.2, 0.9) for node in (x, y, dx, dy)}

@@ -36,7 +36,7 @@ def _of(matrix, values):
 
 
 def _scipy(q):
-    """Give scipy's rotation, whose quaternions end with the scalar."""
+    """Return SciPy's rotation, whose quaternions end with the scalar."""
     return Rotation.from_quat([q[1], q[2], q[3], q[0]])
 
 

@@ -53,7 +53,7 @@ def model(request):
 
 
 def in_lanes(found, single):
-    """Tell of each member whether lanes ran it to its end: last digits differ then."""
+    """Return for each member whether lanes ran it to its end; last digits differ then."""
     return (found.z != single.z).any(axis=(1, 2))
 
 

@@ -30,7 +30,7 @@ print([room for room in ("sympy", "cotree.formulation", "cotree.pipeline") if ro
 
 
 def in_another_process(model, tmp_path):
-    """Give its digest, its last point and what it imported for forming, as another process says."""
+    """Return digest, last point and imported modules, as reported by another process."""
     path = tmp_path / "model.pickle"
     path.write_bytes(pickle.dumps(model))
     done = subprocess.run(

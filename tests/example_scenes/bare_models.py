@@ -38,7 +38,7 @@ class BareModel(Model):
 def evaluated(
     scene: Scene, tree: Sequence[str] | None = None, wanted: Sequence[str] = ()
 ) -> BareModel:
-    """Give the model, evaluated in Python: for a few calls.
+    """Return the model, evaluated in Python: for a few calls.
 
     Its vectors stand in the axes of the ground; to count what other axes cost takes ten times as
     long as to form the equations.
@@ -49,7 +49,7 @@ def evaluated(
 
 
 def compiled(scene: Scene, tree: Sequence[str] | None = None) -> BareModel:
-    """Give the model in C, compiled without optimisation, every cluster in its own axes."""
+    """Return the model in C, compiled without optimisation, every cluster in its own axes."""
     first = form_first_graph(scene, trees_to_try(scene, tree)[0], EVERY_CLUSTER)
     program, _ = generate(form_equations(first, (), with_columns=False))
     context = model_context(program)

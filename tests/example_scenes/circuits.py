@@ -48,7 +48,7 @@ def circuit(name: str) -> Scene:
 
 
 def output_of(quantity: str) -> str:
-    """Give the output that is a file's quantity: states keep their names in both."""
+    """Return the output of a quantity in the file; states have the same names in both."""
     own = {"i": "L.i", "vC": "C.v"}
     found = re.fullmatch(r"v\((.*)\)", quantity)
     return f"v_{found[1]}" if found else own[quantity]

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 def cases(fast: Iterable[Any], slow: Iterable[Any]) -> list[Any]:
-    """Give all cases, the second ones marked as slow."""
+    """Return all cases, the second ones marked as slow."""
     return [*fast, *(pytest.param(case, marks=pytest.mark.slow) for case in slow)]
 
 
 def seeds(n_fast: int, n: int) -> list[Any]:
-    """Give the first n whole numbers, those from ``n_fast`` on marked as slow."""
+    """Return the first n whole numbers, those from ``n_fast`` on marked as slow."""
     return cases(range(n_fast), range(n_fast, n))

@@ -113,7 +113,7 @@ def model_of(name: str) -> Model:
 
 @functools.cache
 def expected_of(name: str) -> tuple[Values, float]:
-    """Give what a case is compared with, and the digits that this is good to."""
+    """Return the reference of a case, and its number of correct digits."""
     case = CASES[name]
     if case.expected is not None:
         return case.expected(), case.digits
@@ -194,13 +194,13 @@ def _error(found: Array, expected: Array, is_each: bool) -> float:
 
 
 def _energy(result: Result) -> float:
-    """Give the change of the energy as a share of the largest, which may be zero by its level."""
+    """Return the change of the energy as a share of the largest, which may be zero by its level."""
     energy = result["energy"]
     return float(np.ptp(energy) / max(1.0, np.max(np.abs(energy))))
 
 
 def _held(result: Result) -> float:
-    """Give what is left of constraints."""
+    """Return the residual of constraints."""
     return result.drift.worst if result.drift else math.nan
 
 

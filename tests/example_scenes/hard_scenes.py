@@ -44,7 +44,7 @@ def double_pendulum(masses: Sequence[float] = (1.0, 1.0), angle: float = 2.0) ->
 
 
 def long_pendulum_exact(t: Array, length: float = 2.0, angle: float = 0.5) -> Values:
-    """Give the angle of a bob on one rod, released from rest, by an elliptic function."""
+    """Return the angle of a bob on one rod, released from rest, by an elliptic function."""
     modulus = math.sin(angle / 2.0)
     omega = math.sqrt(-GRAVITY[1] / length)
     _, cn, dn, _ = special.ellipj(omega * t, modulus**2)
@@ -80,7 +80,7 @@ def bennett_loop() -> Scene:
 
 
 def bennett_gap(theta0: Array, theta1: Array) -> Array:
-    """Give what is left of Bennett's relation, tan(a/2) tan(b/2) = sin(../2) / sin(../2)."""
+    """Return the residual of Bennett's relation, tan(a/2) tan(b/2) = sin(../2) / sin(../2)."""
     sines = [math.sin((BENNETT[1] + sign * BENNETT[0]) / 2.0) for sign in (1.0, -1.0)]
     halves = theta0 / 2.0, theta1 / 2.0
     gap: Array = sines[1] * np.sin(halves[0]) * np.sin(halves[1]) - sines[0] * np.cos(
@@ -136,7 +136,7 @@ def two_masses(m: Sequence[float], k: Sequence[float], c: Sequence[float]) -> Sc
 def two_masses_exact(
     m: Sequence[float], k: Sequence[float], c: Sequence[float], t: Array
 ) -> Values:
-    """Give the extensions of the springs by the eigenvectors, in 60 digits."""
+    """Return the extensions of the springs by the eigenvectors, in 60 digits."""
     with mpmath.workdps(60):
         (m0, m1), (k0, k1), (c0, c1) = ([mpmath.mpf(x) for x in row] for row in (m, k, c))
         # Extensions and velocities: s0' = v0, s1' = v1 - v0, m0 v0' = f1 - f0, m1 v1' = -f1.
@@ -217,7 +217,7 @@ def sliding_to_rest(transition: float = 0.0) -> Scene:
 
 
 def sliding_to_rest_exact(t: Array, transition: float = 0.0) -> Values:
-    """Give v = max(1 - t, 0), or with a smooth law sinh(v/d) = sinh(1/d) exp(-t/d)."""
+    """Return v = max(1 - t, 0), or with a smooth law sinh(v/d) = sinh(1/d) exp(-t/d)."""
     if not transition:
         return {"m.v": np.maximum(1.0 - t, 0.0)}
     with mpmath.workdps(40):
@@ -244,7 +244,7 @@ def van_der_pol() -> Scene:
 
 
 def van_der_pol_exact(t: Array) -> Values:
-    """Give x on the slow curve, log x - x^2/2 = t/mu + log 2 - 2, and mirrored after a jump.
+    """Return x on the slow curve, log x - x^2/2 = t/mu + log 2 - 2, and mirrored after a jump.
 
     What is left out is 1/mu^2 of x. Half a period is (3/2 - log 2) mu + 3.507.. mu^(-1/3), with
     the first zero of Airy's function, and terms of log(mu)/mu: 1e-5 s, in which x moves by 1e-11.

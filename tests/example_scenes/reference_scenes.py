@@ -28,7 +28,7 @@ Term = tuple[str, Any]
 
 
 def _of(kind: str, first: str, second: str = "") -> tuple[Term, ...]:
-    """Give the angle or rate of a body, less that of another."""
+    """Return the angle or rate of a body, less that of another."""
     terms = (("+", (kind, first)), ("-", (kind, second)))
     return terms if second else terms[:1]
 
@@ -151,7 +151,7 @@ class _Reader:
         )
 
     def _free_start(self, name: str) -> dict[str, Any]:
-        """Give the pose and the velocity of a body."""
+        """Return the pose and the velocity of a body."""
         if not _is_zero(self.bodies[name].get("com", [0])):
             raise ValueError(f"body '{name}' is free: put its origin at its centre of mass")
         pose = self.bodies[name]["initial"]
@@ -164,7 +164,7 @@ class _Reader:
         return {**dict(zip(names, values, strict=True)), **_turned(pose)}
 
     def node(self, body: str, point: Sequence[Value]) -> str:
-        """Give the node of a point that is fixed in a body, or that moves in the ground."""
+        """Return the node of a point that is fixed in a body, or that moves in the ground."""
         if _is_zero(point):
             return body
         key = (body, *map(str, point))
@@ -187,23 +187,23 @@ class _Reader:
             before = after
 
     def ends(self, row: dict[str, Any]) -> tuple[str, str]:
-        """Give the nodes of a joint or a force between two points."""
+        """Return the nodes of a joint or a force between two points."""
         return self.node(*row["a"]), self.node(*row["b"])
 
     def turned_by(self, row: dict[str, Any], key: str) -> Value:
-        """Give the difference of the bodies' angles, or their rates, at the start."""
+        """Return the difference of the bodies' angles, or their rates, at the start."""
         first, second = (self.start(row[end][0], key) for end in "ab")
         if isinstance(first, str) or isinstance(second, str):
             return f"({second}) - ({first})"
         return second - first
 
     def start(self, body: str, key: str) -> Value:
-        """Give an angle, or its rate, of a body at the start."""
+        """Return an angle, or its rate, of a body at the start."""
         value: Value = 0.0 if body == "ground" else self.bodies[body]["initial"].get(key, 0.0)
         return value
 
     def turning(self, body: str, variable: str) -> str:
-        """Give the angle of a body, or its rate, by the joints that lead to it."""
+        """Return the angle of a body, or its rate, by the joints that lead to it."""
         if body not in self.paths:
             return f"{'free' if self.with_free_joints else 'inertia'}_{body}.{variable}"
         terms = (f"{sign}{name}.{variable}" for sign, name in self.turns(body))
@@ -215,7 +215,7 @@ class _Reader:
         return [(sign, row["name"]) for sign, row in path if row["type"] == "revolute"]
 
     def damping(self, joint: str) -> Value:
-        """Give what damps a joint: the damper of the body that it turns."""
+        """Return the damper of a joint, which is that of the body it turns."""
         found = [
             force["c"]
             for force in self.topology["forces"]
@@ -224,7 +224,7 @@ class _Reader:
         return found[0] if found else 0.0
 
     def observed(self, kind: str, body: str, *rest: Any) -> str:
-        """Give the expression of an output."""
+        """Return the expression of an output."""
         if kind == "theta":
             return self.turning(body, "theta")
         if kind == "omega":
@@ -320,7 +320,7 @@ _FORCES = {"spring": _spring, "torque": _torque, "rot_damper_planar": _damper}
 
 
 def _spatial(given: Sequence[Value]) -> list[Value]:
-    """Give three components; those of the plane get a zero."""
+    """Return three components; those of the plane get a zero."""
     return [*given, 0][:3]
 
 
@@ -337,7 +337,7 @@ def _dot(a: Sequence[Value], b: Sequence[Value]) -> str:
 
 
 def _turned(pose: dict[str, Any]) -> dict[str, Any]:
-    """Give rotation and angular velocity; the file resolves the latter along ground axes."""
+    """Return rotation and angular velocity; the file resolves the latter along ground axes."""
     rotation, omega = pose["R"], pose["omega"]
     own = [_dot([row[k] for row in rotation], omega) for k in range(3)]
     return {"rotation": rotation, **dict(zip(("w1", "w2", "w3"), own, strict=True))}

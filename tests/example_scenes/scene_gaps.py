@@ -79,7 +79,7 @@ def chord_gaps(edge: Any, fields: Mapping[str, Any], turned: Any, reach: Any) ->
 
 
 def chord_senses(edge: Any, fields: Mapping[str, Any], turned: Any, reach: Any) -> list[float]:
-    """Give one on a closed chord, and minus one where its gaps vanish half a turn off."""
+    """Return 1 on a closed chord, and -1 if its gaps vanish after half a turn."""
     kind = edge.component.name
     if kind in ("arm", "weld", "prismatic"):
         still = fixed_turn(fields) if kind != "prismatic" else np.eye(3)

@@ -23,7 +23,7 @@ SCENES = sorted(
 def share(
     cases: list[tuple[Any, ...]], slow: list[tuple[Any, ...]], quick: tuple[Any, ...]
 ) -> list[Any]:
-    """Give cases as parameters: one to quick runs, some to slow ones, all to campaigns."""
+    """Return cases as parameters: one to quick runs, some to slow ones, all to campaigns."""
     marks = {case: [pytest.mark.slow, pytest.mark.campaign] for case in cases}
     marks |= {case: [pytest.mark.slow] for case in slow} | {quick: []}
     return [pytest.param(*case, marks=marks[case]) for case in cases]
@@ -36,7 +36,7 @@ UNITS = [(n, v) for i, n in enumerate(SCENES) for v in ((3, 2) if i % 2 else (2,
 def simulated(
     path: Path, kind: str, t_end: float, interval: float, names: list[str], tolerance: float
 ) -> Any:
-    """Let FMPy simulate an FMU, and give its points, an array with a column ``time``."""
+    """Simulate an FMU with FMPy; return its points, an array with a column ``time``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
         return simulate_fmu(

@@ -48,7 +48,7 @@ def exported(tmp_path_factory):
 
 
 def _status(call, *given):
-    """Give the status of a call, which FMPy raises where it is not OK."""
+    """Return the status of a call, which FMPy raises if it is not OK."""
     try:
         call(*given)
     except FMICallException as error:

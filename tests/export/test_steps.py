@@ -183,7 +183,7 @@ def spherical() -> Scene:
 
 
 def nut() -> Scene:
-    """Let a nut climb a screw that stands on a cross of two axes."""
+    """Build a nut that climbs a screw, which stands on a cross of two axes."""
     scene = Scene("nut")
     for name in ("L", "J"):
         scene.parameter(name, 0.7)
@@ -195,7 +195,7 @@ def nut() -> Scene:
 
 
 def filter_() -> Scene:
-    """Let a source charge a capacitor through a coil, whose resistance follows the voltage."""
+    """Build a source that charges a capacitor through a coil with voltage-dependent resistance."""
     scene = Scene("filter")
     for name in ("C", "L", "R"):
         scene.parameter(name, 0.6)

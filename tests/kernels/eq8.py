@@ -23,7 +23,7 @@ class HandWritten:
     residuals: tuple[Any, ...]
 
     def functions(self):
-        """Give accelerations and their derivatives by q, v and p as functions of (t, y, p)."""
+        """Return accelerations and their derivatives by q, v and p as functions of (t, y, p)."""
         arguments = [T, *self.q, *self.v, *self.p]
         residual = sympy.Matrix(self.residuals)
         matrix = residual.jacobian(self.a)
@@ -37,7 +37,7 @@ class HandWritten:
             return np.linalg.solve(m, -rest).ravel()
 
         def derivatives(t, y, p):
-            """Give d a / d (q, v, p), shape (n, 2 n + n_parameters)."""
+            """Return d a / d (q, v, p), shape (n, 2 n + n_parameters)."""
             m, _ = first(t, *y, *p)
             return np.linalg.solve(m, -np.array(second(t, *y, *p, *rates(t, y, p)), dtype=float))
 

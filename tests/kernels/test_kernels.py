@@ -34,7 +34,7 @@ def hand_written(name):
 
 
 def points(model, n_points=5):
-    """Give random times, states, sensitivities and parameters near the scene's own."""
+    """Return random times, states, sensitivities and parameters near the scene's own."""
     rng = np.random.default_rng(len(model.states))
     n, m = len(model.states), len(model.sensitivities)
     for _ in range(n_points):
@@ -51,7 +51,7 @@ def evaluated(program, name, t, y, s, p, numbers="complex_"):
 
 
 def along(model, y, s, p, j, name):
-    """Give y, p moved by a complex step along sensitivity j, that to parameter ``name``."""
+    """Return y, p moved by a complex step along sensitivity j, that to parameter ``name``."""
     moved = p.astype(complex)
     moved[model.parameters.index(name)] += 1j * STEP
     return y + 1j * STEP * s[:, j], moved
@@ -189,7 +189,7 @@ def test_state_graphs_equal_derivatives_of_the_assembled_program(lowered_of, sce
 
 
 def result_sizes(layout):
-    """Give the number of results of each kernel but ``prepare``."""
+    """Return the number of results of each kernel but ``prepare``."""
     n, m = len(layout.states), len(layout.sensitivities)
     return {
         "initial": n,

@@ -53,7 +53,7 @@ def evaluated(model, name, t, x, s=(), p=None):
 
 
 def points(model, n_points=6):
-    """Give points near solutions, where junctions are within what exponentials can show."""
+    """Return points near solutions, where junctions are within what exponentials can show."""
     rng = np.random.default_rng(3)
     n, m = len(model.states), len(model.sensitivities)
     start = model.start().y

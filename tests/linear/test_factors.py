@@ -19,7 +19,7 @@ def _symmetric(n, seed):
 
 
 def _symbols(dag, values):
-    """Give symbols of the nonzeros, the same across the diagonal, by row, and their values."""
+    """Return symbols of the nonzeros, the same across the diagonal, by row, and their values."""
     rows = [{} for _ in values]
     for i, j in zip(*np.nonzero(values), strict=True):
         rows[i][j] = dag.symbol("a", min(i, j) * len(values) + max(i, j))

@@ -11,7 +11,7 @@ Pattern = tuple[list[int], list[int]]
 
 
 def compress(matrix: np.ndarray) -> tuple[Pattern, np.ndarray]:
-    """Give the pattern of a matrix by columns, and its entries."""
+    """Return the pattern of a matrix by columns, and its entries."""
     starts, rows, values = [0], [], []
     for column in matrix.T:
         (places,) = np.nonzero(column)

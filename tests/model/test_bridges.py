@@ -17,7 +17,7 @@ POINT = np.array([0.1, -0.2, 0.3, 0.4])
 
 @pytest.fixture(scope="module")
 def cart():
-    """Give a model with an input, and two of its parameters."""
+    """Return a model with an input, and two of its parameters."""
     model = cotree.load("cart-pole").compile(["L", "m"])
     assert model.inputs == ("push",)
     return model, np.array([1.5]), np.array([0.7, 0.3])

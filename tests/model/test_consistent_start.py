@@ -78,7 +78,7 @@ def test_what_only_the_constraints_depend_on_is_no_idle_parameter():
 
 
 def slider_crank(*order: str, l_of_slider: bool = False) -> Scene:
-    """Give a crank and a slider places that agree for a rod of half a metre only."""
+    """Place a crank and a slider such that only a rod of half a metre fits."""
     scene = Scene("slider-crank")
     scene.parameter("l", 0.5)
     at, root = 0.2 * float(np.cos(0.8)), 0.04 * float(np.sin(0.8)) ** 2

@@ -14,7 +14,7 @@ def model():
 
 
 def end_of(run):
-    """Give all that a run ends with, by name."""
+    """Return all final values of a run, by name."""
     found = {name: float(run[name][-1]) for name in run.states}
     for name in run.states:
         for by in ("L", "k"):

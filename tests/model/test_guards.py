@@ -44,7 +44,7 @@ def _scene(component):
 
 
 def _tried(value):
-    """Give a field, of any shape, times a parameter; that alone for what varies, or is zero."""
+    """Return a field times a parameter, or the parameter if the field varies or is zero."""
     if not isinstance(value, Expression):
         return tuple(map(_tried, value))
     varies = any(name == "t" or "." in name for name in value.names)
@@ -52,7 +52,7 @@ def _tried(value):
 
 
 def _cases(component):
-    """Give the scene of a component with one of its fields depending on a parameter, in turn."""
+    """Return the scene of a component with one of its fields depending on a parameter, in turn."""
     for field in (row for row in component.fields if row.sign):
         scene = _scene(component)
         edge = next(e for e in scene.edges.values() if e.component.name == component.name)

@@ -65,13 +65,13 @@ def scipy_methods(name):
 
 @functools.cache
 def parameters(name):
-    """Give parameters near the scene's own."""
+    """Return parameters near the scene's own."""
     rng, own = np.random.default_rng(len(name)), compiled(name).default_parameters
     return [own * rng.uniform(0.98, 1.02, len(own)) for _ in range(N_SETS)]
 
 
 def calls(name, methods):
-    """Give functions of a number of a set of parameters to arrays, by name."""
+    """Return functions of a number of a set of parameters to arrays, by name."""
     model, sets, span = compiled(name), parameters(name), SCENES[name][1]
     given = [dict(zip(model.parameters, p.tolist(), strict=True)) for p in sets]
     starts = [model.start(0.0, p) for p in sets]
@@ -240,7 +240,7 @@ def test_one_thread_makes_and_the_others_wait():
     class Owner:
         @locked_cached_property
         def value(self):
-            """Give something new."""
+            """Return a new object."""
             time.sleep(0.01)
             return object()
 
@@ -288,7 +288,7 @@ def test_an_input_may_call_the_model_itself():
 
 @pytest.fixture
 def interruptible():
-    """Give SIGINT the handler of an interactive run: background processes inherit none."""
+    """Install the SIGINT handler of interactive runs, which background processes do not inherit."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -64,7 +64,7 @@ class Element:
         return self.name[0]
 
     def given(self, t: float) -> tuple[float, float]:
-        """Give the value of a source, and its rate."""
+        """Return the value of a source, and its rate."""
         at = self.omega * t
         return self.offset + self.value * np.sin(at), self.value * self.omega * np.cos(at)
 

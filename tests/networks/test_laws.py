@@ -17,7 +17,7 @@ EXACT = TIGHT | {"method": "DOP853"}
 
 
 def law_of(name, which, **values):
-    """Give a terminal equation as a function of its variable, for arrays."""
+    """Return a terminal equation as a function of its variable, for arrays."""
     law = getattr(COMPONENTS[name].ports[0], which)
     variable = {"across": "through", "through": "across"}[which]
     return np.vectorize(lambda x: law.form({**values, variable: float(x)}.__getitem__))

@@ -178,7 +178,7 @@ def workshop(joint="prismatic"):
 
 
 def refused(scene, name, type, *nodes, **fields):
-    """Give the message about an edge."""
+    """Return the message about an edge."""
     with pytest.raises(cotree.Error) as caught:
         _added(scene, name, type, *nodes, **fields).compile(optimize="-O0")
     return str(caught.value)

@@ -44,7 +44,7 @@ def _lowered(name):
 
 
 def _point(program, seed):
-    """Give all arguments of a program: parameters near the scene's, the rest at random."""
+    """Return all arguments of a program: parameters near the scene's, the rest at random."""
     layout, rng = program.layout, np.random.default_rng(seed)
     n, m = len(layout.states), len(layout.sensitivities)
     return {

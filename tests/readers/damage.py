@@ -55,7 +55,7 @@ def replaced(text, rng, pattern, made):
 
 
 def read_in_time(read, longest, seed):
-    """Give what a text says, or the sentence that refuses it, in so many seconds of the processor.
+    """Return the content of a text or the message that refuses it, within a processor time.
 
     One that took longer is read once more: other work on a machine lengthens these, too.
     """

@@ -121,7 +121,7 @@ class Reference:
         ]
 
     def start(self, id: str) -> float:
-        """Give the value of an identifier at the start."""
+        """Return the value of an identifier at the start."""
         if id not in self.changed:
             self.changed[id] = self._start(id)
         return self.changed[id]
@@ -144,7 +144,7 @@ class Reference:
         return compartment.getSize() if compartment else model.getParameter(id).getValue()
 
     def now(self, id: str, x: Any, t: float) -> float:
-        """Give the value of an identifier in a state; at the start without one."""
+        """Return the value of an identifier in a state; at the start without one."""
         if x is None:
             return self.start(id)
         if id in self.moved:
@@ -178,7 +178,7 @@ class Reference:
         return _PLAIN[kind](*values) if kind in _PLAIN else number
 
     def rate(self, t: float, x: Any) -> np.ndarray:
-        """Give the rates of the states: amounts, and what rate rules change."""
+        """Return the rates of the states: amounts, and what rate rules change."""
         dx = np.zeros(len(self.moved))
         for id, tree in self.rates.items():
             dx[self.moved[id]] = self.value(tree, x, t)

@@ -303,7 +303,7 @@ SIDE_BY_SIDE = {
 
 
 def values_of(scene):
-    """Give type, nodes and numbers of each edge, with the values of the parameters."""
+    """Return type, nodes and numbers of each edge, with the values of the parameters."""
     dag = Dag()
 
     def number(expression):

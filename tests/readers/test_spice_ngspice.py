@@ -32,7 +32,7 @@ OPTIONS = ".options reltol=1e-6 abstol=1e-13 vntol=1e-8 chgtol=1e-17"
 
 
 def ngspice(path, nodes, folder):
-    """Give the time and the voltages at the end of a run, and those of the operating point."""
+    """Return the time and the voltages at the end of a run, and those of the operating point."""
     lines = [row for row in path.read_text().splitlines() if row.strip().lower() != ".end"]
     wanted = " ".join(f"v({node})" for node in nodes)
     commands = ["set numdgt=15", "set wr_singlescale", "op", f"wrdata {folder}/op.data {wanted}"]

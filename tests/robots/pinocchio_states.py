@@ -49,7 +49,7 @@ class Peer:
                 self.rows.append((edge, kind, joint.idx_q, joint.idx_v, joint.nq))
 
     def random(self, rng):
-        """Give a random state, and torques of the joints with an input, by name."""
+        """Return a random state, and torques of the joints with an input, by name."""
         state, inputs = {}, {}
         for edge, kind, *_ in self.rows:
             if kind == "revolute":
@@ -72,7 +72,7 @@ class Peer:
         return state, inputs
 
     def pose(self, state):
-        """Give Pinocchio's q."""
+        """Return Pinocchio's q."""
         q = np.zeros(self.model.nq)
         for edge, kind, at, _, nq in self.rows:
             if kind == "prismatic":
@@ -91,7 +91,7 @@ class Peer:
         return q
 
     def velocity(self, state):
-        """Give Pinocchio's v."""
+        """Return Pinocchio's v."""
         v = np.zeros(self.model.nv)
         for edge, kind, _, at, _ in self.rows:
             if kind in ("revolute", "prismatic"):
@@ -107,7 +107,7 @@ class Peer:
         return v
 
     def efforts(self, inputs):
-        """Give Pinocchio's tau."""
+        """Return Pinocchio's tau."""
         tau = np.zeros(self.model.nv)
         for edge, kind, _, at, _ in self.rows:
             if kind in ("revolute", "prismatic"):
@@ -115,7 +115,7 @@ class Peer:
         return tau
 
     def accelerations(self, state, a):
-        """Give rates of the scene's speeds, by name, from Pinocchio's a."""
+        """Return rates of the scene's speeds, by name, from Pinocchio's a."""
         rates = {}
         for edge, kind, _, at, _ in self.rows:
             if kind in ("revolute", "prismatic"):
@@ -138,7 +138,7 @@ class Peer:
         return rates
 
     def solved(self, state, inputs):
-        """Give its a: by articulated bodies, or by the mass matrix where joints mimic."""
+        """Return its a: by articulated bodies, or by the mass matrix if joints mimic others."""
         q, v, tau = self.pose(state), self.velocity(state), self.efforts(inputs)
         if not self.model.mimicking_joints:
             return pinocchio.aba(self.model, self.data, q, v, tau)
@@ -150,11 +150,11 @@ class Peer:
         return np.linalg.solve(mass, tau - bias)
 
     def forward(self, state, inputs):
-        """Give rates of the scene's speeds."""
+        """Return rates of the scene's speeds."""
         return self.accelerations(state, self.solved(state, inputs))
 
     def derivatives(self, state, inputs):
-        """Give da/dq and da/dv in Pinocchio's own tangents, shapes (nv, nv)."""
+        """Return da/dq and da/dv in Pinocchio's own tangents, shapes (nv, nv)."""
         q, v, tau = self.pose(state), self.velocity(state), self.efforts(inputs)
         pinocchio.computeABADerivatives(self.model, self.data, q, v, tau)
         return self.data.ddq_dq.copy(), self.data.ddq_dv.copy()
@@ -219,7 +219,7 @@ class Peer:
         return back @ jacobian @ poses + poses_extra, back @ jacobian @ speeds + speeds_extra
 
     def to_inertia(self, state, inputs, link, columns):
-        """Give the derivatives of the rates of speeds by what an inertia's entries depend on.
+        """Return the derivatives of the rates of speeds by what an inertia's entries depend on.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Peer:
 
 
 def inertial_columns(turn, mass, centre, moments):
-    """Give the derivatives of an inertia's ten entries by what a URDF file says of it.
+    """Return the derivatives of an inertia's ten entries by what a URDF file says of it.
 
     Each is quadratic in each number at most, so that central differences are exact but for
     rounding.

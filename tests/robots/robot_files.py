@@ -20,12 +20,12 @@ STORED = {
 
 
 def stored_file(name):
-    """Give the path of a robot that lies beside the tests."""
+    """Return the path of a robot that lies beside the tests."""
     return HERE / "urdf" / STORED[name][0]
 
 
 def installed_file(name):
-    """Give the path of a robot of the package example-robot-data."""
+    """Return the path of a robot of the package example-robot-data."""
     files = importlib.metadata.files("example-robot-data") or []
     return next(Path(f.locate()).resolve() for f in files if str(f).endswith(f"robots/{name}"))
 
@@ -43,7 +43,7 @@ def read(path, base="fixed", mimic=False):
 
 
 def array_of(names, values):
-    """Give values by name as an array; what is not named is zero."""
+    """Return values by name as an array; missing values are zero."""
     return np.array([values.get(name, 0.0) for name in names])
 
 
@@ -70,7 +70,7 @@ INERTIAL = ("mass", "cx", "cy", "cz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def inertia_of(scene, link):
-    """Give what the file says of a link's inertia: axes, mass, centre of mass, moments."""
+    """Return a link's inertia in the file: axes, mass, centre of mass, moments."""
     rows = scene.edges[f"{link}_centre"].fields.get("rotation")
     turn = np.eye(3) if rows is None else np.array([[e.number for e in row] for row in rows])
     mass, x, y, z, *moments = (scene.parameters[f"{link}_{name}"].value for name in INERTIAL)

@@ -84,7 +84,7 @@ def _walker(hips: dict[str, tuple[float, float]], is_flat: bool) -> cotree.Scene
 
 
 def _text(scene: cotree.Scene, *sensitivities: str) -> str:
-    """Give the C text of a scene without the number that its names enter, too."""
+    """Return the C text of a scene without the hash of its names."""
     return re.sub(r"program [0-9a-f]+", "program", scene.compile(sensitivities).kernels.source)
 
 

@@ -41,13 +41,13 @@ HOSTILE = "a \"b\" 'c' \\ \n\t\r \x00\x1b[31m \u202e \u2028 é 歩 \U0001f600 ]]
 
 
 def example(page):
-    """Give the scene of a component's page."""
+    """Return the scene of a component's page."""
     found = re.search(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     return read_scene(found[1], f"{page.stem}.toml", Scene)
 
 
 def everything():
-    """Give a scene that says all that scenes can say of its few edges."""
+    """Return a scene of few edges that uses every kind of statement."""
     scene = Scene("every-thing", gravity=[0, "-g*1", -0.0])
     scene.parameter("g", 9.81, unit="m·s⁻²", doc=HOSTILE)
     scene.parameter("tiny", 5e-324, tunable=False)
@@ -124,7 +124,7 @@ FILES = [
 
 
 def digest(scene):
-    """Give the digest of the program, of which C is written."""
+    """Return the digest of the program, of which C is written."""
     return model_context(generate(formulate(scene, (), None)[1])[0]).digest
 
 

@@ -120,7 +120,7 @@ class Assembled:
         return dense
 
     def seeds(self):
-        """Give the seed of each wanted parameter, sensitivities of states taken along."""
+        """Return the seed of each wanted parameter, sensitivities of states taken along."""
         dag, n = self.equations.dag, len(self.equations.states)
         for j, name in enumerate(WANTED):
             states = enumerate(self.equations.states)

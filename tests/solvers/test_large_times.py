@@ -81,7 +81,7 @@ def test_motion_that_is_driven_is_right_or_refused(driven: cotree.Model, method:
 
 
 def driven_value(start: float, length: float) -> float:
-    """Give v: what is left of the start beside a (a sin t - cos t)/(a^2 + 1), for a = 1/2."""
+    """Return v: the decaying part of the start plus a (a sin t - cos t)/(a^2 + 1), for a = 1/2."""
 
     def steady(t: float) -> float:
         return 0.5 * (0.5 * math.sin(t) - math.cos(t)) / 1.25

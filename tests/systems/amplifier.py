@@ -15,7 +15,7 @@ NODES = [f"v{i}" for i in range(1, 9)]
 
 
 def _potentials(v):
-    """Give v1 to v8: those that a capacitor ties to another one are their sum."""
+    """Return v1 to v8; voltages tied by a capacitor are sums."""
     return {
         "v1": v["v2"] + v["u1"],
         "v2": v["v2"],

@@ -23,7 +23,7 @@ STATES = {
 
 
 def reference(name):
-    """Give times, {state: values} and {(state, parameter): values} of a shipped scene."""
+    """Return times, {state: values} and {(state, parameter): values} of a shipped scene."""
     data = json.loads((_FOLDER / f"{name.replace('-', '_')}.json").read_text())
     rows = data["reference"]
     states = {
@@ -38,7 +38,7 @@ def reference(name):
 
 
 def oscillator(t, m, k, c, l0, F0, w, x0, v0):
-    """Give position and velocity of m x'' + c x' + k (x - l0) = F0 sin(w t), weakly damped."""
+    """Return position and velocity of m x'' + c x' + k (x - l0) = F0 sin(w t), weakly damped."""
     stiff, loss = k - m * w**2, c * w
     size = F0 / (stiff**2 + loss**2)
     forced = size * (stiff * mpmath.sin(w * t) - loss * mpmath.cos(w * t))

@@ -18,7 +18,7 @@ Z = [0, 0, 1]
 
 
 def points_of(model, result, times):
-    """Give positions, shape (n_times, 3), and axes of every node at some times."""
+    """Return positions, shape (n_times, 3), and axes of every node at some times."""
     first, p = model.spec.formed.first, model.kernels.parameter_array(result.parameter_values)
     coordinates = coordinates_at(result, model, first.system, p, times)
     values = MotionValues(first.motion, p, times, coordinates)

@@ -47,7 +47,7 @@ def animated(folder, upper=BOX, fore=CYLINDER, **settings):
 
 
 def fixed_angles(rpy, xyz):
-    """Give the pose of an <origin>: turns about the fixed x, y and z axis, in this order."""
+    """Return the pose of an <origin>: turns about the fixed x, y and z axis, in this order."""
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
     pose[:3, 3] = xyz

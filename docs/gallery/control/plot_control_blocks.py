@@ -14,7 +14,7 @@ import cotree
 
 
 def motor(controller: str, **bindings: float | str) -> cotree.Scene:
-    """Let a controller drive the speed of a flywheel to one."""
+    """Build a scene in which a controller drives the speed of a flywheel to one."""
     scene = cotree.Scene("drive")
     scene.edge("wheel", "rotational_inertia", "ground", "shaft", inertia=1.0)
     scene.edge("bearing", "rotational_damper", "ground", "shaft", damping=0.2)
@@ -50,7 +50,7 @@ steps = chain.compile().simulate((0, 10), np.linspace(0, 10, 401), rtol=1e-10, a
 
 
 def closed_form(t: np.ndarray) -> np.ndarray:
-    """Give the step response; zero before the step."""
+    """Return the step response; zero before the step."""
     wd = w * np.sqrt(1 - D**2)
     angle = np.cos(wd * t) + D * w / wd * np.sin(wd * t)
     return np.where(t > 0, 1 - np.exp(-D * w * np.maximum(t, 0)) * angle, 0.0)
@@ -94,7 +94,7 @@ third.plot(steps.t, closed_form(steps.t - T), "k:")
 third.set(title="Step response and delay", xlabel="time [s]")
 fourth.plot(scheduled.t, scheduled["wheel.w"], label="speed [rad/s]")
 by_gain = 10 * scheduled.sensitivity("wheel.w", "K_fast")
-fourth.plot(scheduled.t, by_gain, label="10 times its derivative by K_fast")
+fourth.plot(scheduled.t, by_gain, label="10 times its derivative with respect to K_fast")
 fourth.set(title="A table schedules the gain", xlabel="time [s]")
 for ax in axes.flat:
     ax.legend(fontsize=8)

@@ -46,7 +46,7 @@ plt.show()
 # For comparison, the linear equations are solved by eigenvectors for a fine grid of dampings. The
 # minimum is at the same value.
 def peak(c, mb=300.0, mw=40.0, kt=1.5e5, ks=2e4):
-    """Give the highest position of the body on a step at t = 0."""
+    """Return the highest position of the body on a step at t = 0."""
     k = np.array([[ks / mb, -ks / mb], [-ks / mw, (ks + kt) / mw]])
     d = c * np.array([[1 / mb, -1 / mb], [-1 / mw, 1 / mw]])
     values, vectors = np.linalg.eig(np.block([[np.zeros((2, 2)), np.eye(2)], [-k, -d]]))

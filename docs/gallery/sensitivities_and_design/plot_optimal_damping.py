@@ -29,7 +29,7 @@ seen = []
 
 
 def cost(x):
-    """Give the integral and its derivative by the damping."""
+    """Return the integral and its derivative with respect to the damping."""
     result = model.simulate((0, 40), method="dop853", rtol=1e-10, atol=1e-12, parameters=x)
     value, slope = result["cost.v"][-1], result.sensitivity("cost.v", "c")[-1]
     seen.append((x[0], value, slope))

@@ -315,8 +315,8 @@ _OF_ROUNDING = tuple(SENTENCES[name] for name in _ROUNDED.split())
 # A slope that exceeds its value shortly before by more than this factor counts as infinite.
 _STEEPER = 100.0
 
-# An equation hardly determines an unknown if its derivative by it is below this fraction of the
-# largest derivative in the equation.
+# An equation hardly determines an unknown if its derivative with respect to the unknown is below
+# this fraction of the largest derivative in the equation.
 _HARDLY = 1e-8
 
 # Maximum numbers of unknowns for which a determinant is computed, and that a message names.
@@ -431,7 +431,7 @@ def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
         return ""
     row, column = (int(place[0]) for place in np.nonzero(is_steep))
     return (
-        f"The equation of '{problem.names[row]}' has an infinite slope by "
+        f"The equation of '{problem.names[row]}' has an infinite slope in "
         f"'{problem.names[column]}' at t = {t:.6g}, as a root has at zero: sensitivities change "
         "there faster than steps resolve at this rtol. Loosen rtol to 1e-7, write a law with a "
         "finite slope there, or compile without sensitivities."

@@ -220,8 +220,8 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
 
 /* Checks. */
 
-/* Return whether a redundant value, or its derivative by a parameter of this magnitude, agrees with
- * the value determined by the states x. */
+/* Return whether a redundant value, or its derivative with respect to a parameter of this
+ * magnitude, agrees with the value determined by the states x. */
 static int is_agreed(const cotree_start *start, int row, const cotree_real *values,
                      const cotree_real *x, cotree_real parameter)
 {

@@ -16,13 +16,13 @@ LEAN, SPIN = np.deg2rad(0.5), -5.0
 
 
 def contact_point(up):
-    """Give the point of contact from the centre of mass, in the body's axes."""
+    """Return the point of contact from the centre of mass, in the body's axes."""
     squares = SEMIAXES**2
     return np.array([0.0, 0.0, HEIGHT]) - squares * up / np.sqrt(squares @ up**2)
 
 
 def rates(_, state):
-    """Give the rates of angular velocity and upward direction, in the body's axes.
+    """Return the rates of angular velocity and upward direction, in the body's axes.
 
     Rolling means v = r x w; balance of momentum and of angular momentum about the centre of mass.
     """

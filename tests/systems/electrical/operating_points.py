@@ -155,7 +155,7 @@ class Nodal:
             self.matrix[i, j] += sign * conductance
 
     def balance(self, x: Array) -> tuple[Array, Array]:
-        """Give what is left of the equations, and the size of their terms."""
+        """Return the residual of the equations, and the size of their terms."""
         plus, minus, saturation = self.laws
         full = np.append(x, 0.0)
         current = saturation * np.expm1((full[plus] - full[minus]) / THERMAL)
@@ -179,7 +179,7 @@ class Nodal:
         return x
 
     def voltages(self, x: Array) -> Array:
-        """Give the voltages of the junctions."""
+        """Return the voltages of the junctions."""
         plus, minus, _ = self.laws
         full = np.append(x, 0.0)
         return full[plus] - full[minus]
@@ -230,7 +230,7 @@ def _limited(wanted: Array, old: Array, critical: Array) -> Array:
 
 
 def _junctions(kind: str, ends: list[int], values: tuple[float, ...]) -> Iterator[Junction]:
-    """Give the exponentials of an element and where their currents flow."""
+    """Return the exponentials of an element and where their currents flow."""
     if kind == "D":
         a, b = ends
         yield Junction(a, b, values[0], ((a, 1.0), (b, -1.0)))

@@ -11,7 +11,7 @@ U = 0.02585
 
 
 def depleted(v, capacity, potential, grading, share):
-    """Give the charge of a depletion layer, with a parabola beyond a share of the potential."""
+    """Return the charge of a depletion layer, with a parabola beyond a share of the potential."""
 
     def below(x):
         return capacity * potential / (1 - grading) * (1 - (1 - x / potential) ** (1 - grading))

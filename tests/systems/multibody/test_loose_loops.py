@@ -39,7 +39,7 @@ def model() -> cotree.Model:
 
 @pytest.fixture(scope="module")
 def places(model: cotree.Model) -> np.ndarray:
-    """Give the path of P3 by dop853 at rtol 1e-10, which conserves the energy."""
+    """Return the path of P3 by dop853 at rtol 1e-10, which conserves the energy."""
     result = model.simulate((0, 12), TIMES, "dop853", 1e-10, 1e-12, throw=True)
     assert np.ptp(result["energy"]) < 1e-7
     return np.array([result[f"p3{axis}"] for axis in "xyz"])

@@ -49,7 +49,7 @@ def in_both_coordinates(*names: str) -> pytest.MarkDecorator:
 
 
 def described(name: str, coordinates: str) -> tuple[Scene, list[str] | None]:
-    """Give a problem's scene and the tree of its coordinates."""
+    """Return a problem's scene and the tree of its coordinates."""
     if coordinates == "joint":
         return scene_of(read_reference(name), with_free_joints=True), None
     scene = scene_of(read_reference(name))
@@ -69,17 +69,17 @@ def simulated(model: Model, rows: list[dict[str, Any]], **settings: Any) -> Resu
 
 
 def sampled(reference: dict[str, Any]) -> list[dict[str, Any]]:
-    """Give rows of times, close enough to see what happens between the file's."""
+    """Return rows of times that are denser than those of the file."""
     return [{"t": t} for t in np.linspace(0.0, reference["t_end"], 101)]
 
 
 def values_of(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Give the values of each quantity over time."""
+    """Return the values of each quantity over time."""
     return {key: np.array([row["values"][key] for row in rows]) for key in rows[0]["values"]}
 
 
 def error(found: np.ndarray, expected: np.ndarray) -> float:
-    """Give the largest error, relative to the largest value, or absolute where all are zero."""
+    """Return the largest error, relative to the largest value, or absolute if all are zero."""
     return float(np.max(np.abs(found - expected)) / (np.max(np.abs(expected)) or 1.0))
 
 

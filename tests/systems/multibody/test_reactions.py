@@ -254,7 +254,7 @@ def test_sensitivities_of_a_start_keep_the_loop_closed():
 
 
 def given_start(digits, **changes):
-    """Give every joint of the tree, to some digits, with changes."""
+    """Return every joint of the tree, rounded, with changes."""
     model = evaluated(four_bar(A=CRANK))
     known = dict(zip(model.states, model.start().y, strict=True))
     rounded = {name: float(f"{value:.{digits}g}") for name, value in known.items()}

@@ -47,7 +47,7 @@ def numbers(result):
 
 @pytest.fixture(scope="module")
 def differences():
-    """Give the numbers, and their derivatives by five points 1e-4 of a parameter apart."""
+    """Return the numbers, and their derivatives by five points 1e-4 of a parameter apart."""
     model = charger().compile()
 
     def run(**given):

@@ -149,7 +149,7 @@ def test_steps_that_a_root_makes_too_short_say_so(law, method):
     scene.edge("I", "current_source", "a", "ground", current=f"k*{law} - 0.3*sin(3*t)")
     model = scene.compile(["k"])
     rtol = 1e-10 if method == "ida" else 1e-12
-    with pytest.warns(RuntimeWarning, match=r"'C\.v' has an infinite slope by 'C\.v' at t = 1\.66"):
+    with pytest.warns(RuntimeWarning, match=r"'C\.v' has an infinite slope in 'C\.v' at t = 1\.66"):
         assert model.simulate((0, 3), method=method, rtol=rtol, atol=0.01 * rtol).status < 0
     assert model.simulate((0, 3), method=method, rtol=1e-7, atol=1e-9).status == 0
 

@@ -223,7 +223,7 @@ def test_a_moving_floor(loop):
 
 
 def chain(n, **event):
-    """Give a chain of n links that falls from one side, as a model of its own or with an event."""
+    """Return a chain of n links that falls from one side, as a separate model or with an event."""
     scene = cotree.Scene("chain", gravity=[0, "-g", 0])
     scene.parameter("g", 9.81)
     scene.parameter("e", 0.6)

@@ -144,7 +144,7 @@ def test_thermostat(method):
 
 
 def pendulum_closed(g, L, e, a, start=0.9):
-    """Give the times of two impacts of a pendulum that falls from rest against a stop at a < 0."""
+    """Return the times of two impacts of a pendulum that falls from rest onto a stop at a < 0."""
     root = mpmath.sqrt(L / g)
 
     def fall(top):  # from rest at the angle top, through the bottom, as far as the stop

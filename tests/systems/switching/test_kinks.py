@@ -35,7 +35,7 @@ Piece = tuple[np.ndarray, Sequence[tuple[np.ndarray, int]]]
 
 
 def exactly(pieces: Sequence[Piece], now: int, z: Sequence[float], times: np.ndarray) -> np.ndarray:
-    """Give the positions at ascending times, piece by piece."""
+    """Return the positions at ascending times, piece by piece."""
     t, z, found = 0.0, np.array([*z, 1.0]), []
     for wanted in times:
         while True:
@@ -69,7 +69,7 @@ def _root(a: np.ndarray, z: np.ndarray, value: np.ndarray, longest: float) -> fl
 
 
 def moved(x: float, v: float, push: float) -> np.ndarray:
-    """Give A for the acceleration x * position + v * speed + push."""
+    """Return A for the acceleration x * position + v * speed + push."""
     return np.array([[0.0, 1.0, 0.0], [x, v, push], [0.0, 0.0, 0.0]])
 
 
@@ -84,7 +84,7 @@ def mass(force: str, parameters: dict[str, float] | None = None, **initial: floa
 
 
 def bilinear(t: np.ndarray, k1: complex = 4.0, k2: complex = 1.0) -> np.ndarray:
-    """Give the motion from x = 0, v = 1 on a spring of stiffness k1 above zero and k2 below."""
+    """Return the motion from x = 0, v = 1 on a spring of stiffness k1 above zero and k2 below."""
     w1, w2 = np.sqrt(k1), np.sqrt(k2)
     half, period = math.pi / w1, math.pi / w1 + math.pi / w2
     n = np.floor(t / np.real(period))
@@ -167,7 +167,7 @@ def _saturated() -> tuple[Scene, Callable[[np.ndarray], np.ndarray]]:
 
 
 def _attracted() -> tuple[Scene, Callable[[np.ndarray], np.ndarray]]:
-    """Give x'' = 1/2 - |x|: it oscillates on one side, and runs away from a hill on the other."""
+    """Return x'' = 1/2 - |x|: it oscillates on one side, and runs away from a hill on the other."""
     scene = mass("0.5 - abs(j.s)", s_dot=0.6)
     x = np.array([1.0, 0.0, 0.0])
     pieces = [(moved(-1.0, 0.0, 0.5), [(x, 1)]), (moved(1.0, 0.0, 0.5), [(-x, 0)])]
