@@ -231,7 +231,7 @@ def error(y: Any, s: Any, exact: Any) -> float:
 
 
 def tools(row: Row, model: Any) -> dict[str, Any]:
-    """Make what takes part; say what does not."""
+    """Build the participants; print those that are missing."""
     found: dict[str, Any] = {m: Own(model, row.initial, m) for m in row.methods}
     for name, kind in (("heyoka", Heyoka), ("casadi", Casadi)):
         if name in row.peers:

@@ -231,7 +231,7 @@ def program_of() -> Callable[..., Program]:
 
 @pytest.fixture
 def made_up() -> Callable[..., Program]:
-    """Make a program by hand: an arena, and the results of some kernels."""
+    """Build a program by hand: an arena, and the results of some kernels."""
     from cotree.equations import Quantity
     from cotree.program.kernels import KERNELS
     from cotree.program.layout import Layout

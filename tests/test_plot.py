@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def graph_of(*edges: str, domain: str = "translation") -> LinearGraph:
-    """Make a graph from strings 'name tail head'."""
+    """Build a graph from strings 'name tail head'."""
     parts = tuple(GraphEdge(*edge.split(), "x") for edge in edges)
     nodes = dict.fromkeys(["ground", *(node for e in parts for node in (e.tail, e.head))])
     return LinearGraph(domain, tuple(nodes), parts)

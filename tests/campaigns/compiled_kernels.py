@@ -51,7 +51,7 @@ STEP = 1e-3
 
 
 def make(seed: int) -> tuple[Scene, list[str], list[str] | None]:
-    """Make a random scene, choose what it has sensitivities to, and name a tree or none."""
+    """Build a random scene, choose what it has sensitivities to, and name a tree or none."""
     rng = random.Random(seed)
     made = FAMILIES[seed % len(FAMILIES)](seed, rng)
     scene, tree = made if isinstance(made, tuple) else (made, None)
@@ -115,7 +115,7 @@ def _arm_of_laws(seed: int, rng: random.Random) -> Scene:
 
 
 def two_arms() -> Scene:
-    """Make two bodies on hinges, with a spring between them.
+    """Build two bodies on hinges, with a spring between them.
 
     Its Jacobian came out as zero from gcc 12 at -O2: columns of unit vectors were a table whose
     zeros had no initialiser.

@@ -147,7 +147,7 @@ class _Domain:
 
 
 def make_line(seed):
-    """Make a structure: a drive line or a stack of blocks, with up to twelve friction elements."""
+    """Build a structure: a drive line or a stack of blocks, with up to twelve friction elements."""
     rng = np.random.default_rng(seed)
     own = _Domain(bool(rng.random() < 0.65))
     line = Line(cotree.Scene("line"), seed)

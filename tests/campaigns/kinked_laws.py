@@ -103,7 +103,7 @@ LAWS = {
 
 
 def _registered(law: Kinked) -> Callable[..., Any]:
-    """Make the registered law of a text."""
+    """Build the registered law of a text."""
     functions = {
         "where": lambda holds, own, other: sympy.Piecewise((own, holds), (other, True)),
         **{"min": sympy.Min, "max": sympy.Max, "abs": sympy.Abs, "mod": sympy.Mod},
@@ -117,7 +117,7 @@ def _registered(law: Kinked) -> Callable[..., Any]:
 
 
 def _number(law: Kinked) -> Callable[[float, dict[str, float]], float]:
-    """Make the Python function of a text, of v and the values."""
+    """Build the Python function of a text, of v and the values."""
     functions = {
         # A branch that is not taken may have no value.
         "where": lambda holds, own, other: own if holds else other,
@@ -140,7 +140,7 @@ def _level(law: Kinked) -> float:
 
 
 def scene_of(name: str, situation: str, *, is_registered: bool) -> Scene:
-    """Make the scene of a law in one situation: a capacitor C that its current discharges.
+    """Build the scene of a law in one situation: a capacitor C that its current discharges.
 
     Where the corner is touched, the law depends on a voltage S.v that it does not load, of
     ``at + 0.5 + 0.5 cos(3 t)``.

@@ -340,7 +340,7 @@ PLACES: dict[str, tuple[Callable[..., Made], list[str]]] = {
 
 
 def make(seed: int) -> Made:
-    """Make a random scene."""
+    """Build a random scene."""
     rng = np.random.default_rng([33, seed])
     place = list(PLACES)[seed % len(PLACES)]
     build, names = PLACES[place]

@@ -120,7 +120,7 @@ _CHANGES: dict[str, Callable[..., str | None]] = {
 
 
 def typo(text: str, rng: random.Random) -> Typo:
-    """Make one slip in a scene file."""
+    """Build one slip in a scene file."""
     lines = text.split("\n")
     filled = [i for i, line in enumerate(lines) if line.partition("#")[0].strip()]
     while True:

@@ -18,7 +18,7 @@ CLOSE = {"rtol": 1e-11, "atol": 1e-11}
 
 
 def _of_rank(rng, n_rows, n_columns, rank):
-    """Make a matrix with singular values between 0.3 and 3."""
+    """Build a matrix with singular values between 0.3 and 3."""
     left, _ = np.linalg.qr(rng.normal(size=(n_rows, rank)))
     right, _ = np.linalg.qr(rng.normal(size=(n_columns, rank)))
     return (left * rng.uniform(0.3, 3.0, rank)) @ right.T

@@ -28,7 +28,7 @@ _INTS = ctypes.POINTER(ctypes.c_int)
 
 
 def _random_map(seed):
-    """Make a map of random sums and products, whose inputs are zero in random blocks of columns."""
+    """Build a map of random sums and products; inputs are zero in random blocks of columns."""
     rng, dag = random.Random(seed), Dag()
     inputs = [dag.symbol("a", i) for i in range(rng.randint(1, 8))]
     factors = [dag.symbol("x", i) for i in range(rng.randint(1, 6))]

@@ -31,7 +31,7 @@ LAWS = {
 
 
 def mass(force, **initial):
-    """Make a mass of 1 kg on a rail."""
+    """Build a mass of 1 kg on a rail."""
     scene = Scene("mass")
     scene.parameter("k", 2.0)
     scene.parameter("a", 1.0)

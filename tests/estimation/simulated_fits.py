@@ -129,7 +129,7 @@ def covered(name: str, seeds: range) -> dict[str, int]:
 
 
 def simulated(case: Case, exact: list[cotree.Result], seed: int) -> list[cotree.Experiment]:
-    """Make experiments by adding noise to exact runs."""
+    """Build experiments by adding noise to exact runs."""
     rng, n = np.random.default_rng(seed), case.t.size
     noise = case.noise if case.is_noise_given else None
     experiments = []

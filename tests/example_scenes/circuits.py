@@ -33,7 +33,7 @@ def node(name: str) -> str:
 
 
 def circuit(name: str) -> Scene:
-    """Make the scene of a reference file, with the quantities that it gives as outputs."""
+    """Build the scene of a reference file, with the quantities that it gives as outputs."""
     data = read_reference(name)
     scene = Scene(name)
     for parameter, value in data["parameters"].items():
@@ -122,7 +122,7 @@ _ELEMENTS = {"D": _diode, "J": _amplifier_transistor}
 
 
 def battery() -> Scene:
-    """Make the cell of battery_2rc from its store of charge, resistances and RC pairs."""
+    """Build the cell of battery_2rc from its store of charge, resistances and RC pairs."""
     data = read_reference("battery_2rc")
     scene = Scene("battery_2rc")
     for name, value in data["parameters"].items():

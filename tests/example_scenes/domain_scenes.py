@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def scene_of_domain(name: str) -> Scene:
-    """Make the scene of a reference file."""
+    """Build the scene of a reference file."""
     reference = read_reference(name)
     scene = Scene(name)
     for parameter, value in reference["parameters"].items():

@@ -213,7 +213,7 @@ CONSTRAINTS = ("constraints", _held)
 
 
 def _of_file(name: str, make: Callable[[str], Scene], hard: str, **changes: Any) -> Case:
-    """Make the case of a file of tests/references."""
+    """Build the case of a file of tests/references."""
     data = read_reference(name)
     rows = data["reference"]
     times = np.array([row["t"] for row in rows])

@@ -65,7 +65,7 @@ def read_reference(name: str) -> dict[str, Any]:
 
 
 def scene_of(reference: dict[str, Any], with_free_joints: bool = False) -> Scene:
-    """Make the scene of a reference file, with its quantities and the energy as outputs.
+    """Build the scene of a reference file, with its quantities and the energy as outputs.
 
     Parameters
     ----------

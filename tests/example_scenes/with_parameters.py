@@ -4,7 +4,7 @@ import cotree
 
 
 def scene_with(name, **parameters):
-    """Make a scene of nothing but parameters."""
+    """Build a scene of nothing but parameters."""
     scene = cotree.Scene(name)
     for key, value in parameters.items():
         scene.parameter(key, value)

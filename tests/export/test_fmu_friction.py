@@ -26,7 +26,7 @@ def _oscillator():
 
 
 def _clutches():
-    """Make two shafts with a clutch that engages, and a brake on one of them that slips again."""
+    """Build two shafts with a clutch that engages, and a brake on one of them that slips again."""
     scene = Scene("clutches")
     scene.parameter("N", 4.0)
     scene.input("pressed", 1.0)
@@ -42,7 +42,7 @@ def _clutches():
 
 
 def _pendulum():
-    """Make a double pendulum with friction in both hinges."""
+    """Build a double pendulum with friction in both hinges."""
     scene = Scene("pendulum", gravity=[0, -9.81, 0])
     hinge = {"axis": [0, 0, 1]}
     scene.parameter("T1", 2.0)
@@ -58,7 +58,7 @@ def _pendulum():
 
 
 def _ball():
-    """Make a ball that bounces on a table which is shaken, and is thrown off it again."""
+    """Build a ball that bounces on a table which is shaken, and is thrown off it again."""
     scene = Scene("ball")
     scene.parameter("e", 0.6)
     scene.edge("M", "translational_mass", "ground", "A", mass=2.0)
@@ -71,7 +71,7 @@ def _ball():
 
 
 def _box():
-    """Make a box that falls on a floor, slides and comes to rest."""
+    """Build a box that falls on a floor, slides and comes to rest."""
     scene = Scene("box", gravity=[0, -9.81, 0])
     scene.parameter("mu", 0.3)
     initial = {"y": 0.4, "theta": 0.3, "x_dot": 1.0}

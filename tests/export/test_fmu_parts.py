@@ -11,7 +11,7 @@ from cotree import Scene
 
 
 def _sampled():
-    """Make a cart whose speed a sampled PI controller brings to one."""
+    """Build a cart whose speed a sampled PI controller brings to one."""
     scene = Scene("sampled")
     scene.add("C", "sampled-pi", u="1 - x.v", T=0.25, Kp=1.5, Ki=0.8)
     scene.edge("x", "translational_mass", "ground", "A", mass=1.0)
@@ -20,7 +20,7 @@ def _sampled():
 
 
 def _pack():
-    """Make a battery pack with a load."""
+    """Build a battery pack with a load."""
     scene = Scene("pack")
     scene.edge("room", "temperature_source", "ground", "air", temperature=298.15)
     scene.add("pack", "battery-pack", plus="a", minus="ground", air="air")

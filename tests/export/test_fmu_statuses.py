@@ -18,7 +18,7 @@ OK, DISCARD, ERROR = 0, 2, 3
 
 
 def _ending():
-    """Make a mass whose force exists until t = end, and one whose force exists for v < 1."""
+    """Build a mass whose force exists until t = end, and one whose force exists for v < 1."""
     scene = Scene("ending")
     scene.parameter("end", 0.5)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0)

@@ -8,7 +8,7 @@ from cotree.graph.linear_graph import check_spanned
 
 
 def graph_of(nodes: str, *edges: str) -> LinearGraph:
-    """Make a graph from a string of nodes and strings 'name tail head'."""
+    """Build a graph from a string of nodes and strings 'name tail head'."""
     return LinearGraph(
         "translation", tuple(nodes.split()), tuple(GraphEdge(*e.split(), "x") for e in edges)
     )

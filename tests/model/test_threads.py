@@ -118,7 +118,7 @@ def in_threads(work, n=N_THREADS):
 
 
 def check(name, methods, shares):
-    """Make calls in four threads, as many of each as ``shares`` says, and compare bits."""
+    """Call a model in four threads, ``shares`` calls of each kind, and compare bits."""
     made = calls(name, methods)
     expected = {key: [call(j) for j in range(N_SETS)] for key, call in made.items()}
 

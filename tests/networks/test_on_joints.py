@@ -56,7 +56,7 @@ def given(name):
 
 
 def moving(turns):
-    """Make a body on a joint, in motion."""
+    """Build a body on a joint, in motion."""
     scene = Scene("on-a-joint")
     scene.parameter("k", 3.0)
     scene.parameter("m", 2.0)
@@ -70,7 +70,7 @@ def moving(turns):
 
 
 def in_a_graph(name):
-    """Make the same motion between two nodes of a one-dimensional graph."""
+    """Build the same motion between two nodes of a one-dimensional graph."""
     scene = Scene("between-nodes")
     scene.parameter("k", 3.0)
     scene.parameter("m", 2.0)
@@ -161,7 +161,7 @@ MOTOR = {"electrical": ["a", "ground"], "resistance": 1.0, "constant": 1.0}
 
 
 def workshop(joint="prismatic"):
-    """Make a scene with a joint of each kind, and a supply."""
+    """Build a scene with a joint of each kind, and a supply."""
     scene = Scene("workshop")
     scene.voltage_source("V", "a", "ground", voltage=1.0)
     scene.pressure_source("p", "q", "ground", pressure=1.0)

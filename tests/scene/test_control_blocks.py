@@ -11,7 +11,7 @@ _TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 
 
 def _integrator(rate: str) -> cotree.Scene:
-    """Make a scene in which x.v is the integral of an expression."""
+    """Build a scene in which x.v is the integral of an expression."""
     scene = cotree.Scene("loop")
     scene.edge("x", "capacitor", "n", "ground", capacitance=1.0)
     scene.edge("rate", "current_source", "ground", "n", current=rate)

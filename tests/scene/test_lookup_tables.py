@@ -17,7 +17,7 @@ _TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 
 
 def tabled() -> cotree.Scene:
-    """Make a scene whose state x.v grows by one a second and is looked up in several tables."""
+    """Build a scene whose state x.v grows by one a second and is looked up in several tables."""
     scene = cotree.Scene("tabled")
     scene.parameter("b", 1.5)
     scene.parameter("speed", 1.0)

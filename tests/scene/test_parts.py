@@ -266,7 +266,7 @@ def test_parts_stay_when_a_scene_is_copied_or_pickled() -> None:
 
 
 def _of_every_form(base: str, warm: str, mixture: str) -> cotree.Scene:
-    """Make a scene whose edges name nodes and joints in every way that there is."""
+    """Build a scene whose edges name nodes and joints in every way that there is."""
     part = cotree.Scene("part", gravity=[0, 0, -9.81])
     part.parameter("k", 0.1)
     part.edge("h", "revolute", base, "arm", axis=[0, 1, 0])

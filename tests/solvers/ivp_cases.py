@@ -22,7 +22,7 @@ OF_SETTINGS |= {"max_steps", "max_events", "time_limit"}
 
 
 def problem_of(fields: dict[str, Any]) -> Problem:
-    """Make a problem of its fields and settings."""
+    """Build a problem of its fields and settings."""
     settings = Settings(**{name: fields[name] for name in fields if name in OF_SETTINGS})
     return Problem(
         settings=settings, **{name: fields[name] for name in fields if name not in OF_SETTINGS}

@@ -384,7 +384,7 @@ REFUSED = {
 
 
 def check(group: str, kind: str, calls: list[Callable[[], Any]]) -> None:
-    """Make all calls of a group: each returns, or raises an expected error of this package."""
+    """Perform all calls of a group: each returns, or raises an expected error of this package."""
     expected = REFUSED[group].get(kind, ())
     for place, call in enumerate(calls):
         try:

@@ -20,7 +20,7 @@ inertia = [[2e-4, -2e-5, 0.0], [-2e-5, 1.6e-3, 0.0], [0.0, 0.0, 1.7e-3]]
 
 
 def rattleback(type, **contact):
-    """Make a rattleback that begins in a spin, leaning a little; its lowest point is at rest."""
+    """Build a rattleback that begins in a spin, leaning a little; its lowest point is at rest."""
     squares = np.square(semiaxes)
     up = np.array([0.0, math.sin(lean), math.cos(lean)])  # in its axes
     lowest = np.array([0.0, 0.0, height]) - squares * up / math.sqrt(squares @ up**2)

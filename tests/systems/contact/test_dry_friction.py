@@ -35,7 +35,7 @@ def belt():
 
 
 def pendulum():
-    """Make a double pendulum with friction in both hinges."""
+    """Build a double pendulum with friction in both hinges."""
     scene = cotree.Scene("pendulum", gravity=[0, "-g", 0])
     for name, value in {"g": 9.81, "T1": 2.0, "T2": 0.7, "m": 1.0, "th": 1.0}.items():
         scene.parameter(name, value)
@@ -52,7 +52,7 @@ def pendulum():
 
 
 def incline():
-    """Make a block on an incline that tilts to and fro, by the angle sin(w t)."""
+    """Build a block on an incline that tilts to and fro, by the angle sin(w t)."""
     scene = scene_with("rubbing", m=2.0, g=9.81, mu=0.3, mus=0.4, w=1.0)
     scene.output("N", "m*g*cos(sin(w*t))")
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
@@ -62,7 +62,7 @@ def incline():
 
 
 def coaxial():
-    """Make two shafts with two clutches between them, which lock at once, and slip again."""
+    """Build two shafts with two clutches between them, which lock at once, and slip again."""
     scene = scene_with("rubbing", J1=1.0, J2=2.0, T=0.8, F1=2.0, F2=3.0, w0=10.0)
     scene.edge("J1", "rotational_inertia", "ground", "a", inertia="J1", initial={"w": "w0"})
     scene.edge("J2", "rotational_inertia", "ground", "b", inertia="J2")
@@ -75,7 +75,7 @@ def coaxial():
 
 
 def chain():
-    """Make three masses in a row, each of which rubs at its neighbours."""
+    """Build three masses in a row, each of which rubs at its neighbours."""
     scene = scene_with("rubbing", m=1.0, F1=1.0, F2=1.5, F3=0.7, a=4.0, w=2.0)
     for node in "ABC":
         scene.edge(f"M{node}", "translational_mass", "ground", node, mass="m")

@@ -17,7 +17,7 @@ START = 0.1  # angle of the line of centres to the vertical, at the start
 
 
 def on_a_ball(mu, plane):
-    """Make a ball that begins to roll on a fixed one; ``plane`` is the azimuth, None if planar."""
+    """Build a ball that begins to roll on a fixed one; ``plane`` is the azimuth, None if planar."""
     scene = cotree.Scene("ball", gravity=[0, -G, 0] if plane is None else [0, 0, -G])
     for name, value in {"mu": mu, "R": 1.0, "r": 0.25, "w": 0.1}.items():
         scene.parameter(name, value)

@@ -10,7 +10,7 @@ TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
 
 
 def geared(kind, node, **losses):
-    """Make two shafts with a gear, a third one, and a stop at one of them."""
+    """Build two shafts with a gear, a third one, and a stop at one of them."""
     scene = cotree.Scene("geared")
     for name, w in (("a", 2.0), ("b", 1.0), ("c", 3.0)):
         scene.edge(f"J{name}", "rotational_inertia", "ground", name, inertia=1.0, initial={"w": w})
@@ -32,7 +32,7 @@ def test_an_impact_through_a_gear_with_losses_is_refused_by_name():
 
 
 def pair(inertia):
-    """Make two shafts, of which one runs into the other."""
+    """Build two shafts, of which one runs into the other."""
     scene = cotree.Scene("pair")
     scene.parameter("k", 1.0)
     scene.edge("J", "rotational_inertia", "ground", "a", inertia=inertia, initial={"w": "k"})

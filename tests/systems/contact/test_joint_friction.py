@@ -16,7 +16,7 @@ G = 9.81
 
 
 def pendulum(torque, **values):
-    """Make a mass on a rod without mass, hinged to the ground with friction."""
+    """Build a mass on a rod without mass, hinged to the ground with friction."""
     scene = cotree.Scene("pendulum", gravity=[0, -G, 0])
     for name, value in {"m": 2.0, "l": 1.3, "th": 1.2, **values}.items():
         scene.parameter(name, value)
@@ -142,7 +142,7 @@ def test_a_block_in_a_guide_rubs_with_what_the_guide_bears(tilt):
 
 
 def linkage():
-    """Make a crank with a coupler and a slider, whose loop the slider's hinge closes."""
+    """Build a crank with a coupler and a slider, whose loop the slider's hinge closes."""
     scene = cotree.Scene("slider-crank", gravity=[0, -G, 0])
     for name, value in {"c": 0.02, "w": 3.0, "m": 1.0}.items():
         scene.parameter(name, value)

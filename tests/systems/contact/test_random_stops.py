@@ -30,7 +30,7 @@ def _spring(scene, i, pair, gap, rng):
 
 
 def row_of_blocks(seed):
-    """Make blocks above each other, on a floor, and a force on one in a third of all."""
+    """Build blocks above each other, on a floor, and a force on one in a third of all."""
     rng = np.random.default_rng(seed)
     scene = cotree.Scene("row")
     scene.parameter("g", float(rng.choice([0.0, 9.81])))

@@ -23,7 +23,7 @@ def plane_scene(name, **parameters):
 
 
 def disc(**parameters):
-    """Make a disc that is thrown on a floor: it bounces, slides, and rolls."""
+    """Build a disc that is thrown on a floor: it bounces, slides, and rolls."""
     given = {"m": 2.0, "R": 0.1, "mu": 0.3, "u": 2.0, "e": 0.5, "h": 0.0, "w": 0.0}
     scene = plane_scene("disc", **given | parameters)
     inertia = ["m*R**2/4", "m*R**2/4", "m*R**2/2"]
@@ -35,7 +35,7 @@ def disc(**parameters):
 
 
 def incline():
-    """Make a block on a plane that tilts: the weight turns instead."""
+    """Build a block on a plane that tilts: the weight turns instead."""
     scene = cotree.Scene("incline")
     given = {"g": G, "m": 2.0, "mu": 0.3, "L": 0.4, "H": 0.2, "r": 0.1}
     for key, value in given.items():
@@ -52,7 +52,7 @@ def incline():
 
 
 def rocking(th=0.1):
-    """Make a block that stands on one of its corners, and falls back."""
+    """Build a block that stands on one of its corners, and falls back."""
     scene = plane_scene("rocking", m=5.0, B=0.3, H=1.0, th=th)
     initial = {
         "theta": "-th",
@@ -67,7 +67,7 @@ def rocking(th=0.1):
 
 
 def rod(u, mu, w=0.0, th=1.1):
-    """Make a rod that slides with its lower end on a rough floor (P. Painleve, 1895)."""
+    """Build a rod that slides with its lower end on a rough floor (P. Painleve, 1895)."""
     scene = plane_scene("rod", m=1.0, L=1.0, mu=mu, th=th, u=u, w=w)
     initial = {
         "theta": "th",
@@ -85,7 +85,7 @@ def rod(u, mu, w=0.0, th=1.1):
 
 
 def woodpecker():
-    """Make the woodpecker toy of R. Leine, Ch. Glocker, D. van Campen (ASME DETC2001/VIB-21608).
+    """Build the woodpecker toy of R. Leine, Ch. Glocker, D. van Campen (ASME DETC2001/VIB-21608).
 
     Its dimensions are theirs; angles are not linearised.
     """
@@ -285,7 +285,7 @@ def test_sensitivities_across_transitions_agree_with_differences(make, own, end,
 
 
 def boxes(seed):
-    """Make a box that is thrown on a floor."""
+    """Build a box that is thrown on a floor."""
     rng = np.random.default_rng(seed)
     width, height = (float(x) for x in rng.uniform(0.1, 0.6, 2))
     mass = float(rng.choice([0.5, 1.0, 2.0]))

@@ -26,7 +26,7 @@ def ball(**parameters):
 
 
 def table():
-    """Make a mass on a table that moves by a sin(w t), faster than it falls."""
+    """Build a mass on a table that moves by a sin(w t), faster than it falls."""
     scene = scene_with("stops", m=2.0, g=9.81, a=0.05, w=20.0)
     scene.edge("T", "velocity_source", "ground", "T", velocity="a*w*cos(w*t)")
     scene.edge("M", "translational_mass", "ground", "A", mass="m", initial={"v": "a*w"})
@@ -37,7 +37,7 @@ def table():
 
 
 def pair():
-    """Make two masses, of which one runs into the other."""
+    """Build two masses, of which one runs into the other."""
     scene = scene_with("stops", m1=2.0, m2=3.0, u=1.5, e=0.6, gap=0.4)
     scene.edge("M1", "translational_mass", "ground", "A", mass="m1", initial={"v": "u"})
     scene.edge("M2", "translational_mass", "ground", "B", mass="m2")
@@ -47,7 +47,7 @@ def pair():
 
 
 def slot():
-    """Make a mass that rubs and bounces between two limits."""
+    """Build a mass that rubs and bounces between two limits."""
     scene = scene_with("stops", m=1.0, u=1.5, e=0.5, b=0.3, F=0.05)
     scene.edge("M", "translational_mass", "ground", "A", mass="m", initial={"v": "u"})
     scene.edge("R", "translational_dry_friction", "ground", "A", force="F")
@@ -66,7 +66,7 @@ def oscillator(**parameters):
 
 
 def pressed():
-    """Make a mass that rubs, and that a force presses against a wall and pulls off again."""
+    """Build a mass that rubs, and that a force presses against a wall and pulls off again."""
     scene = scene_with("stops", m=1.0, P=3.0, w=1.0, b=0.2, F=1.0)
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("P", "force_source", "ground", "A", force="P*sin(w*t)")
@@ -77,7 +77,7 @@ def pressed():
 
 
 def row_of_masses(n=3, restitution=1.0):
-    """Make masses in a row, all but the first of which touch."""
+    """Build masses in a row, all but the first of which touch."""
     scene = scene_with("stops", m=1.0, u=1.0)
     for i in range(n):
         initial = {"v": "u"} if i == 0 else {}
@@ -89,7 +89,7 @@ def row_of_masses(n=3, restitution=1.0):
 
 
 def stack():
-    """Make two blocks on each other that fall on the floor."""
+    """Build two blocks on each other that fall on the floor."""
     scene = scene_with("stops", m=1.0, g=9.81, h=0.3, e=0.3)
     limit = {"lower": 0.0, "restitution": "e", "rest_speed": 0.02}
     for i, (node, below, mass) in enumerate((("A", "ground", "m"), ("B", "A", "2*m"))):
@@ -101,7 +101,7 @@ def stack():
 
 
 def cart(with_stop=True):
-    """Make a cart with a pendulum that runs into a wall, by a stop or by an event."""
+    """Build a cart with a pendulum that runs into a wall, by a stop or by an event."""
     scene = cotree.Scene("cart", gravity=[0, "-g", 0])
     given = {"g": 9.81, "m": 1.0, "M": 2.0, "L": 0.7, "e": 0.6, "u": 1.0, "b": 0.4}
     for name, value in given.items():
@@ -119,7 +119,7 @@ def cart(with_stop=True):
 
 
 def rope():
-    """Make a body that falls until its rope is taut, and swings on it."""
+    """Build a body that falls until its rope is taut, and swings on it."""
     scene = cotree.Scene("rope", gravity=[0, "-g", 0])
     for name, value in {"g": 9.81, "m": 1.0, "L": 1.0, "x0": 0.5}.items():
         scene.parameter(name, value)
@@ -129,7 +129,7 @@ def rope():
 
 
 def linkage():
-    """Make a four-bar linkage that falls against a limit of its crank, and rests there."""
+    """Build a four-bar linkage that falls against a limit of its crank, and rests there."""
     scene = cotree.Scene("linkage", gravity=[0, "-g", 0])
     for name, value in {"g": 9.81, "m": 1.0, "e": 0.5}.items():
         scene.parameter(name, value)

@@ -64,7 +64,7 @@ class Circuit:
         self.add("P", c, b, e, values=(saturation, gain))
 
     def scene(self) -> Scene:
-        """Make the scene, with the potentials of all nodes as outputs."""
+        """Build the scene, with the potentials of all nodes as outputs."""
         scene = Scene(self.name)
         for name, kind, nodes, values in self.rows:
             scene.edge(name, _TYPES[kind], *nodes, **_fields(kind, values))
@@ -246,7 +246,7 @@ def _junctions(kind: str, ends: list[int], values: tuple[float, ...]) -> Iterato
 
 
 def chain(n: int, voltage: float, saturation: float, resistance: float) -> Circuit:
-    """Make a chain of diodes on a source with a resistor."""
+    """Build a chain of diodes on a source with a resistor."""
     made = Circuit("chain")
     made.voltage("n0", "ground", voltage)
     made.resistor("n0", "n1", resistance)
@@ -256,7 +256,7 @@ def chain(n: int, voltage: float, saturation: float, resistance: float) -> Circu
 
 
 def bridge(voltage: float, saturation: float, resistance: float) -> Circuit:
-    """Make a full bridge with a load; its source is tied to the ground by a leak."""
+    """Build a full bridge with a load; its source is tied to the ground by a leak."""
     made = Circuit("bridge")
     made.voltage("a", "b", voltage)
     made.resistor("a", "c", 0.5)
@@ -268,7 +268,7 @@ def bridge(voltage: float, saturation: float, resistance: float) -> Circuit:
 
 
 def clippers(n: int, voltage: float, resistance: float) -> Circuit:
-    """Make a chain of anti-parallel pairs of unequal diodes."""
+    """Build a chain of anti-parallel pairs of unequal diodes."""
     made = Circuit("clippers")
     made.voltage("n0", "ground", voltage)
     made.resistor("n0", "n1", resistance)
@@ -280,7 +280,7 @@ def clippers(n: int, voltage: float, resistance: float) -> Circuit:
 
 
 def regulators(n: int, voltage: float) -> Circuit:
-    """Make stages that each cut their voltage down by a chain of diodes, as Zener diodes would."""
+    """Build stages that each cut their voltage down by a chain of diodes, as Zener diodes would."""
     made = Circuit("regulators")
     made.voltage("s0", "ground", voltage)
     for i in range(1, n + 1):
@@ -292,7 +292,7 @@ def regulators(n: int, voltage: float) -> Circuit:
 
 
 def darlington() -> Circuit:
-    """Make a pair of transistors as one, with a load at the collectors."""
+    """Build a pair of transistors as one, with a load at the collectors."""
     made = Circuit("darlington")
     made.voltage("vcc", "ground", 12.0)
     made.resistor("vcc", "b", 1e6)
@@ -304,7 +304,7 @@ def darlington() -> Circuit:
 
 
 def wilson() -> Circuit:
-    """Make Wilson's mirror."""
+    """Build Wilson's mirror."""
     made = Circuit("wilson")
     made.voltage("vcc", "ground", 15.0)
     made.resistor("vcc", "ref", 14e3)
@@ -316,7 +316,7 @@ def wilson() -> Circuit:
 
 
 def schmitt(voltage: float) -> Circuit:
-    """Make Schmitt's trigger."""
+    """Build Schmitt's trigger."""
     made = Circuit("schmitt")
     made.voltage("vcc", "ground", 10.0)
     made.voltage("input", "ground", voltage)
@@ -332,7 +332,7 @@ def schmitt(voltage: float) -> Circuit:
 
 
 def flip_flop(imbalance: float) -> Circuit:
-    """Make two transistors that hold each other off."""
+    """Build two transistors that hold each other off."""
     made = Circuit("flip_flop")
     made.voltage("vcc", "ground", 5.0)
     for own, other, load in (("1", "2", 1e3), ("2", "1", 1e3 * (1.0 + imbalance))):
@@ -343,7 +343,7 @@ def flip_flop(imbalance: float) -> Circuit:
 
 
 def cascode() -> Circuit:
-    """Make a cascode with a divider of three resistors."""
+    """Build a cascode with a divider of three resistors."""
     made = Circuit("cascode")
     made.voltage("vcc", "ground", 18.0)
     for plus, minus, value in (
@@ -360,7 +360,7 @@ def cascode() -> Circuit:
 
 
 def class_ab(drive: float) -> Circuit:
-    """Make complementary followers, their bias by two diodes, and a load."""
+    """Build complementary followers, their bias by two diodes, and a load."""
     made = Circuit("class_ab")
     made.voltage("vp", "ground", 15.0)
     made.voltage("vn", "ground", -15.0)
@@ -378,7 +378,7 @@ def class_ab(drive: float) -> Circuit:
 
 
 def amplifier(signal: float) -> Circuit:
-    """Make an operational amplifier of twenty transistors, after the 741, with feedback of 10."""
+    """Build an operational amplifier of twenty transistors, after the 741, with feedback of 10."""
     made = Circuit("amplifier")
     made.voltage("vp", "ground", 15.0)
     made.voltage("vn", "ground", -15.0)

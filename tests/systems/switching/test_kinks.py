@@ -74,7 +74,7 @@ def moved(x: float, v: float, push: float) -> np.ndarray:
 
 
 def mass(force: str, parameters: dict[str, float] | None = None, **initial: float) -> Scene:
-    """Make a mass of 1 kg on a rail."""
+    """Build a mass of 1 kg on a rail."""
     scene = Scene("mass")
     for name, value in (parameters or {}).items():
         scene.parameter(name, value)
@@ -586,7 +586,7 @@ def test_a_peak_that_a_long_step_would_not_see(law: str, method: str) -> None:
 
 
 def backlash(c: float) -> Scene:
-    """Make a mass of 1 kg that flies at 1 m/s between two springs."""
+    """Build a mass of 1 kg that flies at 1 m/s between two springs."""
     scene = Scene("play")
     for name, value in (("k", 400.0), ("a", 0.2), ("c", c)):
         scene.parameter(name, value)
