@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
 
@@ -31,11 +31,6 @@ _MOST_BRANCHES = 16
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
-def _excess_of_power(base: Node, exponent: Node) -> Node | None:
-    # A constant exponent of one or more has a finite derivative at zero.
-    return None if exponent.value is not None and exponent.value >= 1.0 else -base
-
-
 def _excess_of_arcsine(x: Node) -> Node:
     return x.dag.function("abs", x) - 1.0
 
@@ -45,7 +40,8 @@ def _excess_of_arcsine(x: Node) -> Node:
 SINGULAR: dict[str, Callable[..., Node | None]] = {
     "sqrt": lambda x: -x,
     "log": lambda x: -x,
-    "pow": _excess_of_power,
+    # A constant exponent of one or more has a finite derivative at zero.
+    "pow": lambda x, exponent: None if (exponent.value or 0.0) >= 1.0 else -x,
     "asin": _excess_of_arcsine,
     "acos": _excess_of_arcsine,
     "atan2": lambda y, x: -(x * x + y * y),
@@ -151,25 +147,21 @@ class Clips:
                 continue
         return False
 
+    def _branches_of_args(self, node: Node) -> Iterable[tuple[Node, ...]]:
+        """Return all combinations of the branches of arguments; none without a singular branch."""
+        if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
+            return ()
+        branches = [self._of(arg) for arg in node.args]
+        return () if all(len(found) == 1 for found in branches) else product(*branches)
+
     def _reached(self, node: Node) -> Node | None:
         """Form an expression that is nonnegative at the singular argument of a constant branch."""
-        form = SINGULAR[node.op]
-        if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
-            return None
-        branches = [self._of(arg) for arg in node.args]
-        if all(len(found) == 1 for found in branches):
-            return None
-        found = any(is_singular(node.op, args) for args in product(*branches))
-        return form(*node.args) if found else None
+        found = any(is_singular(node.op, args) for args in self._branches_of_args(node))
+        return SINGULAR[node.op](*node.args) if found else None
 
     def _may_be_constant(self, node: Node) -> bool:
         """Return whether a branch that may be singular lacks a symbol of another branch."""
-        if node.op in _OF_POSITIVE and _is_nonnegative(node.args[0], is_strict=True):
-            return False
-        branches = [self._of(arg) for arg in node.args]
-        if all(len(found) == 1 for found in branches):
-            return False
-        formed = [SINGULAR[node.op](*args) for args in product(*branches)]
+        formed = [SINGULAR[node.op](*args) for args in self._branches_of_args(node)]
         sets = [set(symbols_in([excess])) for excess in formed if excess is not None]
         # Branches without symbols are constants, which are not singular.
         return any(own and own != set().union(*sets) for own in sets)
@@ -245,15 +237,6 @@ Partial = Callable[["Node"], "Node"]
 Jacobian = list[dict[int, "Node"]]
 
 
-def _d_abs(node: Node) -> Node:
-    return node.dag.function("sign", node.args[0])
-
-
-def _d_tan(node: Node) -> Node:
-    # 1 + tan^2 uses the value and needs no other function.
-    return node * node + 1.0
-
-
 def _d_asin(node: Node) -> Node:
     x = node.args[0]
     return 1.0 / node.dag.function("sqrt", 1.0 - x * x)
@@ -274,11 +257,6 @@ def _d_pow_exponent(node: Node) -> Node:
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
 
-def _d_erf(node: Node) -> Node:
-    x = node.args[0]
-    return 2.0 / math.sqrt(math.pi) * node.dag.function("exp", -(x * x))
-
-
 def _norm2(node: Node) -> Node:
     y, x = node.args
     return x * x + y * y
@@ -295,7 +273,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "sqrt": (lambda n: 0.5 / n,),
     "sin": (lambda n: n.dag.function("cos", n.args[0]),),
     "cos": (lambda n: -n.dag.function("sin", n.args[0]),),
-    "tan": (_d_tan,),
+    "tan": (lambda n: n * n + 1.0,),
     "asin": (_d_asin,),
     "acos": (lambda n: -_d_asin(n),),
     "atan": (lambda n: 1.0 / (n.args[0] * n.args[0] + 1.0),),
@@ -304,17 +282,13 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "tanh": (lambda n: 1.0 - n * n,),
     "exp": (lambda n: n,),
     "log": (lambda n: 1.0 / n.args[0],),
-    "erf": (_d_erf,),
-    "abs": (_d_abs,),
+    "erf": (lambda n: 2.0 / math.sqrt(math.pi) * n.dag.function("exp", -(n.args[0] * n.args[0])),),
+    "abs": (lambda n: n.dag.function("sign", n.args[0]),),
     "sign": (None,),
     "floor": (None,),
     "atan2": (lambda n: n.args[1] / _norm2(n), lambda n: -(n.args[0] / _norm2(n))),
     "pow": (_d_pow_base, _d_pow_exponent),
 }
-
-
-def _of_table(node: Node) -> Jacobian:
-    return [{0: results(node, 2)[1]}, {}]  # the slope is piecewise constant
 
 
 def _of_lookup(node: Node) -> Jacobian:
@@ -342,7 +316,7 @@ def _of_call(node: Node) -> Jacobian:
 #: Partial derivatives of operations with several results. Linear systems and maps are missing,
 #: since they are solved or applied again instead.
 _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
-    "table": _of_table,
+    "table": lambda node: [{0: results(node, 2)[1]}, {}],  # the slope is piecewise constant
     "lookup": _of_lookup,
     "sines": _of_sines,
     "call": _of_call,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import add
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def _maker(expression: Any) -> _Maker:
         return _piecewise(expression)
     parts = [_maker(arg) for arg in expression.args]
     if expression.is_Add:
-        return lambda dag, arguments: _sum([part(dag, arguments) for part in parts])
+        return lambda dag, arguments: reduce(add, [part(dag, arguments) for part in parts])
     if expression.is_Mul:
         # SymPy writes a/b as a*b**-1; a division rounds once, a product with a reciprocal twice.
         inverted = [factor.is_Pow and factor.exp == -1 for factor in expression.args]
@@ -73,13 +74,6 @@ def _symbol(name: str) -> _Maker:
         return arguments[name]
 
     return make
-
-
-def _sum(args: list[Node]) -> Node:
-    total = args[0]
-    for arg in args[1:]:
-        total = total + arg
-    return total
 
 
 def _product(dag: Dag, inverted: list[bool], args: list[Node]) -> Node:
@@ -119,9 +113,7 @@ def _piecewise(expression: Any) -> _Maker:
         )
     # The first true condition decides, so selections are nested from the last to the first branch.
     last = _maker(value)
-    branches: list[tuple[_Maker, _Chooser]] = []
-    for value, condition in reversed(pairs[:-1]):
-        branches.append((_maker(value), _chooser(condition)))
+    branches = [(_maker(value), _chooser(condition)) for value, condition in reversed(pairs[:-1])]
 
     def make(dag: Dag, arguments: Mapping[str, Node]) -> Node:
         result = last(dag, arguments)

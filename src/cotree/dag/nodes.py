@@ -85,10 +85,8 @@ class Node:
     def __neg__(self) -> Node:
         return self.dag.neg(self)
 
-    def __pow__(self, exponent: Node | float) -> Node:
-        if not isinstance(exponent, Node):
-            exponent = self.dag.constant(exponent)
-        return self.dag.pow(self, exponent)
+    def __pow__(self, other: Node | float) -> Node:
+        return self.dag.pow(self, other if isinstance(other, Node) else self.dag.constant(other))
 
     @property
     def is_zero(self) -> bool:

@@ -111,19 +111,11 @@ def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
 
 
-def _complex_sign(x: complex) -> float:
-    return _sign(complex(x).real)
-
-
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
     # The angle between the perturbed and the real direction is infinitesimal, so the arctangent
     # remains on its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
-
-
-def _complex_floor(x: complex) -> float:
-    return math.floor(complex(x).real)
 
 
 def _complex_erf(x: complex) -> complex:
@@ -182,12 +174,12 @@ _ROWS = (
         "sign",
         1,
         _sign,
-        _complex_sign,
+        lambda x: _sign(complex(x).real),
         _array_sign,
         # The same comparisons as in the Python function, so that the sign of nan is zero in both.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
-    Operation("floor", 1, floor, _complex_floor, np.floor, "floor({0})"),
+    Operation("floor", 1, floor, lambda x: math.floor(complex(x).real), np.floor, "floor({0})"),
     Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
     Operation("pow", 2, power, operator.pow, np.power, "pow({0}, {1})"),
     Operation("select", 3, _select, _complex_select, _array_select, "({0} >= 0.0 ? {1} : {2})"),

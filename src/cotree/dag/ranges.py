@@ -10,6 +10,7 @@ nan, so that no comparison is true.
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -148,14 +149,6 @@ def _within(given: Range, low: float, high: float) -> Range:
     return a, b
 
 
-def _of_root(node: Node, given: Sequence[Range]) -> Range:
-    return _of_increasing(node, [_within(given[0], 0.0, ENDLESS)])
-
-
-def _of_logarithm(node: Node, given: Sequence[Range]) -> Range:
-    return _of_increasing(node, [_within(given[0], 1.0 / ENDLESS, ENDLESS)])
-
-
 def _of_arc(node: Node, given: Sequence[Range]) -> Range:
     low, high = _of_increasing(node, [_within(given[0], -1.0, 1.0)])
     return (low, high) if node.op == "asin" else (high, low)
@@ -172,11 +165,6 @@ def _of_angle(node: Node, given: Sequence[Range]) -> Range:
     is_right = dag.select(-x[0], -dag.one, dag.one)
     is_aside = dag.select(-(y[0] * y[1]), -dag.one, dag.one)
     return _where(_largest([is_right, is_aside]), corners, anything)
-
-
-def _of_power(node: Node, given: Sequence[Range]) -> Range:
-    # Bounds are nan if the base may be negative, even with an integer exponent.
-    return _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]])
 
 
 def _of_selection(node: Node, given: Sequence[Range]) -> Range:
@@ -229,16 +217,15 @@ _RULES: dict[str, Callable[[Node, Sequence[Range]], Range]] = {
     "sin": _of_wave,
     "cos": _of_wave,
     "tan": _of_tangent,
-    "sqrt": _of_root,
-    "log": _of_logarithm,
+    "sqrt": lambda node, given: _of_increasing(node, [_within(given[0], 0.0, ENDLESS)]),
+    "log": lambda node, given: _of_increasing(node, [_within(given[0], 1.0 / ENDLESS, ENDLESS)]),
     "asin": _of_arc,
     "acos": _of_arc,
     "atan2": _of_angle,
-    "pow": _of_power,
+    # Bounds are nan if the base may be negative, even with an integer exponent.
+    "pow": lambda node, given: _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]]),
     "select": _of_selection,
-    "abs": lambda node, given: _of_even(node.dag, given[0], lambda x: node.dag.function("abs", x)),
-    "cosh": lambda node, given: _of_even(
-        node.dag, given[0], lambda x: node.dag.function("cosh", x)
-    ),
+    "abs": lambda node, given: _of_even(node.dag, given[0], partial(node.dag.function, "abs")),
+    "cosh": lambda node, given: _of_even(node.dag, given[0], partial(node.dag.function, "cosh")),
     **dict.fromkeys(_INCREASING, _of_increasing),
 }
