@@ -351,9 +351,8 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     """Return the links of the tree; none if pivots may vanish or the trees differ."""
     n = len(first.system.speeds)
     # Articulated inertias require one parent for each body, and all inertia within the tree.
-    if first.has_far_inertia or not first.system.trees.is_one:
-        return ()
-    if not all(first.is_safe[:n]):
+    is_tree = first.system.trees.is_one and not first.has_far_inertia
+    if not (is_tree and all(first.is_safe[:n])):
         return ()
     links = []
     for geometry in first.motion.geometry:
@@ -367,9 +366,7 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
                 geometry.shifting,
                 geometry.offset,
                 first.motion.frames.steps[branch.child],
-                None if inertia is None else inertia.mass,
-                None if inertia is None else inertia.moment,
-                None if inertia is None else inertia.tensor,
+                None if inertia is None else (inertia.mass, inertia.moment, inertia.tensor),
             )
         )
     return tuple(links)
@@ -443,9 +440,8 @@ def _bordered(
     border = _border(constraints, holdings, dag)
     # With these signs the matrix is symmetric, as sensitivity graphs and L D L^T require.
     n = len(constraints.gradient)
-    columns = [*(row.column for row in holdings)]
     upper = [
-        (*row, *(b[i] for b in border[:n]), *(column[i] for column in columns))
+        (*row, *(b[i] for b in border[:n]), *(own.column[i] for own in holdings))
         for i, row in enumerate(mass)
     ]
     return (*upper, *border)

@@ -234,10 +234,8 @@ class TreeLink:
     shifting: tuple[Vector, ...]
     offset: Vector  # vector from the parent's origin to the link's origin
     step: Matrix | None  # rotation from the link's basis to the parent's basis; None if equal
-    #: Inertia about the link's origin, in the link's basis.
-    mass: Node | None
-    moment: Vector | None
-    tensor: Matrix | None
+    #: Mass, first and second moment about the link's origin, in the link's basis.
+    inertia: tuple[Node, Vector, Matrix] | None
     #: Whether the terms w w^T / d of its speeds are subtracted after the shift by the offset.
     is_deferred: bool = False
 
@@ -384,9 +382,8 @@ def factorise_tree(
     for i in range(len(links) - 1, -1, -1):
         link = links[i]
         with dag.labelled("articulated inertias"):
-            own = total(_own_inertia(link), carried[i + 1])
-            if own is None:
-                own = nothing(dag)
+            alone = None if link.inertia is None else rigid(*link.inertia)
+            own = total(alone, carried[i + 1]) or nothing(dag)
             if link.step is not None:
                 # Motion spaces are in the basis of the parent.
                 own = resolved(own, link.step)
@@ -457,9 +454,3 @@ def _up(link: TreeLink, a: Vector) -> Vector:
 
 def _down(link: TreeLink, a: Vector) -> Vector:
     return a if link.step is None else vector.transposed_times(link.step, a)
-
-
-def _own_inertia(link: TreeLink) -> Spatial | None:
-    if link.mass is None or link.moment is None or link.tensor is None:
-        return None
-    return rigid(link.mass, link.moment, link.tensor)
