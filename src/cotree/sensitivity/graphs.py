@@ -425,17 +425,16 @@ def form_derivatives(
             state.symbol: dag.symbol(SENSITIVITY, j * n + i) for i, state in enumerate(first.states)
         }
         if name in first.system.tunable:
-            directions[name] |= _of_parameters(first, {first.system.tunable[name]: dag.one})
+            directions[name] |= _with_inputs(first, {first.system.tunable[name]: dag.one})
     return tuple(
         row if row.name in first.system.tunable else _initial_value(row, first)
         for row in differentiate(first, directions, support)
     )
 
 
-def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Return the tangents of parameters, and of scene inputs that depend on them."""
+def _with_inputs(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
+    """Add the tangents of scene inputs that depend on changing parameters or on time."""
     system = first.system
-    # Scene inputs that are functions of parameters also change.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
@@ -513,13 +512,9 @@ def form_equations(
 
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
     """Return tangents along the motion: symbols for rates of states, rates of inputs, dt/dt = 1."""
-    system = first.system
-    dag = system.dag
-    along = tangents(system.input_values, {system.time: dag.one})
-    inputs = zip(system.inputs.values(), along, strict=True)
+    dag = first.system.dag
     seed = {state.symbol: dag.symbol(STATE_RATE, i) for i, state in enumerate(first.states)}
-    seed |= {symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}
-    return seed | {system.time: dag.one}
+    return seed | _with_inputs(first, {first.system.time: dag.one})
 
 
 def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:
@@ -531,7 +526,7 @@ def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support
         for j, name in enumerate(wanted)
         if name in parameters
     }
-    return differentiate(first, {"": {**seed, **_of_parameters(first, changes)}}, support)[0]
+    return differentiate(first, {"": {**seed, **_with_inputs(first, changes)}}, support)[0]
 
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from cotree.components import Role
@@ -91,14 +92,10 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     def is_motion(name: str) -> bool:
         return observe_motion(view.motion, name) is not None
 
-    network, observed = form_network(
-        scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=True
-    )
+    form = partial(form_network, scene, system, couplings, wanted, is_motion=is_motion)
+    network, observed = form(has_multipliers=True)
     if network.holding and not _is_linear(network, couplings, observed, named):
-        # The forces are then algebraic unknowns.
-        network, observed = form_network(
-            scene, system, couplings, wanted, is_motion=is_motion, has_multipliers=False
-        )
+        network, observed = form(has_multipliers=False)  # the forces are algebraic unknowns
     reacting = frozenset(
         name
         for name in system.signals.measured
