@@ -11,15 +11,7 @@ import numpy as np
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
-from cotree.design.search import (
-    MET,
-    OPTIMAL,
-    ConditionValue,
-    Design,
-    Search,
-    Space,
-    read_variables,
-)
+from cotree.design.search import MET, OPTIMAL, ConditionValue, Design, Search, Space, read_variables
 from cotree.errors import Error, ParameterError, SolveError, brief, check_known, listed
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_positive

@@ -190,10 +190,7 @@ class Search:
         from scipy.optimize import NonlinearConstraint
 
         return NonlinearConstraint(
-            self._scaled_conditions,
-            np.where(equal, 0.0, -np.inf),
-            0.0,
-            jac=self._scaled_slopes,
+            self._scaled_conditions, np.where(equal, 0.0, -np.inf), 0.0, jac=self._scaled_slopes
         )
 
     def _scaled_conditions(self, v: Array) -> Array:

@@ -171,12 +171,7 @@ def read_candidates(given: Any) -> list[Candidates]:
 
 
 def choose(
-    found: Uncertainty,
-    given: Any,
-    n: int,
-    *,
-    criterion: str = "D",
-    repeat: bool = True,
+    found: Uncertainty, given: Any, n: int, *, criterion: str = "D", repeat: bool = True
 ) -> NextMeasurements:
     """Choose further measurements; see :meth:`FitResult.next_measurements`."""
     names = found.problem.scaled.names

@@ -129,11 +129,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
 
 
 def estimated(
-    name: str,
-    given: Any,
-    start: float | None,
-    nominal: float | None,
-    unit: str = "",
+    name: str, given: Any, start: float | None, nominal: float | None, unit: str = ""
 ) -> Estimated:
     """Return an estimated parameter from its name and range.
 

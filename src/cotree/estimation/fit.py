@@ -11,13 +11,7 @@ import numpy as np
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.errors import ParameterError, SolveError, brief, check_known, nearest
 from cotree.estimation.conditions import Condition
-from cotree.estimation.estimated import (
-    Array,
-    Estimated,
-    estimated,
-    read_ranges,
-    spread_starts,
-)
+from cotree.estimation.estimated import Array, Estimated, estimated, read_ranges, spread_starts
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.observing import Observed, Observer, measured_rows

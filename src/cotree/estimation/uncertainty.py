@@ -147,11 +147,7 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
 
 
 def _sentence(
-    names: list[str],
-    group: list[int],
-    basis: Array,
-    here: Split,
-    beside: Sequence[Split],
+    names: list[str], group: list[int], basis: Array, here: Split, beside: Sequence[Split]
 ) -> str:
     others = [item for item in beside if item.open.shape[1] >= here.open.shape[1]]
     is_everywhere = bool(beside) and len(others) == len(beside)

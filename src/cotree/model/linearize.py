@@ -78,11 +78,7 @@ class Variation:
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
         """Evaluate the derivatives along a direction, shape (n_nodes,)."""
-        by_kind = {
-            STATE_CHANGE: direction.y,
-            INPUT_CHANGE: direction.u,
-            TUNED_CHANGE: direction.p,
-        }
+        by_kind = {STATE_CHANGE: direction.y, INPUT_CHANGE: direction.u, TUNED_CHANGE: direction.p}
         changes = {
             symbol: float(by_kind[kind][place]) for symbol, (kind, place) in self._changes.items()
         }

@@ -394,10 +394,7 @@ def _best(searches: Iterator[Root]) -> Root:
 
 
 def _searches(
-    equation: Equation,
-    guess: Array,
-    improve: Callable[[], Array | None],
-    linear: Linear | None,
+    equation: Equation, guess: Array, improve: Callable[[], Array | None], linear: Linear | None
 ) -> Iterator[Root]:
     """Search for a root from the guess, a better guess, zero and points nearby."""
     yield iterate(equation, guess, NEXT, linear)

@@ -114,10 +114,7 @@ _ROWS = (
         "residuals of the initial conditions; redundant values from the states, then as prescribed",
     ),
     KernelSpec(
-        "start_gradient",
-        _STATE,
-        "g",
-        "derivatives of start with respect to the speeds, row by row",
+        "start_gradient", _STATE, "g", "derivatives of start with respect to the speeds, row by row"
     ),
     KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of start"),
     KernelSpec("projection", _STATE, "dx", "a Newton step from the states towards the constraints"),

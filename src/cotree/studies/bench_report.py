@@ -264,10 +264,7 @@ def plot_bench(report: BenchReport) -> Figure:
 
 
 def _draw_methods(
-    ax: Axes,
-    rows: Sequence[BenchRow],
-    error: Callable[[BenchRow], float],
-    agreement: float,
+    ax: Axes, rows: Sequence[BenchRow], error: Callable[[BenchRow], float], agreement: float
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):

@@ -244,10 +244,7 @@ class Outputs:
     """
 
     def __init__(
-        self,
-        tables: Tables,
-        meaning: Callable[[str], str | None],
-        name: Callable[[str], str],
+        self, tables: Tables, meaning: Callable[[str], str | None], name: Callable[[str], str]
     ) -> None:
         self._tables, self._meaning, self._name = tables, meaning, name
         self._formulas: dict[tuple[str, str], Formula] = {}
