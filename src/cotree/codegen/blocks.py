@@ -50,8 +50,7 @@ if TYPE_CHECKING:
 #: Size of a number and of the widest vector of any machine, [byte].
 NUMBER, VECTOR = 8, 64
 
-#: Size of the return address and the caller's frame pointer; size of words, pointers and arguments,
-#: [byte].
+#: Sizes of return address with frame pointer, and of words, pointers and arguments, [byte].
 _LINK, _WORD = 16, 8
 #: Divisor of frame sizes, [byte]; arrays that are loaded into vectors are aligned to whole vectors.
 _ALIGNMENT = 16
@@ -263,8 +262,7 @@ def cut_into_blocks(
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
-    # Blocks return no status, so statements that may return from the kernel remain in it, after the
-    # calls. Kernels that may return earlier are not divided.
+    # Statements that may return stay in the kernel, after the calls; earlier ones forbid blocks.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -313,13 +311,11 @@ def _choose_cuts(
 ) -> list[int]:
     """Return the ends of blocks of similar length that the fewest values cross."""
     n = len(items)
-    # The number of live names at a cut is a cumulative sum of +1 after the first use of each name
-    # and -1 after its last use.
+    # Live names at a cut: cumulative sum of +1 after each first use and -1 after each last use.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # Temporaries that are already stored in an array do not count. Arrays count, since they must be
-    # shared if a cut separates their uses.
+    # Stored temporaries do not count; arrays do, since a cut between uses makes them shared.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:

@@ -153,11 +153,7 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
 
 
 def engine_files(name: str, *, has_events: bool = True) -> Mapping[str, str]:
-    """Return the C files of the engine of a stepper in ``STEPPERS``: the job and the stepper.
-
-    They are the same for all models. An engine without events is half as long, but runs only models
-    without events and kinks.
-    """
+    """Return the C files of the engine of a stepper in ``STEPPERS``, the same for all models."""
     own = dict(stepper_files(name))
     if name in INTEGRATORS:
         own |= method_files(name)

@@ -203,10 +203,7 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
 def _reached(
     fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
 ) -> set[tuple[str, str]]:
-    """Return all names that the items ``fresh`` need, directly or indirectly, with their scopes.
-
-    The scope of a private name is its source; the scope of other names is empty.
-    """
+    """Return the names that the items ``fresh`` need, also indirectly, with their scopes."""
     by_name: dict[str, dict[str, list[tuple[Item, str]]]] = {}
     for row in rows:
         scope = _scope(*row)

@@ -232,10 +232,7 @@ def _arguments(kernel: Kernel) -> list[Argument]:
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
-    """Return the arguments that no statement uses.
-
-    Templates cast them to void to avoid compiler warnings.
-    """
+    """Return the arguments that no statement uses, which templates cast to void."""
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):

@@ -44,8 +44,7 @@ _SLOTS = {
     **{"number": "r", "whole": "w", "element": "i", "temporary": "t"},
     **{"name": "", "zero": "", "tolerance": ""},
 }
-#: Number of operations for which each operation counts, if not one: a sign consists of comparisons;
-#: conversions and leaves are free.
+#: Counts of operations, if not one: a sign consists of comparisons; others here are free.
 _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0)
 
 
@@ -73,8 +72,7 @@ class Form:
     name: str  # name of the array or function, prefix of the temporary, or value of the tolerance
     args: tuple[Form, ...]  # arguments of the operation or function
     level: int  # precedence of the form
-    #: Type of each number, in the order of the text: ``r`` for a constant, ``w`` for a whole
-    #: number, ``i`` for an index, ``t`` for the number of a temporary.
+    #: Type of each number: ``r`` constant, ``w`` whole, ``i`` index, ``t`` of a temporary.
     slots: str
     n_operations: int  # number of operations
     width: int  # number of characters in C without the numbers
@@ -270,8 +268,7 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
     return _form(form.op, form.name, tuple(args))
 
 
-#: Types of values, which a target maps to C types. Statements compute with ``REAL``, which may be a
-#: vector of numbers; ``SCALAR`` is a single number.
+#: Types of values: ``REAL`` may be a vector of numbers, ``SCALAR`` is a single number.
 REAL, SCALAR, WHOLE = "real", "scalar", "whole"
 
 #: Prefixes of temporary variables that are integers; all others are real.

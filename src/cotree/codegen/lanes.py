@@ -87,10 +87,7 @@ class LanesContext(KernelFile):
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Return the reason why members cannot run in SIMD lanes, or an empty string.
-
-    The reason has no capital and no full stop.
-    """
+    """Return why members cannot run in SIMD lanes, as a clause, or an empty string."""
     layout = program.layout
     if method not in INTEGRATORS:
         return f"'{method}' is no method of cotree"

@@ -52,8 +52,7 @@ _FEWEST_TIMES = 8
 class StatementRow:
     """A statement, split into its form and its numbers."""
 
-    #: Key that is equal for statements that differ only in their numbers; None if the statement
-    #: must stay outside loops.
+    #: Equal for statements that differ only in numbers; None for those outside loops.
     form: Hashable
     whole: tuple[int, ...] = ()  # whole numbers of the statement, in order
     real: tuple[float, ...] = ()  # constants of the statement, in order
@@ -144,8 +143,7 @@ def _even_reach(
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
-        # Cumulative sums of +1 at the start of each loop and -1 after its end count the loops that
-        # contain a statement.
+        # Number of loops that contain each statement: sum of +1 at starts and -1 after ends.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)
@@ -253,8 +251,7 @@ def _row(statement: Statement) -> StatementRow:
     if isinstance(statement, Assign):
         declared = statement.declares
         is_temporary = declared is not None and kind_of(declared) == REAL
-        # Statements for nodes with several results stay outside loops, which would be short and
-        # move temporaries of long straight-line code into an array.
+        # Nodes with several results stay outside: their short loops would need an array.
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):

@@ -67,10 +67,7 @@ class _Segment:
 def cut_into_segments(
     linear: LinearMap, symbols: Callable[[str, int], CExpression], longest: int = LONGEST_BLOCK
 ) -> Segments:
-    """Divide a map into segments, and these into parts of at most ``longest`` statements.
-
-    ``symbols`` returns the expression of an input from its kind and position.
-    """
+    """Divide a map into segments, and these into parts of at most ``longest`` statements."""
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
     # Values that another segment reads are not inlined, even if they are read once.

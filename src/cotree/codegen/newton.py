@@ -108,8 +108,7 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-# Number of operations above which loops over tables replace straight-line code; gcc compiles a
-# thousand operations in half a second.
+# Most operations of straight-line code; gcc compiles a thousand in half a second.
 _LONGEST = 3000
 
 
@@ -292,8 +291,7 @@ def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
 
 def _solve_rows(plan: Elimination) -> list[Statement]:
     rows: list[Statement] = []
-    # Forward substitution with L, whose diagonal is one, precedes backward substitution with U,
-    # whose pivots are inverted.
+    # Forward substitution with L (unit diagonal), then backward with U (inverted pivots).
     for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
         total = element("b", row)
         for m, factor in pairs:

@@ -68,8 +68,7 @@ class Body:
 
     lines: list[str]  # lines of the function itself
     blocks: list[BlockText]  # functions into which it is divided, in calling order
-    #: Numbers of operations in each of these blocks, then in the function itself; operations in a
-    #: loop count once.
+    #: Operations in each of these blocks, then in the function; those in a loop count once.
     written: list[int]
 
     @property
@@ -271,8 +270,7 @@ def _number(number: Number, slot: str) -> str:
         return f"{number.table}[i]"
     if not isinstance(number, Affine):
         return str(number)
-    # Numbers in a loop are indices or counts, which are never negative. If they decrease, the first
-    # value is written first.
+    # Indices and counts are never negative; of decreasing ones, the first value comes first.
     step, first = number.step, number.first
     if step < 0:
         text = f"{first} - {'i' if step == -1 else f'{-step} * i'}"
@@ -283,10 +281,7 @@ def _number(number: Number, slot: str) -> str:
 
 
 def function_head(result: str, name: str, arguments: Collection[str]) -> str:
-    """Return the head of a function, with line breaks only between the declared arguments.
-
-    ``result`` is the text before the name: linkage and type of the result.
-    """
+    """Return a function head with line breaks only between arguments, after ``result``."""
     lines = [f"{result} {name}("]
     indent = " " * len(lines[0])
     for i, argument in enumerate(arguments):

@@ -73,10 +73,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
 
 
 def render(template: str, target: Target = DOUBLE, **context: object) -> str:
-    """Return the rendered template at a path below the template folder.
-
-    Raise CodegenError if the text is too long, or a coefficient is outside the range of the type.
-    """
+    """Return a rendered template; raise CodegenError if its length or a number is out of range."""
     text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
@@ -153,10 +150,7 @@ def with_runtime(
 
 
 def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
-    """Add the runtime modules that texts include, without unused parts; see ``with_runtime``.
-
-    The sources in ``files`` remain complete.
-    """
+    """Add the runtime modules that ``files`` include, without unused parts."""
     shared = _paths().keys() - {name for name in files if name.endswith(".c")}
     return without_unused(with_runtime(files, target, features=features), shared)
 

@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 
 def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
-    """Combine the C files of a project, among them ``main.c``, into a header and a source.
-
-    The main program is compiled if ``<PREFIX>_MAIN`` is defined.
-    """
+    """Combine C files into a header and a source; ``<PREFIX>_MAIN`` compiles the main program."""
     seen: set[str] = set()
     # Other programs may include the headers that the main program includes.
     public = [f"{prefix}.h", *includes(texts["main.c"])]

@@ -31,8 +31,7 @@ SENTENCES = {
 #: Values of ``cotree_status`` by name.
 NUMBERS = {name: number for number, name in enumerate(SENTENCES)}
 
-#: Names of event failures by status (``cotree_events_status``). :mod:`cotree.solvers.messages`
-#: describes them.
+#: Names of event failures by ``cotree_events_status``; see :mod:`cotree.solvers.messages`.
 EVENT_FAILURES = {
     20: "EVENTS_FAILED",
     21: "EVENTS_NOT_FINITE",
@@ -60,6 +59,5 @@ EVENT_FAILURES = {
     48: "EVENTS_BELOW_TOLERANCE",
 }
 
-#: Status if a sensitivity is undefined after a breakpoint; its index is the field ``turned`` of the
-#: job.
+#: Status of a sensitivity undefined after a breakpoint; its index is ``turned`` of the job.
 TURNED = 60

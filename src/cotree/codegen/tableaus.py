@@ -24,8 +24,7 @@ class Tableau:
     #: order. The stage after the last one is the rate at the new solution.
     errors: tuple[dict[int, str], ...]
     stable: str  # stability limit on the negative real axis, rounded down
-    #: Weights of the term that extends the cubic interpolation in a step to degree 4; empty if
-    #: there is none.
+    #: Weights of the term that extends cubic interpolation to degree 4; empty if none.
     dense: dict[int, str]
 
     is_implicit = False

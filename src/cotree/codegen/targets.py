@@ -67,10 +67,7 @@ class Target:
         return repr(self.checked(float(value))) + self.suffix
 
     def constant(self, text: str) -> str:
-        """Return the literal of a coefficient, a decimal number or a quotient of two.
-
-        Raise CodegenError if it is outside the range of the type.
-        """
+        """Return the literal of a number or quotient; raise CodegenError if out of range."""
         parts = text.split(" / ")
         for part in parts:
             self.checked(float(part))

@@ -50,8 +50,7 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     the peak is next to an event.
     """
     k = int(np.argmax(value))
-    # If parameters vary slightly, a maximum at an end of the run stays there, so its derivative is
-    # the sensitivity.
+    # A maximum at an end of the run stays there, so its derivative is the sensitivity.
     if k in (0, len(t) - 1):
         return float(value[k]), slopes[:, k].copy()
     before, after = events[events <= t[k]], events[events > t[k]]
@@ -94,8 +93,7 @@ def _interpolated(s: Array, rows: Array, at: float) -> Array:
     return np.asarray(rows @ weights)
 
 
-#: Numbers of points of the coarse and the fine time grid for peaks. The fine grid is used only if
-#: the coarse grid does not resolve the output.
+#: Points of the coarse time grid for peaks, and of the fine one if the first is too coarse.
 _TIMES = (801, 12801)
 
 #: A run ends after this multiple of the steps of the longest previous run, but not before the
@@ -171,10 +169,7 @@ class Evaluation:
         return result
 
     def at(self, values: Mapping[str, float]) -> Point:
-        """Evaluate objective and constraints for values of the design variables.
-
-        Raise an Error if a run fails, or if a value or derivative is not finite.
-        """
+        """Evaluate the goals; raise an Error if a run fails or a derivative is not finite."""
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]
         conditions = [row for rows in found for row in rows[1:]]

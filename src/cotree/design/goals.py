@@ -104,11 +104,7 @@ class Condition:
 
 
 class Goals:
-    """The objective and the constraints of a design, parsed from text.
-
-    Names in ``parameters`` are design variables and denote their values. Any other name denotes the
-    value at the end of the run.
-    """
+    """The goals of a design, parsed from text; names not in ``parameters`` denote final values."""
 
     def __init__(
         self, minimise: object, subject_to: Sequence[object], parameters: Collection[str]

@@ -218,10 +218,7 @@ class Search:
         return bool(end.success) and self._residual(v, self.known(v)) <= OPTIMAL * size
 
     def _residual(self, v: Array, found: Point) -> float:
-        """Return the norm of the gradient part that active bounds and constraints do not balance.
-
-        The nonnegative multipliers follow from least squares.
-        """
+        """Return the norm of the gradient that active bounds and constraints do not balance."""
         from scipy.optimize import nnls
 
         columns: list[Array] = []

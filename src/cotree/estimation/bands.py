@@ -132,11 +132,7 @@ def predicted_at(
 def like_measured(
     problem: Problem, number: int, output: str, noise: str | float | None
 ) -> tuple[str | float, str]:
-    """Return noise and transformation for further measurements of a quantity.
-
-    If ``noise`` is None, the noise is taken from previous measurements of the quantity, preferably
-    in the same condition.
-    """
+    """Return noise (by default that of previous measurements) and transformation of a quantity."""
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
     here = [i for i in rows if problem.measured.condition[i] == number] or rows
     if not here:

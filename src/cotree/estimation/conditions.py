@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from cotree.estimation.estimated import Array
 
 
-#: Distributions of the difference between measured and predicted values. ``noise`` is the standard
-#: deviation of the normal and the scale of the Laplace distribution.
+#: Distributions of residuals; ``noise`` is the standard deviation or the Laplace scale.
 DISTRIBUTIONS = ("normal", "laplace")
 
 

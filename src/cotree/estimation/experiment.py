@@ -72,11 +72,7 @@ class Table:
 
 
 def read_table(data: Any, where: str, time: str | None = None) -> Table:
-    """Read measured data from a file, a DataFrame, or a mapping of columns with the times.
-
-    Messages call the data ``where``, or by the name of the file. The default time column is ``t``
-    or ``time``, in lower or upper case.
-    """
+    """Read measured data from a file, DataFrame or mapping; messages call the data ``where``."""
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name
         columns, rows = _read_csv(Path(data), where)

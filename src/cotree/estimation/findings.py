@@ -19,12 +19,10 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
 
-# An estimate is at a bound if its distance is below this fraction of its value or of the distance
-# between the bounds. Optimisers with bounds never reach them exactly.
+# Largest distance of estimates at a bound, relative to their value or the bounds' distance.
 _AT_BOUND = 1e-6
 
-# Starts whose objectives differ by less have found the same optimum. A parameter change by one
-# standard error raises the objective by 0.5, a hundred times this value.
+# Objectives of one optimum differ by less; a change by one standard error adds 0.5.
 SAME_OPTIMUM = 0.005
 
 # If a tail probability of chi-squared is below this, the model or the noise is wrong.
@@ -86,10 +84,7 @@ def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def of_directions(found: Uncertainty, more_rows: Array | None = None) -> tuple[str, ...]:
-    """Report directions that the data do not determine.
-
-    ``more_rows``, the information of priors, is assumed to be the same at nearby points.
-    """
+    """Report undetermined directions; ``more_rows`` of priors are assumed constant nearby."""
     if not found.split.open.shape[1]:
         return ()
     problem = found.problem

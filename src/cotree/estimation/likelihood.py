@@ -78,10 +78,7 @@ class Likelihood:
         return total if math.isfinite(total) else -math.inf
 
     def gradient(self, found: Predictions) -> Array:
-        """Return the gradient of the log-likelihood, shape (n_estimated,).
-
-        At the kink of the Laplace density, the mean of both one-sided derivatives is used.
-        """
+        """Return the log-likelihood's gradient; at kinks, the mean of one-sided derivatives."""
         r = self.residuals(found)
         weights = np.where(self.is_normal, r, np.sign(r))
         by_sigma = found.sigma_slopes / found.sigma[:, None]

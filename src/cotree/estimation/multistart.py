@@ -148,8 +148,7 @@ class StartRecord:
     optimality: float = math.nan
 
 
-# Negative logarithm of the factor, exp(-20) = 2e-9, by which a standard deviation may decrease from
-# its initial value. A larger exponent would cost digits of the objective.
+# Standard deviations decrease at most by exp(-20); larger factors would cost digits.
 _SHRINKS = 20.0
 
 # Smaller residuals of Laplace distributions are squared, which smooths the kink at zero.
@@ -167,10 +166,7 @@ class SquareRows:
         self._first: Array | None = None
 
     def at(self, found: Predictions) -> tuple[Array, Array]:
-        """Return F, shape (n,), and J, shape (n, n_estimated).
-
-        The first call determines the additive constant for standard deviations.
-        """
+        """Return F, (n,), and J, (n, n_estimated); the first call sets the constant for noise."""
         r = self._likelihood.residuals(found)
         slopes = self._likelihood.residual_slopes(found)
         if self._is_plain:
@@ -224,8 +220,7 @@ class Search:
     xtol: float = 1e-10
     gtol: float = 1e-8
     max_evaluations: int | None = None  # maximum number of evaluations per start
-    #: Parameter scaling: ``jacobian`` uses the norms of Jacobian columns, ``bounds`` the distance
-    #: between finite bounds on the parameters' scales.
+    #: Parameter scaling by norms of Jacobian columns (``jacobian``) or finite ``bounds``.
     scale: str = "jacobian"
 
     def __post_init__(self) -> None:

@@ -140,8 +140,7 @@ class Observer:
         plain = expression.text.strip()
         if plain in self.scene.outputs:
             return plain
-        # State names are used only if no compilation is needed to know them. Otherwise,
-        # :meth:`compile` later replaces the output by the state.
+        # Without a compiled model, :meth:`compile` later replaces the output by the state.
         if self._model is not None and plain in self._model.states:
             return plain
         scene = self.scene
@@ -207,8 +206,7 @@ class Observer:
 #: Prefix of the names of estimated standard deviations, such as ``noise[v]`` for column ``v``.
 NOISE = "noise"
 
-# Bounds of estimated standard deviations, in multiples of the data range. The lower bound is below
-# the accuracy of runs; the upper one allows starts far from the optimum.
+# Bounds of noise over data range: below the accuracy of runs, and above that of poor starts.
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 

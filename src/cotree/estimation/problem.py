@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Block, Plan
 
 
-# Times at which a run is tested for a steady state, [s]. Steps of implicit methods grow as states
-# settle, so each of the last decades takes only a few steps.
+# Times of tests for a steady state, [s]; as states settle, a decade takes only a few steps.
 _TIMES = 10.0 ** np.arange(-2, 11)
 
 # Largest change of a settled value over a decade of time, in multiples of the tolerances. In ten
@@ -119,8 +118,7 @@ class SteadyStates:
             earlier = self._first.through(earlier)
         for i, (condition, after) in enumerate(zip(self._conditions, own, strict=True)):
             before = earlier[self._of[i]]
-            # Initial values estimated only in the previous run have the sensitivities of its
-            # matrix.
+            # Values estimated only in the previous run have the sensitivities of its matrix.
             is_initial = np.array([name in model.states for name in model.sensitivities])
             both = np.where((is_initial & ~after.any(axis=1))[:, None], before, after)
             for m, j in np.argwhere((before != both) & (before != 0)):

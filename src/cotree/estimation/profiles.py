@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from cotree.estimation.uncertainty import Uncertainty
 
 
-# Target rise of twice the objective per step, for about four points on each side, and rise beyond
-# which a step is shortened and repeated, as fractions of the limit.
+# Rise of twice the objective, over the limit: target of a step, and maximum of a step.
 _STEP, _TOO_FAR = 0.25, 1.0
 
 # Maximum number of steps in one direction, and largest growth factor of the step size.
@@ -132,10 +131,7 @@ def profiles_of(
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
-    """Return the profile likelihoods of the parameters with the indices ``chosen``.
-
-    ``objective`` is the negative log-likelihood at the estimates, including priors.
-    """
+    """Return profile likelihoods; ``objective`` is the minimum of -log L, including priors."""
     meeting = Rendezvous(found.problem.predict)
     walks = [
         _Walk(found, objective, level, more_rows, partial(meeting.ask, 2 * k + (side > 0)), i, side)

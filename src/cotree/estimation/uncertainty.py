@@ -40,12 +40,10 @@ if TYPE_CHECKING:
     from cotree.estimation.problem import Problem
 
 
-# Assumed global errors of values and sensitivities, in multiples of the local tolerances. Over long
-# oscillations, local errors accumulate to several hundred times the tolerance.
+# Global errors in local tolerances; long oscillations accumulate several hundred of these.
 _GROWN = 1e3
 
-# Tolerance for integers, since sensitivities have about five correct digits, and largest plausible
-# integer exponent or coefficient.
+# Tolerance for integers (sensitivities have about five digits), and largest integer.
 _DIGITS, _LARGEST = 1e-3, 6
 
 # Entries of a direction below this fraction of the largest entry count as zero.
@@ -95,10 +93,7 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
 
 
 def _null(rows: Array, relative: float, blur: Array) -> Array:
-    """Return an orthonormal basis of the numerical null space.
-
-    The norm of the error in a column is ``blur`` plus ``relative`` times the norm of the column.
-    """
+    """Return an orthonormal null space; the error of a column c is ``blur + relative * |c|``."""
     n = rows.shape[1]
     norms = np.linalg.norm(rows, axis=0)
     is_dead = norms <= blur
@@ -422,10 +417,7 @@ def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
 
 
 def robust_factor(residuals: Array, loss: str, f_scale: float, n_estimated: int) -> float:
-    """Return the variance factor of an M-estimator with a robust loss (Huber 1981).
-
-    It is the mean square of the influence function divided by the square of its mean derivative.
-    """
+    """Return an M-estimator's variance factor, mean(psi^2) / mean(psi')^2 (Huber 1981)."""
     z = (residuals / f_scale) ** 2
     size = np.sqrt(np.maximum(z, 1e-300))
     weight, slope = {

@@ -46,18 +46,13 @@ class Algebraic:
 
     def follow(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns in place from a close guess, and return the rates."""
-        # Exponentials may overflow in the iteration, which rejects such points. Before NumPy 2,
-        # errstate as a decorator affects all threads.
+        # Exponentials may overflow. Before NumPy 2, errstate as a decorator affects all threads.
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._accept(t, y, root)
 
     def solve(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns in place from any guess, and return the rates.
-
-        Raise SolveError if no solution is found, and SingularSystemError if the equations do not
-        determine the unknowns.
-        """
+        """Solve for z in place; return rates, or raise SolveError or SingularSystemError."""
         guess = y.copy()
         equation = self._equation(t, y)
         root = find_root(equation, guess[self.cut :], lambda: self._improve(t, guess), self._linear)
@@ -165,10 +160,7 @@ def _nearby_points(z: Array) -> tuple[Array, Array]:
 
 
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
-    """Return the (cut, m) Schur complement of the last block of a (cut + n, m + n) matrix.
-
-    ``solve(b)`` solves with the last diagonal block, (n, n), for right-hand sides (n, m).
-    """
+    """Return the Schur complement, (cut, m), of the last block, (n, n), which ``solve`` inverts."""
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut
     # A - B D^-1 C with the last diagonal block D

@@ -44,11 +44,7 @@ def as_parameters(
     defaults: Array,
     derived: Sequence[DerivedParameter] = (),
 ) -> Array:
-    """Return the parameter array from values by name or from an array of all parameters.
-
-    Raise ParameterError if a name is unknown, a value is not finite or the shape is wrong. For a
-    derived parameter, the message names the parameters that determine it.
-    """
+    """Return all parameters from values by name or an array; raise ParameterError if invalid."""
     values = by_name(values)
     if not isinstance(values, Mapping):
         return as_array(values, (len(places),), "the parameters")
@@ -66,11 +62,7 @@ def as_parameters(
 
 
 def in_order(values: Any, names: Sequence[str], kind: str) -> Any:
-    """Return labelled values as a list in the order of ``names``; return other values unchanged.
-
-    Raise ParameterError if a name is unknown or has no value. ``kind`` is the noun for the names in
-    the message.
-    """
+    """Return labelled values as a list in the order of ``names``; return other values unchanged."""
     # A pandas table has one row per name and one column per point.
     if hasattr(values, "to_dict") and np.ndim(values) == 2:
         labels = list(values.index)

@@ -69,11 +69,7 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Return the right-hand side as a function; messages name the calling method ``bridge``.
-
-    Raise ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
-    on time and t, [s], is None.
-    """
+    """Return the rates as a function, or raise ParameterError in the name of ``bridge``."""
     layout = model.layout
     if layout.n_algebraic or layout.constraints:
         what = "algebraic unknowns" if layout.n_algebraic else "constraints"
@@ -177,11 +173,7 @@ def _flat(value: Any) -> Any:
 
 
 def jax_function(rates: Rates) -> Any:
-    """Return a JAX function with arguments x, u and p.
-
-    It supports ``jit``, ``vmap`` and first derivatives, which C computes. Raise ParameterError if
-    JAX is not installed or uses single precision.
-    """
+    """Return a JAX function of x, u and p that supports ``jit``, ``vmap`` and first derivatives."""
     try:
         jax: Any = import_module("jax")
     except ImportError:

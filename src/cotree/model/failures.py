@@ -39,8 +39,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))
     lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # Infinite intermediate values may be harmless, but nan propagates. Nodes are in evaluation
-    # order, so the first node with nan has arguments without nan.
+    # Infinity may be harmless, nan propagates: the first node with nan has arguments without nan.
     wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
     if wrong is None:
         wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
@@ -53,10 +52,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Return the name of the innermost element field that contains an operation or an argument.
-
-    The last argument is searched first, so that a division by zero is attributed to the divisor.
-    """
+    """Return the innermost field of an operation or an argument, the last (a divisor) first."""
     found: list[tuple[int, str]] = []
     for node, name in list(
         program.dag.origins.items()

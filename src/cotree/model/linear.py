@@ -92,10 +92,7 @@ def longest(step: Array) -> float:
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Factorise the Jacobian's last columns at y, which belong to the unknowns at the end of y.
-
-    Raise LinAlgError if the matrix is singular or not finite.
-    """
+    """Factorise the last columns of the Jacobian at y; raise LinAlgError if it is singular."""
     n = slope.shape[0]
     # The rounding error of an equation is proportional to the summed magnitudes of its terms.
     sizes: Array = abs(slope).dot(np.abs(y))
@@ -115,10 +112,7 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
-    """Solve a square system whose matrix sums ``values`` at the indices ``rows`` and ``columns``.
-
-    Raise LinAlgError if the matrix is singular or not finite.
-    """
+    """Solve a square system whose entries sum ``values``; raise LinAlgError if it is singular."""
     from scipy.sparse import coo_matrix
 
     matrix = coo_matrix((values, (rows, columns)), shape=(len(b), len(b)))
@@ -212,10 +206,7 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Return the unknowns that all matrices leave undetermined; empty if one matrix is regular.
-
-    Rows and columns are scaled, so that the result does not depend on units.
-    """
+    """Return the unknowns that all matrices, with scaled rows and columns, leave undetermined."""
     involved: tuple[int, ...] = ()
     for slope in slopes:
         if not isinstance(slope, np.ndarray):

@@ -53,8 +53,7 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 class Direction:
     """A direction in the space of states, inputs and parameters."""
 
-    #: Components of the direction. Entries of ``y`` for algebraic unknowns are ignored, since
-    #: equations determine these.
+    #: Components of the direction; entries of ``y`` for algebraic unknowns are ignored.
     y: Array
     u: Array
     p: Array

@@ -35,11 +35,7 @@ if TYPE_CHECKING:
 def load_model(
     text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
-    """Compile and load the C text of a model; warn if there is no compiler.
-
-    If the model starts at its operating point, ``at_rest`` returns the C text of the network at
-    rest.
-    """
+    """Compile and load a model and its network ``at_rest``; warn if there is no compiler."""
     toolchain = find_toolchain()
     if toolchain is None:
         is_asked = os.environ.get("COTREE_COMPILER") == "none"

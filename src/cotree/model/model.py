@@ -217,8 +217,7 @@ class CompiledModel:
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
-            # Arrays are compared by identity: solvers pass the same array in every call, and a
-            # comparison of values would take as long as a small kernel.
+            # Compared by identity: a comparison of values takes as long as a small kernel.
             if own.prepared is not p:
                 self.set_parameters(p)
             if u is None:

@@ -56,8 +56,7 @@ if TYPE_CHECKING:
     from cotree.program.program import Program
 
 
-#: A matrix is reused only if convergence is expected within this number of further steps. With the
-#: matrix of the current point, each step squares the error.
+#: Most further steps expected with a reused matrix; a new one squares the error per step.
 _FEW = 3
 
 #: Minimum decrease of the residual, as a fraction of the linear prediction (Armijo's rule).
@@ -354,8 +353,7 @@ NEXT = NewtonLimits(20, WholeSteps)
 #: Limits of a search near the guess: little damping and few steps.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Limits of the corrector in the continuation, which halves its advance if the corrector fails;
-#: smallest advance and maximum number of advances.
+#: Limits of the corrector in the continuation; smallest advance, maximum number of advances.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 

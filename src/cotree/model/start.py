@@ -112,11 +112,7 @@ def scene_start(model: CompiledModel) -> Start:
 
 
 def check_start(model: CompiledModel) -> None:
-    """Raise an error if the model cannot be evaluated at its initial state.
-
-    Raise ParameterError if a guard rejects the scene's parameters, SingularSystemError if the mass
-    matrix is singular or a rate is not finite.
-    """
+    """Raise ParameterError or SingularSystemError if the initial state cannot be evaluated."""
     try:
         y = scene_start(model).y
     except ParameterError:

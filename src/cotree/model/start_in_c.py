@@ -317,10 +317,7 @@ _LEVELS = ("positions", "velocities")
 
 
 class Report:
-    """Messages on prescribed initial values that violate the constraints.
-
-    ``places`` contains the indices of the states that the run prescribes, in the run's order.
-    """
+    """Messages on prescribed values, at ``places`` in the run's order, that violate constraints."""
 
     def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
         layout = at.model.layout

@@ -344,10 +344,7 @@ class _TrimEquation(Equation):
 
 
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
-    """Return the pseudo-inverse of a matrix, and a basis of its null space as rows.
-
-    The matrix is equilibrated, so that the rank does not depend on units.
-    """
+    """Return pseudo-inverse and null space, as rows; equilibration makes units irrelevant."""
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
         # Scale the largest entry of every column, then of every row, to one.

@@ -139,10 +139,7 @@ class CommonDirection:
 
 
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
-    """Separate the operations common to all directions from the sources; None if there are none.
-
-    ``unknowns`` maps the symbols of the unknowns to their values.
-    """
+    """Separate the sources from operations common to all directions; None if there are none."""
     common, dag = equations.direction, equations.dag
     if common is None:
         return None
@@ -150,8 +147,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
-    # Values that depend on sensitivities and sources are formed once for all parameters, which
-    # differ only in the values of the sources.
+    # Values common to all parameters are formed once; parameters differ only in their sources.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
     direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
@@ -201,8 +197,7 @@ class _Parting:
         still = dict.fromkeys(self._changes, self._dag.zero)
         found = []
         for j, change in enumerate(self._changes):
-            # Sources are linear in the changes, so their values for a parameter follow from a
-            # change of one for this parameter and zero for all others.
+            # Sources are linear, so a parameter's values follow from a unit change of it alone.
             places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
             along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
             pairs = zip(places, along, strict=True)
@@ -216,8 +211,7 @@ class _Parting:
         """Split a value into a part that depends on state changes and the rest."""
         dag = self._dag
         if node.op not in _SUMS:
-            # Products and quotients have one changing factor. Its two parts are added first, since
-            # multiplying both would cost twice as much.
+            # The factor's two parts are added first, since multiplying both costs twice as much.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
@@ -365,8 +359,7 @@ class _Ways:
         dag, found = self._dag, [dict(row) for row in along_states.rows]
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
-            # The rate is linear in the state changes, so its derivative with respect to a state is
-            # its value for a change of one of this state and zero of all others.
+            # The rate is linear, so its derivative is its value for a unit change of one state.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -405,8 +398,7 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # The second form has a product and a sum for each nonzero of the Jacobian. If these exceed
-        # the statements of the first form, it cannot be cheaper.
+        # A product and a sum for each nonzero of the Jacobian already exceed the first form.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -536,10 +528,7 @@ class Curvature:
 
 
 def form_curvature(program: Program) -> Curvature | None:
-    """Differentiate the sensitivity rates with respect to the states at fixed sensitivities.
-
-    Return None if these derivatives are zero.
-    """
+    """Differentiate sensitivity rates by states at fixed sensitivities; return None if zero."""
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
@@ -552,8 +541,7 @@ def form_curvature(program: Program) -> Curvature | None:
     whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
-    # The second kernel has only the arguments ``v`` and ``k``. The first kernel returns all other
-    # values that it reads, including states and parameters.
+    # The second kernel has only ``v`` and ``k``; the first returns all other values it reads.
     read = {arg for node in order if node in moving for arg in node.args}
     carried = [
         node

@@ -114,10 +114,7 @@ def waits(node: Node) -> float:
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the length, in cycles, of the longest path from each value (inclusive) to a result.
-
-    Values are in order of evaluation; ``known`` values take no cycles.
-    """
+    """Return the longest path, [cycles], from each value, inclusive, to a result."""
     need = dict.fromkeys(order, 0.0)
     # In reverse order of evaluation, all users of a value precede it.
     for node in reversed(order):

@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 #: Monotonic functions, which take each value at no more than one argument.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
-#: Number of nodes above which a value is itself a quantity, since computing its range would take
-#: longer than steps.
+#: Values with more nodes are quantities: computing their range would take longer than steps.
 _MOST_NODES = 1000
 
 #: Kinds of dependence on variables that change during a step: none, linear, nonlinear.
@@ -69,10 +68,7 @@ class EventRanges:
 def find_ranges(
     equations: Equations, values: Sequence[Node], smooth: Collection[Node] = ()
 ) -> EventRanges:
-    """Form the ranges of values, first of events, then of kinks.
-
-    ``values`` do not contain unknowns. Nodes in ``smooth`` count as linear, like states.
-    """
+    """Form the ranges of events, then kinks, without unknowns; ``smooth`` nodes count as linear."""
     dag = equations.dag
     kinds = _kinds(equations, values, smooth)
     curved = [
@@ -192,18 +188,14 @@ class Impact:
     def tangent(
         self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node
     ) -> list[Node]:
-        """Differentiate the speeds after the impact along a direction.
-
-        ``restitution`` is the derivative of e.
-        """
+        """Differentiate the speeds after the impact; ``restitution`` is the derivative of e."""
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
         # The derivative of [M, -G^T; -G, 0] [a; *] = [D; 0] has the same matrix; the zeros on the
         # right-hand side belong to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # The values from which the speeds are formed have known derivatives, so the chain rule does
-        # not differentiate them again.
+        # The chain rule does not differentiate values whose derivatives are known.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
         known |= dict(zip(self.response, response, strict=False))
@@ -236,8 +228,7 @@ def form_impact(
             "system, on which its impact acts: set states instead"
         )
     assert equations.motion is not None  # models with events have a motion
-    # The derivative along the motion contains rates as symbols. Only coordinate rates occur, since
-    # the event function of an impact depends on positions.
+    # Impacts depend on positions, so only coordinate rates occur as symbols in the derivative.
     moving = {dag.symbol(STATE_RATE, i): rate for i, rate in enumerate(rates)}
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
@@ -254,10 +245,7 @@ def form_impact(
 
 
 def _check_positions(equations: Equations, place: int, name: str) -> None:
-    """Raise SceneError if an expression depends on more than positions.
-
-    Coordinates are allowed, and modes, which are constant between events.
-    """
+    """Raise SceneError if an expression depends on more than positions and (constant) modes."""
     first, n = equations.n_coordinates, equations.n_coordinates + equations.n_speeds
     allowed = {*range(first), *range(n, n + equations.n_modes)}
     for symbol in symbols_in([equations.output_values[place]]):

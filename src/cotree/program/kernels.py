@@ -24,8 +24,7 @@ class KernelSpec:
     arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS` in order; the results follow in C
     result: str  # C name of the result array
     doc: str  # description of the results
-    #: Name of a kernel whose last results are the results of this one, or empty. C then calls that
-    #: kernel and copies them, since computing them separately would save little.
+    #: Kernel whose last results are the results of this one, which C copies from it; or empty.
     tail_of: str = ""
     #: Whether every model has the kernel. Other kernels are omitted in C if they have no results.
     is_required: bool = False

@@ -56,14 +56,12 @@ class Layout:
     #: Indices of states that are storage contents, each with the index of the algebraic unknown
     #: that it determines. Without an initial content, the content follows from the unknown.
     followers: tuple[tuple[int, int], ...] = ()
-    #: Pattern of the sensitivities in CSC form: the states that depend on each parameter. Other
-    #: sensitivities are identically zero.
+    #: Sensitivity pattern in CSC form: states that depend on each parameter; others are zero.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
     #: Parameters that are derived from others and are not kernel arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: For each kink (after the events in the kernel ``events``): index of the branch that ends
-    #: there, direction, and whether it is steep; see :class:`cotree.equations.KinkRow`.
+    #: For each kink, after the events: branch that ends, direction, is steep; see ``KinkRow``.
     kinks: tuple[tuple[int, int, bool], ...] = ()
     #: Number of branches that steps freeze; they are the last prepared values, zero if not frozen.
     n_pieces: int = 0

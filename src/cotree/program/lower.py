@@ -110,8 +110,7 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         shrink: dict[Node, Node] = {}
         # Rotations do not change norms of quaternions to first order: correct these separately.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
-            # Newton's step for |q|^2 = 1 along q is dq = -q (|q|^2 - 1) / (2 |q|^2), which does not
-            # rotate the frame.
+            # Newton's step along q for |q|^2 = 1, no rotation: dq = -q (|q|^2 - 1) / (2 |q|^2).
             factor = norm / (2.0 * _square(q))
             shrink |= {entry: -(factor * entry) for entry in q}
         results["projection"] = _step(equations, solved, values, rows.rates, shrink)
@@ -151,8 +150,7 @@ def _step(
     shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
     speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Coordinate rates are linear in the speeds. With the shift instead of the speeds, they are the
-    # changes of the coordinates, including quaternions.
+    # Coordinate rates are linear in the speeds; for the shift, they are coordinate changes.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]
@@ -385,8 +383,7 @@ def lower(equations: Equations) -> Program:
     The matrix is factorised once, and all derivatives use the same factors. Raise ParameterError if
     a sensitivity to an algebraic unknown is requested.
     """
-    # The sensitivity pattern is determined before derivatives are formed, so that values that
-    # depend only on zero sensitivities fold away.
+    # The pattern is determined first, so that values of zero sensitivities fold away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.substitute(equations.rates)
@@ -477,8 +474,7 @@ def _timed(
 def _check_sensitivities(equations: Equations) -> None:
     """Raise ParameterError for sensitivities to states that have no initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # An unknown that follows from a storage content is allowed, since its initial value may replace
-    # the initial content.
+    # Unknowns that follow from contents are allowed: their values may replace the contents.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
@@ -501,8 +497,7 @@ def _differentiate(
     motion = [] if equations.motion is None else [equations.motion]
     # Outputs are differentiated along all directions except the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # All directions are differentiated together, since they share most values; the results are then
-    # separated in this order.
+    # Directions share most values, so they are differentiated together and then separated.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities

@@ -160,8 +160,7 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: Ratio of (time to start all operations) to (longest path) above which sums are not balanced:
-#: chains of sums of products contain more fused operations.
+#: Largest (time of all operations) / (longest path) to balance: chains fuse more operations.
 _MOST = 2.0
 _PREPARED = -1.0  # time at which values of parameters are available, before all others
 
@@ -256,8 +255,7 @@ def _terms(
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
     """Add terms, in each step the two that are available first."""
-    # The heap is ordered by the time at which each term is available, then by position, so that
-    # nodes are never compared.
+    # Ordered by availability, then by position, so that nodes are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
@@ -292,8 +290,7 @@ _MOST_EARLY = 3.0
 def _ordered(kernel: Kernel) -> Kernel:
     """Order the values of a kernel by the needs of the longest path, if that is faster."""
     order, prepared = kernel.order, kernel.prepared
-    # Kernels with maps are not reordered, since a map can only start when the arguments of all its
-    # columns are available.
+    # Kernels with maps keep their order: a map needs the arguments of all its columns.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel

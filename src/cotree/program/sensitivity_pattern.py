@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: Bit mask of the symbols on which a value depends, and whether the value may be nonzero if all of
-#: these are zero.
+#: Bit mask of a value's symbols, and whether it may be nonzero if all of these are zero.
 _Part = tuple[int, bool]
 
 _CONSTANT: _Part = (0, True)
@@ -45,10 +44,7 @@ _ZERO: _Part = (0, False)
 def reached_states(
     equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the states that depend on each sensitivity parameter at any time.
-
-    ``timed`` contains the conditions on time that depend on each parameter; see :func:`timed_by`.
-    """
+    """Return the states that ever depend on each parameter; ``timed`` is from :func:`timed_by`."""
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
@@ -71,8 +67,7 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # Constraints and events may change further states, and these may affect others: repeat
-        # until no state is added.
+        # Constraints and events may change further states: repeat until none is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -91,10 +86,7 @@ class Timed:
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
-    """Find the conditions on time that depend on each sensitivity parameter.
-
-    ``watched`` contains the values of events; neither these nor ``rates`` contain unknowns.
-    """
+    """Find the conditions on time that depend on each parameter; values contain no unknowns."""
     dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
     given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
     looking = {
@@ -255,8 +247,7 @@ def _choosers(equations: Equations) -> dict[int, set[int]]:
     if not targets:
         return {}
     own = {equations.states[target].symbol: 1 << target for target in targets}
-    # If a state that an event sets occurs anywhere in the equations for the unknowns, all unknowns
-    # are assumed to depend on it, which is conservative.
+    # All unknowns are assumed to depend on each state in their equations that an event sets.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
     # Bit masks of the event targets on which each value depends.

@@ -100,11 +100,7 @@ class SolvedSystem:
     def solve_again(
         self, forcing: Sequence[Node], solution: Sequence[Node], seed: Mapping[Node, Node]
     ) -> list[Node]:
-        """Differentiate the solution w of an impact: ``A w' = forcing - A' w``.
-
-        ``forcing`` is the derivative of the right-hand side; ``seed`` has the tangents of the
-        symbols in A.
-        """
+        """Differentiate w of an impact: ``A w' = forcing - A' w``; ``seed`` has tangents for A."""
         # A is differentiated here, since no sensitivity graph contains this solution.
         rest = list(forcing)
         n = len(solution)

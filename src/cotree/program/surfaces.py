@@ -59,12 +59,10 @@ _DEFINED_AT_KINKS |= {"abs", "exp", "sinh", "cosh", "select", "sign", "table", "
 _DEFINED_AT_KINKS |= {"sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Maximum number of points along an axis of tables with located kinks, at each of which a run
-#: restarts; kinks of larger tables are left to the error test.
+#: Kinks of tables with more points along an axis are left to the error test.
 _MOST_POINTS = 1000
 
-#: Maximum number of values between a value that jumps and its continuous users, and of users of a
-#: branch that are examined.
+#: Limits of values between a jump and its continuous users, and of users of a branch.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Maximum number of terms in sums that are expanded for comparison.
@@ -413,10 +411,7 @@ def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
 
 
 def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
-    """Return the values in masses and constraints, whose kinks are ignored.
-
-    They include the matrices of linear systems within rates, and the scales for pivoting.
-    """
+    """Return values in masses, constraints, matrices and pivot scales, whose kinks are ignored."""
     held = equations.constraints
     values = [node for node in held.values if node is not None]
     values += [*chain.from_iterable(equations.matrix), *held.rates]

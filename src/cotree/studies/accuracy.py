@@ -44,8 +44,7 @@ _TOO_FAR = 1e-6
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
-# Relative tolerances of explicit high-order methods, and of all others, whose rounding errors would
-# dominate at the tighter tolerance.
+# Relative tolerances of explicit methods, and of all others, which rounding errors limit.
 _TIGHTEST, _TIGHT = 1e-13, 1e-12
 
 
@@ -133,11 +132,7 @@ def worse(*errors: float) -> float:
 
 
 def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
-    """Run methods at tight tolerances until two agree to 1e-10; otherwise return the best pair.
-
-    ``run(method, rtol)`` returns a result at the times to compare. If ``is_stiff``, implicit
-    methods are run first.
-    """
+    """Run methods at tight tolerances until two agree to 1e-10; otherwise return the best pair."""
     solutions: list[Solution] = []
     pairs: list[Reference] = []
     notes: list[str] = []
@@ -210,8 +205,7 @@ def _error(found: Array, reference: Array) -> float:
     return largest if math.isfinite(largest) else math.inf
 
 
-# Run times with a smaller relative difference count as equal, since compilers and memory layout
-# have effects of this size.
+# Smaller relative differences of run times are effects of compilers and memory layout.
 _LEAST_GAIN = 0.1
 # Run times with a larger relative difference count as different, whatever the noise.
 _MOST = 1.0
@@ -313,10 +307,7 @@ class BenchRow:
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Return the fastest row and all rows that are as fast within the noise, one per method.
-
-    Minimum times count as equal if they differ by less than a tenth or by less than the noise.
-    """
+    """Return the fastest rows, equal within a tenth or the noise, one per method."""
     best_of: dict[str, BenchRow] = {}
     for row in rows:
         held = best_of.get(row.method)

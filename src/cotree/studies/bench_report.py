@@ -233,11 +233,7 @@ _MARKERS = "osD^v<>Ph*X"
 
 
 def plot_bench(report: BenchReport) -> Figure:
-    """Plot elapsed time over the errors of states and of sensitivities.
-
-    Errors below the accuracy of the reference are open markers at the border of a grey region. Rows
-    without a time or an error are omitted.
-    """
+    """Plot time over errors; open markers are errors below the accuracy of the reference."""
     sensitivities, rows, reference = report.sensitivities, report.rows, report.reference
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
         ("states", lambda row: row.error_states, reference.agreement_states)

@@ -158,10 +158,7 @@ def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
 
 
 def road(draft: DrawingBuilder, edge: BoundEdge, level: float, size: float) -> None:
-    """Draw a plane, at the first node, that covers the range of the second node's motion.
-
-    ``level`` is the plane's height above the node, ``size`` the extent of the second body, [m].
-    """
+    """Draw a plane ``level``, [m], above the first node for motions of a body of ``size``, [m]."""
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
     if draft.stage.is_flat:

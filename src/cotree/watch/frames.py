@@ -192,8 +192,7 @@ def _quaternions(system: System) -> Iterator[slice]:
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     """Interpolate values, rates and accelerations at both ends, at fractions x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
-    # Remainders of value, rate and acceleration, each times a power of h: differences at the second
-    # end from the Taylor polynomial about the first end.
+    # Differences from the Taylor polynomial about the first end, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
     bend = h**2 * (a1 - a0)

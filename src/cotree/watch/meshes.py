@@ -210,10 +210,7 @@ _FEWEST = 200  # minimum number of triangles of one mesh
 def visual_meshes(
     origin: Origin, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
-    """Return the visual shapes of each cluster, with the names of their nodes.
-
-    Warn once if meshes are missing or cannot be read; their links are then drawn as bars.
-    """
+    """Return visual shapes and node names of each cluster; warn once about unreadable meshes."""
     files: dict[str, Mesh] = {}
     failed: dict[str, str] = {}
     found: dict[int, list[tuple[str, Mesh]]] = {}

@@ -53,10 +53,7 @@ class Stage:
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
-    """Choose view directions and sizes.
-
-    ``view`` is the viewer's azimuth and elevation, [deg], by default along the normal of a plane.
-    """
+    """Choose view directions and sizes; ``view`` is azimuth and elevation, [deg]."""
     system = first.system
     poses = values.poses()
     points = first.motion.clusters.points
@@ -197,10 +194,7 @@ class Place:
 
 
 class MotionValues:
-    """Values of the first graph's nodes over a run.
-
-    ``times``, (n_times,), are in s; ``coordinates`` have shape (n_coordinates, n_times).
-    """
+    """Values of nodes at ``times``, [s]; ``coordinates`` have shape (n_coordinates, n_times)."""
 
     def __init__(self, motion: Motion, p: Array, times: Array, coordinates: Array) -> None:
         system, dag = motion.system, motion.system.dag

@@ -359,11 +359,7 @@ class Outputs:
 
 
 class PetabModel:
-    """The scene of a PEtab problem, with a translation from names in tables to names in the scene.
-
-    ``namer`` assigns names in the scene, and ``entities`` are the quantities that conditions may
-    set.
-    """
+    """The scene of a PEtab problem; ``namer`` maps names in tables to names in the scene."""
 
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
@@ -461,10 +457,7 @@ def _values(tables: Tables) -> dict[str, float]:
 
 
 def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
-    """Compile the model; return its scene with all outputs, the conditions and the measured values.
-
-    Measured values are in the row order of the measurement tables.
-    """
+    """Compile the model; return scene, conditions, and measured values in table order."""
     found = PetabModel(tables)
     outputs = Outputs(tables, found.meaning, found.namer.own)
     pairs = [outputs.of_row(row) for row in tables.measurements]

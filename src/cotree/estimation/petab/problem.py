@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 
 _MOST_DRAWS = 1000
 
-# Below this fraction of the scale of a Laplace distribution, a square replaces the absolute value,
-# so that the slope is continuous at zero.
+# Below this fraction of a Laplace scale, a square makes the slope continuous at zero.
 _CORNER = 1e-3
 
 # Added to logarithms to make them positive; the logarithm of a double is never below -745.
@@ -226,8 +225,7 @@ def read_petab(
     """
     given: dict[str, Any] = {"max_steps": STEPS_OF_FIT, **settings}
     shared, tables = Settings(method=method, **given), read_tables(path)
-    # The engines are compiled while the model is read. Most models are stiff, and rodas5 computes
-    # steady states.
+    # Engines compile while the model is read; rodas5 is for stiff models and steady states.
     engines = ("dop853", "rodas5") if method == "auto" else (method,)
     build_ahead(*engines, then=[load_batch])
     return PetabProblem(tables, *mapped(tables), shared)
