@@ -10,12 +10,8 @@ from cotree.components import Role
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Node, symbols_in
 from cotree.formulation.constraints import along_speeds
-from cotree.formulation.networks.couplings import (
-    Coupling,
-    coupling_loads,
-    form_couplings,
-    through_name,
-)
+from cotree.formulation.laws import Applied
+from cotree.formulation.networks.couplings import Coupling, form_couplings, through_name
 from cotree.formulation.outputs import observe_motion
 from cotree.scene.events import event_expressions
 from cotree.scene.networks import scalar_ports
@@ -24,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.formulation.across import Motion, View
-    from cotree.formulation.laws import Applied
     from cotree.formulation.networks.network import Network
     from cotree.formulation.networks.unilateral import Holding
     from cotree.formulation.system import System
@@ -39,8 +34,7 @@ class Attached:
     observed: Mapping[str, Node]  # values of network variables used in outputs and fields
     couplings: Mapping[str, Coupling]  # ports that act on the multibody system, by name
     throughs: Mapping[str, Node]  # symbols of the through variables of these ports
-    #: Derivatives of these through variables with respect to accelerations, by index: the inertia
-    #: of storages coupled to joints.
+    #: Derivatives of these by index of acceleration: the inertia of storages coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
     #: Names used only in fields of friction and dampers on the mechanism; they may be reactions.
     reacting: frozenset[str] = frozenset()
@@ -53,7 +47,13 @@ class Attached:
     @property
     def loads(self) -> list[Applied]:
         """The through variables of the couplings as loads on the multibody system."""
-        return coupling_loads(self.couplings, self.throughs)
+        found = []
+        for name, own in self.couplings.items():
+            # A port with equal signs absorbs power, so the reaction acts on the mechanism.
+            load = -self.throughs[name]
+            place = own.port.edge.name, f"{name}.law"
+            found.append(Applied(*place, own.measure, own.pull, load, load))
+        return found
 
     def with_inertia(
         self, mass: Sequence[Sequence[Node]], motion: Motion

@@ -14,7 +14,7 @@ from cotree.dag import vector
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
 from cotree.formulation.contact import touching
-from cotree.formulation.laws import Applied, JointElement, joint_measure
+from cotree.formulation.laws import JointElement, joint_measure
 from cotree.formulation.measures import Distance, Ends, Pull, Spin, carried_by, chord_ends
 
 if TYPE_CHECKING:
@@ -101,24 +101,6 @@ def _line(port: Port, motion: Motion) -> Measure:
     first, second = (motion.clusters.points[node] for node in port.ends.acts_on)
     # Force times the rate of the distance is power, as across times through variable must be.
     return Distance(Ends.of(motion.clusters, first, second))
-
-
-def coupling_loads(
-    couplings: Mapping[str, Coupling], throughs: Mapping[str, Node]
-) -> list[Applied]:
-    """Return the through variables of couplings as loads on the multibody system."""
-    return [
-        Applied(
-            # A port with equal signs absorbs power, so the reaction acts on the mechanism.
-            coupling.port.edge.name,
-            f"{name}.law",
-            coupling.measure,
-            coupling.pull,
-            -throughs[name],
-            -throughs[name],
-        )
-        for name, coupling in couplings.items()
-    ]
 
 
 def through_name(port: Port) -> str:

@@ -215,13 +215,18 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
     """Return the law of a dependent storage: ``storage * rate``, or the rate of its content."""
-    return _stored(terminal, is_across)
+    loss = _sides(terminal, is_across)[1]
+    if terminal.content is not None:
+        return rate_of(terminal.content) + loss
+    assert terminal.storage is not None
+    # Linear storage: capacity * rate of across, or inertance * rate of through, plus the loss.
+    return terminal.storage * argument("across_rate" if is_across else "through_rate") + loss
 
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
     """Return the residual of a storage: rate of its content plus loss, minus the inflow."""
-    return _stored(terminal, is_across) - _sides(terminal, is_across)[0]
+    return stored_value(terminal, is_across) - _sides(terminal, is_across)[0]
 
 
 @lru_cache(maxsize=1024)
@@ -233,16 +238,6 @@ def linear_content(terminal: Terminal) -> Law | None:
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return terminal.storage * argument("across" if is_across else "through")
-
-
-def _stored(terminal: Terminal, is_across: bool) -> Law:
-    loss = _sides(terminal, is_across)[1]
-    if terminal.content is not None:
-        return rate_of(terminal.content) + loss
-    assert terminal.storage is not None
-    # Linear storage: capacity * rate of across, or inertance * rate of through, plus the loss.
-    rate = argument("across_rate" if is_across else "through_rate")
-    return terminal.storage * rate + loss
 
 
 def _sides(terminal: Terminal, is_across: bool) -> tuple[Law, Law]:

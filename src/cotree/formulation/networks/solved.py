@@ -139,9 +139,8 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
         if all(len(piece) == 1 and piece[0] not in needs[piece[0]] for piece in pieces):
             rules |= torn | extra
             return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
-    raise AssertionError(
-        "a component without a variable to tear"
-    )  # a cycle cannot consist of sums only
+    # A cycle cannot consist of sums only.
+    raise AssertionError("a component without a variable to tear")
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ def factorise_nodal(
     names = [name for _, name in linear]
     # The unknown branches divide the tree into parts; within a part, potentials differ by known
     # amounts. The part of the reference has the number -1 and the potential zero.
-    parts = terminals.parts(names) if linear else {}
+    parts = terminals.topology(names[0]).parts(names) if linear else {}
     rows: list[dict[int, Node]] = [{} for _ in linear]
     for (_, name), conductance in conductances.items():
         port = terminals.ports[name]
@@ -209,7 +208,8 @@ def factorise_nodal(
     if not linear or sum(map(len, rows)) >= n_nonzeros:
         return None
     dag = conductances[linear[0]].dag
-    solver = _Nodal(dag, factorise_definite(dag, rows), tuple(terminals.above(names)))
+    above = terminals.topology(names[0]).above(names)
+    solver = _Nodal(dag, factorise_definite(dag, rows), tuple(above))
     return solver, frozenset(block.unknowns) - conductances.keys()
 
 
@@ -281,8 +281,7 @@ class _AtRunTime:
 def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
     """Divide rows, then columns, by the sums of their magnitudes, so that pivots are comparable."""
     n = range(len(matrix))
-    # Rows have different units (volts, amperes, newtons): without scaling, the largest pivot and
-    # the rank would depend on the units.
+    # Rows have different units: without scaling, pivots and rank would depend on them.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
@@ -335,9 +334,8 @@ _Pair = tuple["Variable", "Variable"]
 #: the branch equations, since the cost of their derivatives is quadratic in this number.
 _MANY = 64
 
-#: Number of nonlinear unknowns from which linear unknowns also remain algebraic unknowns, unless a
-#: method benefits from their elimination. Each equation then has few unknowns, and no full matrix
-#: is formed.
+#: Number of nonlinear unknowns from which linear unknowns of a static network are not eliminated:
+#: each equation then has few unknowns, and no full matrix is formed.
 _MANY_BENT = 24
 
 
@@ -391,10 +389,6 @@ def solve_plan(
     return solved
 
 
-def _nothing(node: Node, replacements: Mapping[Node, Node]) -> Tangent:
-    return {}
-
-
 def _solve_block(
     solved: Solved,
     terminals: Terminals,
@@ -413,7 +407,11 @@ def _solve_block(
     pairs = tuple(zip(block.unknowns, block.residuals, strict=True))
     nodal = None
     may_hold = any(is_holding(terminals.ports, u) for u in block.unknowns)
-    may_share = partial(_may_share, may_hold)
+
+    def may_share(variable: Variable) -> bool:
+        # If brakes on both sides of a gear stick, torques and tooth force are indeterminate.
+        return may_hold and variable[0] == "through"
+
     if is_safe and len(pairs) >= _MANY:
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
@@ -457,12 +455,6 @@ def _solve_block(
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
 
 
-def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Return whether an unknown may be indeterminate, like a force shared by sticking edges."""
-    # If brakes on both sides of a gear stick, their torques and the tooth force are indeterminate.
-    return may_hold and variable[0] == "through"
-
-
 def _stays(terminals: Terminals, variable: Variable) -> bool:
     """Return whether an unknown is not eliminated: of contents, or of friction on a joint."""
     quantity, name = variable
@@ -490,7 +482,7 @@ def _linearise(
     # Variables outside the block count as constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
-    _differentiate(solved.plan, block.inner, trial, d, _nothing)
+    _differentiate(solved.plan, block.inner, trial, d, lambda node, replacements: {})
     pairs = list(zip(block.unknowns, block.residuals, strict=True))
     # An unknown that occurs in a derivative with respect to the unknowns is nonlinear.
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))

@@ -39,7 +39,7 @@ from cotree.formulation.networks.unilateral import limit_law
 from cotree.scene.networks import GIVES, Swap
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
@@ -82,21 +82,14 @@ class Terminals:
 
     def is_branch(self, name: str) -> bool:
         """Return whether a port's edge is a branch of the tree of across variables."""
-        return name not in self.couplings and name in self._topology(name).branches
+        return name not in self.couplings and name in self.topology(name).branches
 
-    def _topology(self, name: str) -> Topology:
+    def topology(self, name: str) -> Topology:
+        """Return the graph of a port's domain with the tree of across variables."""
         return self.topologies[self.ports[name].terminal.domain]
 
     def _cutset(self, name: str) -> Topology:
         return self.cutsets[self.ports[name].terminal.domain]
-
-    def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return each branch's sign, and the branch that leads to it; see :class:`Topology`."""
-        return self._topology(branches[0]).above(branches)
-
-    def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Divide a tree at branches; see :meth:`Topology.parts`."""
-        return self._topology(branches[0]).parts(branches)
 
     def rule(self, variable: Variable) -> Rule:
         """Return the rule of a variable."""
@@ -106,14 +99,12 @@ class Terminals:
         rate = f"_{rate}" if rate else ""
         if base == "residual":
             return self._residual(rate[1:], name)
-        if base in ("path", "potential"):
+        if base in ("path", "potential", "distance"):
             domain, ancestor, node = name.split("|")
             if base == "potential":
                 return self.topologies[domain].potential(node, rate)
-            return self.topologies[domain].path(ancestor, node, rate)
-        if base == "distance":
-            domain, ancestor, node = name.split("|")
-            return self.positions[domain].path(ancestor, node, rate)
+            graphs = self.positions if base == "distance" else self.topologies
+            return graphs[domain].path(ancestor, node, rate)
         if base == "flow":
             return self._cutset(name).flow(name, rate)
         if base == "measure":
@@ -196,7 +187,7 @@ class Terminals:
             return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
             # The f-circuit determines a chord's across variable, the law its through variable.
-            return self._topology(name).circuit(name, rate)
+            return self.topology(name).circuit(name, rate)
         if port.kind is Kind.ACROSS_STORAGE:
             if name in self.stores:
                 return Unknown((f"residual_across{rate}", name))
@@ -345,10 +336,11 @@ class Terminals:
         return tangents([node], moving)[0], rates
 
     def _refused(self, edge: str, reason: str) -> str:
+        port = next(port for port in self.ports.values() if port.edge.name == edge)
         return (
             f"{reason}, but its rate of change is needed, since storages are connected to it: "
             "give an expression of t, parameters and states of networks that does not jump, or "
-            f"add {self._remedy(edge)} between them"
+            f"add {DOMAINS[port.terminal.domain].remedy} between them"
         )
 
     def _require_continuity(self, edge: str, what: str, node: Node) -> None:
@@ -372,7 +364,3 @@ class Terminals:
                 what = f"{port.edge.component.name} '{port.edge.name}'"
                 self._require_continuity(port.edge.name, what, value)
         return rate_of(law)
-
-    def _remedy(self, edge: str) -> str:
-        port = next(port for port in self.ports.values() if port.edge.name == edge)
-        return DOMAINS[port.terminal.domain].remedy

@@ -188,7 +188,7 @@ class Topology:
 
     def crossing(self, branch: str) -> dict[str, int]:
         """Return the chords, with signs, whose sum is a branch's through variable."""
-        chords, sign = self.tree.chords, -self._signs[branch]
+        chords, sign = self.tree.chords, -self._sign(branch)
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
@@ -212,21 +212,19 @@ class Topology:
                 following[self._places[place.parent].branch].append(place.branch)
         return following
 
-    @cached_property
-    def _signs(self) -> dict[str, int]:
-        return {place.branch: place.sign for place in self._places.values()}
+    def _sign(self, branch: str) -> int:
+        return self._places[self._outer[branch]].sign
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
         """Return each branch's sign and the index of the branch that leads to it, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
-        parents = {place.branch: self._places[place.parent] for place in self._places.values()
-                   if place.branch}  # fmt: skip
         found = []
         for name in branches:
-            before = parents[name]
+            own = self._places[self._outer[name]]
+            before = self._places[own.parent]
             while before.branch and before.branch not in numbers:
-                before = parents[before.branch]
-            found.append((self._signs[name], numbers.get(before.branch, -1)))
+                before = self._places[before.parent]
+            found.append((own.sign, numbers.get(before.branch, -1)))
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
@@ -244,8 +242,8 @@ class Topology:
         if n == 1:
             chord = self.tree.chords[number]
             # The branch supplies the flow that leaves through the chords, hence the sign.
-            return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
-        return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
+            return Sum(((-self._sign(branch) * sign, (f"through{rate}", chord)),))
+        return Sum(((-self._sign(branch), (f"flow{rate}", branch)),))
 
     def flow(self, branch: str, rate: str) -> Sum:
         """Return the sum of the through variables of chords that leave the part beyond a branch."""
@@ -255,9 +253,8 @@ class Topology:
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
-            # The sum of an outer branch is used only if all of its chords also cross this branch.
-            # Otherwise a chord whose circuit closes at this node would be added and subtracted
-            # again.
+            # The sum of an outer branch is used only if all of its chords also cross this branch:
+            # a chord whose circuit closes at this node would be added and subtracted again.
             if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
             elif n == 1:
