@@ -201,8 +201,7 @@ def accelerate(
     zero = vector.zeros(system.dag)
     alpha = [zero]
     matrix = [vector.angular_acceleration_matrix(zero, zero)]
-    # The ground accelerates against gravity (d'Alembert's principle), so that inertial forces
-    # include weight, which needs no edge.
+    # The ground accelerates against gravity, so inertial forces include weight (d'Alembert).
     origin = [vector.neg(frames.resolved(0, system.gravity))]
     steps = []
     for geometry in motion.geometry:

@@ -200,8 +200,7 @@ class _Walks:
         self.points = {"ground": Point(0, vector.zeros(system.dag))}
         self.branches: list[Branch] = []
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
-        # The rotation tree's step to each node, and the rotation from the node's axes to its
-        # cluster's axes (None if equal).
+        # Rotation tree's step to each node; rotation from node to cluster axes (None if equal).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
@@ -324,9 +323,32 @@ class _Walks:
         return place
 
     def _add(self, step: TreeStep, own: Step | None, place: Point, turned: Point) -> Point:
-        edge, child = self.system.edges[step.edge], len(self.branches) + 1
-        branch, outer = _branch(edge, own, step.sign, place, turned, child)
-        self.branches.append(branch)
+        """Add a branch from ``place``, and return its outer node; it rotates about ``turned``."""
+        edge, sign, child = self.system.edges[step.edge], step.sign, len(self.branches) + 1
+        dag = self.system.dag
+        zero, units = vector.zeros(dag), vector.identity(dag)
+        # At zero coordinates the child has the turn parent's axes, and its node the same rotation.
+        inner, outer = turned.cluster, Point(child, zero, turned.turn)
+        carrier = inner if sign > 0 else child
+        mount: Matrix | None = None
+        axes: tuple[Vector, ...] = ()
+        slides: tuple[Node, ...] = ()
+        if own is not None and isinstance(own.kind, Freedom):
+            axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
+            slide = dag.zero if own.kind.rotates else dag.one
+            # The axis is the same in both clusters, since a rotation about it leaves it unchanged.
+            axes = (turned.resolved(axis[own.kind.axis]),)
+            slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
+        elif own is not None:
+            # A free rotation's speeds are in axes of the second node: the child's if outwards.
+            axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
+            slides = (dag.zero, dag.zero, dag.zero)
+            carrier = child if sign > 0 else inner
+            mount, outer = turned.turn, Point(child, zero)
+        parent, anchor = place.cluster, place.local
+        self.branches.append(
+            Branch(edge.name, sign, parent, inner, child, carrier, anchor, own, axes, slides, mount)
+        )
         return outer
 
 
@@ -334,37 +356,6 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
     if a is None or b is None:
         return a if b is None else b
     return vector.matmul(a, b)
-
-
-def _branch(
-    edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
-) -> tuple[Branch, Point]:
-    """Return a branch from ``place``, and its outer node; its rotation begins at ``turned``."""
-    dag = place.local[0].dag
-    zero, units = vector.zeros(dag), vector.identity(dag)
-    # At zero coordinates the child has the turn parent's axes, so the node rotation is the same.
-    inner, outer = turned.cluster, Point(child, zero, turned.turn)
-    carrier = inner if sign > 0 else child
-    mount: Matrix | None = None
-    axes: tuple[Vector, ...] = ()
-    slides: tuple[Node, ...] = ()
-    if own is not None and isinstance(own.kind, Freedom):
-        axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
-        slide = dag.zero if own.kind.rotates else dag.one
-        # The axis is the same in both clusters, since a rotation about it leaves it unchanged.
-        axes = (turned.resolved(axis[own.kind.axis]),)
-        slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
-    elif own is not None:
-        # Angular velocities of a free rotation are in axes of the edge's second node, which are the
-        # child's axes if the edge points outwards.
-        axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
-        slides = (dag.zero, dag.zero, dag.zero)
-        carrier = child if sign > 0 else inner
-        mount, outer = turned.turn, Point(child, zero)
-    branch = Branch(
-        edge.name, sign, place.cluster, inner, child, carrier, place.local, own, axes, slides, mount
-    )
-    return branch, outer
 
 
 def _inertias(

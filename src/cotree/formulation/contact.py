@@ -292,8 +292,7 @@ class Touching:
     facing: Facing  # normal direction of the contact
     surface: Surface  # shape of the second body
     direction: Facing  # direction in which the velocity is measured
-    #: Height of the first body's surface above its node, from which the gap in the normal direction
-    #: is computed; None for other directions.
+    #: Height of the first body's surface above its node, for the gap; None if not along the normal.
     rise: Node | None
 
     def value(self, view: View) -> Any:

@@ -116,8 +116,7 @@ def _motion_without_inertia(first: FirstGraph) -> tuple[Array, Array, Array] | N
     Also return the inertia that each speed moves, and the inertia beyond its joint.
     """
     n = len(first.system.speeds)
-    # Mass matrix above the constraint gradients: speeds in their common null space have neither
-    # inertia nor constraints.
+    # Speeds in the common null space of mass matrix and gradients have no inertia or constraint.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
     # The seed is fixed, so that a scene always has the same result.

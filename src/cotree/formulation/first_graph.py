@@ -64,8 +64,7 @@ def bind_events(
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
-    # In the order of ``event_expressions``: outputs, the condition of each event, then the new
-    # values and the restitution of each event.
+    # As in ``event_expressions``: outputs, conditions, then new values and restitution by event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
         _check(event, system, states, places, speeds)
@@ -321,8 +320,7 @@ def _measured(
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A name outside the networks denotes a variable of the mechanism. It affects the
-            # motion, so an angle must not jump at half a turn.
+            # A variable of the mechanism affects the motion: an angle must not jump.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value

@@ -184,23 +184,16 @@ def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     value, rate = _symbols(motion)
     law = edge.component.law
     if law is None:
+        # Within the law, its own arguments take precedence over other names.
+        own, signals = {"length": value, "rate": rate}, motion.system.signals
         formula = edge.expressions["force"].lower(
-            motion.system.dag, _with_names(motion, {"length": value, "rate": rate})
+            motion.system.dag, lambda name: own[name] if name in own else signals.node(name)
         )
     else:
         known = {**edge.scalars, "length": value, "rate": rate, "t": motion.system.time}
         formula = law.value(motion.system.dag, known)
     arguments = {value: (measure, False), rate: (measure, True)}
     yield _act(edge, f"{edge.name}.law", measure, formula, arguments, view)
-
-
-def _with_names(motion: Motion, own: Mapping[str, Node]) -> Any:
-    """Return a resolver of names in which the edge's own names take precedence."""
-
-    def resolve(name: str) -> Node:
-        return own[name] if name in own else motion.system.signals.node(name)
-
-    return resolve
 
 
 def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:

@@ -190,8 +190,7 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
             return sliding
         centre = vector.scale(1.0 / inertia.mass, inertia.moment)
         central = carried_inertia(inertia, vector.neg(centre)).tensor
-        # Several axes may span all directions, so the central tensor must be positive definite: its
-        # leading minors must be positive.
+        # Several axes may span all directions, so the central tensor must be positive definite.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
@@ -352,10 +351,8 @@ class LateMatrix(Sequence[Sequence["Node"]]):
     def __init__(
         self, form: Callable[[], Sequence[Sequence[Node]]], n: int, border: Sequence[Sequence[Node]]
     ) -> None:
-        self._form = form
+        self._form, self._n, self._border = form, n, border
         self._upper: Sequence[Sequence[Node]] | None = None
-        self._n = n
-        self._border = border
 
     def __len__(self) -> int:
         return self._n + len(self._border)

@@ -344,8 +344,7 @@ class Distance:
         """Return e.r'' + (r'.r' - (e.r')^2) / |r|."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
-        # Centripetal part: the squared velocity perpendicular to the line, divided by the length.
-        # It is singular if the nodes coincide.
+        # Centripetal: squared velocity across the line over length; singular if nodes coincide.
         across = (vector.dot(closing, closing) - rate * rate) / length
         return vector.dot(direction, self.ends.opening(view)) + across
 

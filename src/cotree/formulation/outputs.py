@@ -245,11 +245,8 @@ class Observer:
             total = total.plus(Wrench(zero, turning.torque))
         for action in self.loads.actions:
             if action.edge.name == edge.name:
-                inward = (action.force, action.torque)
-                force, torque = (
-                    inwards(self.motion.clusters, self.motion.frames, a, action.ancestor, 0)
-                    for a in inward
-                )
+                force = _in_ground(self.motion, action.force, action.ancestor)
+                torque = _in_ground(self.motion, action.torque, action.ancestor)
                 total = total.plus(Wrench(force, torque))
         return total
 
