@@ -251,8 +251,7 @@ def _d_pow_base(node: Node) -> Node:
 def _d_pow_exponent(node: Node) -> Node:
     dag = node.dag
     # At a base of zero the derivative is zero for positive exponents, although the logarithm is
-    # undefined: in Hill's law, the initial amount of a species may be zero. (Zero to the power 0 is
-    # one.)
+    # undefined: in Hill's law, the initial amount of a species may be zero.
     is_zero = -dag.function("abs", node)
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
@@ -313,8 +312,7 @@ def _of_call(node: Node) -> Jacobian:
     return [dict(enumerate(row)) for row in rows]
 
 
-#: Partial derivatives of operations with several results. Linear systems and maps are missing,
-#: since they are solved or applied again instead.
+#: Partial derivatives of operations with several results, except linear systems and maps.
 _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
     "table": lambda node: [{0: results(node, 2)[1]}, {}],  # the slope is piecewise constant
     "lookup": _of_lookup,
@@ -352,16 +350,14 @@ def _adjoints_of_several(node: Node, weights: Sequence[Node]) -> list[Node]:
 def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     """Solve A dx = db - dA x with the matrix of the node."""
     dag, n = node.dag, node.data.size
-    # The arguments are the rows of the matrix, the right-hand side, sizes if any, and the reference
-    # (cotree.dag.multi_output.solve).
+    # Arguments: rows of the matrix, right-hand side, sizes if any, and reference; see `solve`.
     matrix = [node.args[n * i : n * (i + 1)] for i in range(n)]
     x = results(node, n)
     right = list(along[n * n : n * n + n])
     for i in range(n):
         for j in range(n):
             right[i] = right[i] - along[n * i + j] * x[j]
-    # With the same matrix, sizes and reference, C factorises once for the value and its
-    # derivatives, with the same rank.
+    # Since the matrix is the same, C factorises once for the value and its derivatives.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
     return [*solved[:n], dag.zero, dag.zero]  # derivatives of rank and acceptance
 

@@ -46,8 +46,7 @@ if TYPE_CHECKING:
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
 #: Operations that are finite for all finite arguments, apart from overflow.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
-#: Number of columns in a block, which C processes together on most machines. Values that are zero
-#: in all columns of a block are not computed.
+#: Number of columns that C processes together; values that are zero in all of them are skipped.
 BLOCK = 4
 
 
@@ -83,8 +82,7 @@ class LinearMap:
             for node in self.order
             if node.op == "symbol" and node.data[0] == COLUMN
         }
-        # The union over all arguments is conservative: it contains all columns in which a value is
-        # nonzero, and maybe others.
+        # The union contains all columns in which a value is nonzero, and maybe others.
         return supports_of(self.order, own)
 
     @cached_property
@@ -286,8 +284,7 @@ def apply_map(
     return [flat[n * j : n * (j + 1)] for j in range(linear.n_columns)]
 
 
-#: Fraction of the largest entry, or of the reference of the matrix, below which pivots count as
-#: zero: a few hundred machine precisions.
+#: Fraction of the largest entry or of the reference below which pivots count as zero.
 RANK_TOLERANCE = 1e-13
 
 #: Ratio of the singular values above which a matrix certainly has full rank.
@@ -398,8 +395,7 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     # Rows of size zero, such as a constraint that no motion violates in a position, become zero.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
-    # With S = diag(scales), S A S y = S b is solved, and x = S y. Symmetry is preserved; in a
-    # singular system, y has minimum norm.
+    # With S = diag(scales): S A S y = S b and x = S y; in a singular system, y has minimum norm.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]

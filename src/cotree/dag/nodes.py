@@ -535,8 +535,7 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Each node was interned when it was formed, so the keys are in the order of the nodes. The
-    # cache ``formed`` is omitted.
+    # Nodes are interned when they are formed, so keys and nodes have the same order.
     return _dag_of, (rows, list(dag._interned), origins)
 
 

@@ -105,16 +105,14 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# Complex numbers are used only for complex steps: the real part selects branches, and the imaginary
-# part is infinitesimal.
+# For complex steps only: the real part selects branches, the imaginary part is infinitesimal.
 def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
 
 
 def _complex_atan2(y: complex, x: complex) -> complex:
     y0, x0 = complex(y).real, complex(x).real
-    # The angle between the perturbed and the real direction is infinitesimal, so the arctangent
-    # remains on its principal branch.
+    # The directions differ infinitesimally: the arctangent remains on its principal branch.
     return math.atan2(y0, x0) + cmath.atan((x0 * y - y0 * x) / (x0 * x + y0 * y))
 
 

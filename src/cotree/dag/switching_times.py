@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 #: Operations that may jump or have a kink at certain values of their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
-#: Operations that may be nearly zero during most of a period. If one of them depends on states,
-#: sines of time limit the step size.
+#: Operations that may be nearly zero during most of a period; those of states limit the step size.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
 #: Minimum number of steps per period of a sine of time if there is such an operation. A rectifier
@@ -208,8 +207,7 @@ def _is_fixed(line: _Line) -> bool:
 
 def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
     counts = {line.count for line in (a, b) if line.count is not None}
-    # Different numbers of periods cannot be combined, and the sum of a clipped line and another
-    # line has a kink at its start.
+    # Different counts cannot be combined; a sum with a clipped line has a kink at its start.
     if len(counts) > 1 or a.starts or b.starts:
         return None
     return _Line(
@@ -243,8 +241,7 @@ def _stops(node: Node, line: _Line) -> list[TimeEvent]:
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
     """Return the smallest limit of the step size, or infinity if there is none."""
-    # Limits are infinite for a rate of zero. They are zero for an infinite rate, which would halt a
-    # run: zero and nan are ignored.
+    # Limits are zero for an infinite rate, which would halt a run: zero and nan are ignored.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: Maximum number of times in a run, and of numbers stored for them (times, slopes and spreads).
-#: More times indicate wrong units.
+#: Maximum number of times in a run, and of numbers stored for them; more indicate wrong units.
 _MOST, _MOST_NUMBERS = 10_000_000, 30_000_000
 
 #: Number of times below which the search takes only milliseconds.
@@ -90,8 +89,7 @@ def find_restart_times(
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
     watch.check()
-    # The ends of a run do not depend on parameters. If an event at an end does, its slope becomes
-    # the spread at this end.
+    # The ends of a run do not depend on parameters; slopes of events there become spreads.
     at_end = (at_low | at_high)[:, None]
     spreads = np.where(at_end, np.abs(slopes), 0.0)
     slopes = np.where(at_end, 0.0, slopes)

@@ -166,8 +166,7 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
     """Form the squares and mixed products of the components of two vectors of equal value."""
-    # Mixed products are formed in one order, since both vectors have the same value. With duals,
-    # the two derivative terms contain both orders.
+    # One order suffices for equal values; with duals, the two derivative terms contain both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
@@ -293,8 +292,7 @@ def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vecto
     d0, d1, d2, d3 = d
     double = q0.dag.constant(2.0) / (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     imaginary, along = (q1, q2, q3), (d1, d2, d3)
-    # Im(conj(q) d) = q0 d - d0 q - q x d with the imaginary parts q and d. The other order of
-    # factors changes the sign of the cross product.
+    # Im(conj(q) d) = q0 d - d0 q - q x d; for d conj(q), the cross product changes its sign.
     straight = sub(scale(q0, along), scale(d0, imaginary))
     across = cross(imaginary, along)
     total = sub(straight, across) if is_own else add(straight, across)

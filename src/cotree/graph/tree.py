@@ -139,7 +139,6 @@ class Parts:
     def join(self, a: str, b: str) -> bool:
         """Join the parts of two nodes; return False if both are already in one part."""
         top, other = self.top(a), self.top(b)
-        # No effect if both nodes are already in one part.
         self._above[other] = top
         return top != other
 

@@ -163,8 +163,7 @@ class FewestUpdates:
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Off-diagonal pivots are chosen only if they cause no updates. Pivots are ordered by
-            # number of updates, then by position.
+            # Off-diagonal pivots only without updates; then by number of updates and position.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row

@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.elimination import Factors
 
-#: Smallest ratio of a squared constraint gradient to the sum of its squared terms. A row with a
-#: smaller ratio is scaled as if it had this one, so that rounding errors (a ratio of about 1e-31)
-#: remain below the rank tolerance.
+#: Smallest ratio of a squared constraint gradient to the sum of its squared terms. Rows are scaled
+#: with at least this one, so that rounding errors (about 1e-31) remain below the rank tolerance.
 _SMALLEST_SHARE = 1e-17
 
-
-#: Largest ratio of a multiplier to the multiplier that would balance its residual alone.
-#: Multipliers of rows that cannot be satisfied exceed it. It also amplifies rounding errors of
-#: residuals.
+#: Largest ratio of a multiplier to the multiplier that would balance its residual alone. It is
+#: exceeded in rows that cannot be satisfied, and amplifies rounding errors of residuals.
 _BEYOND = 1e4
 
 

@@ -616,8 +616,7 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may contain other measured values: substitute them into themselves, then into
-    # the values of the networks.
+    # Measured values may contain other measured values, so they are substituted twice.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
     unknowns = set(first.unknowns)

@@ -132,8 +132,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
     """Determine the clusters that depend on a seed, and their rotation along it."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
-    # Parents come first, so dependence propagates outwards to all clusters that a dependent cluster
-    # carries or rotates.
+    # Parents come first: dependence propagates outwards to all carried or rotated clusters.
     reached: set[int] = set()
     phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
     for geometry in first.geometry:
