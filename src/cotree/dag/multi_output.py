@@ -367,25 +367,6 @@ def solve_pivoted(
     return solution - basis @ (basis.T @ solution), rank, is_determined
 
 
-def _for_each_point(
-    function: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
-) -> Callable[[Any, Sequence[Any]], Sequence[Any]]:
-    """Extend a function of numbers to arrays of n points; undefined results are nan."""
-
-    def evaluate(data: Any, values: Sequence[Any]) -> Sequence[Any]:
-        if not any(np.ndim(value) for value in values):
-            return function(data, values)
-        rows = []
-        for point in np.array(np.broadcast_arrays(*values)).T.tolist():
-            try:
-                rows.append(function(data, point))
-            except (ArithmeticError, ValueError):
-                rows.append([math.nan] * n_results(data))
-        return list(np.array(rows).T)
-
-    return evaluate
-
-
 def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     n = data.size
     matrix = np.array(values[: n * n]).reshape(n, n)
@@ -510,9 +491,22 @@ class Several:
 
 
 def _pointwise(
-    evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
+    function: Callable[[Any, Sequence[Any]], Sequence[Any]], n_results: Callable[[Any], int]
 ) -> Several:
-    return Several(_for_each_point(evaluate, n_results), n_results)
+    """Extend a function of numbers to arrays of n points; undefined results are nan."""
+
+    def evaluate(data: Any, values: Sequence[Any]) -> Sequence[Any]:
+        if not any(np.ndim(value) for value in values):
+            return function(data, values)
+        rows = []
+        for point in np.array(np.broadcast_arrays(*values)).T.tolist():
+            try:
+                rows.append(function(data, point))
+            except (ArithmeticError, ValueError):
+                rows.append([math.nan] * n_results(data))
+        return list(np.array(rows).T)
+
+    return Several(evaluate, n_results)
 
 
 SEVERAL: dict[str, Several] = {

@@ -10,7 +10,7 @@ nan, so that no comparison is true.
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import partial, reduce
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -58,17 +58,11 @@ def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
 
 
 def _least(values: Sequence[Node]) -> Node:
-    least = values[0]
-    for value in values[1:]:
-        least = value.dag.select(least - value, value, least)
-    return least
+    return reduce(lambda least, x: x.dag.select(least - x, x, least), values)
 
 
 def _largest(values: Sequence[Node]) -> Node:
-    largest = values[0]
-    for value in values[1:]:
-        largest = value.dag.select(largest - value, largest, value)
-    return largest
+    return reduce(lambda largest, x: x.dag.select(largest - x, largest, x), values)
 
 
 def _hull(values: Iterable[Node]) -> Range:
