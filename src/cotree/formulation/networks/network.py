@@ -200,9 +200,7 @@ def form_network(
         terminals.kinks,
         used_by_friction(ports, fields),
         names,
-        tuple(
-            holding_of(ports[name], name, symbol, fields) for name, symbol in multipliers.items()
-        ),
+        tuple(holding_of(ports[name], symbol, fields) for name, symbol in multipliers.items()),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 

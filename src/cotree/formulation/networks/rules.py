@@ -21,6 +21,7 @@ from cotree.errors import FormulationError
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Iterable, Mapping
 
+    from cotree.components.terminal import Friction
     from cotree.scene.networks import Port
 
 
@@ -274,13 +275,9 @@ def friction_residual(terminal: Terminal) -> Law:
     """
     assert terminal.friction is not None
     own = terminal.friction
-    through, mode = argument("through"), argument(own.mode)
-    struck = impulse = ZERO
-    if own.presser:
-        impulse = argument(f"impulse{own.suffix}")
-        stuck, forward, backward, free, struck = pressed_weights(mode)
-    else:
-        stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
+    through = argument("through")
+    impulse = argument(f"impulse{own.suffix}") if own.presser else ZERO
+    stuck, forward, backward, free, struck = _friction_weights(own)
     # With this sign, the derivative with respect to the through variable is positive in every mode,
     # since the through variable opposes the motion.
     return (
@@ -308,16 +305,12 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
         return (held + struck) * multiplier, held + struck, jump
     own = terminal.friction
     assert own is not None
-    mode = argument(own.mode)
-    jump = ZERO
-    if own.presser:
-        stuck, forward, backward, _, struck = pressed_weights(mode)
-        impulse = argument(f"impulse{own.suffix}")
-        stuck, jump = stuck + struck, struck * impulse
-    else:
-        stuck, forward, backward, _ = mode_weights(mode, own.grip is not None)
+    stuck, forward, backward, _, struck = _friction_weights(own)
     sliding = forward * own.forward + backward * own.backward
-    return stuck * multiplier + sliding, stuck, jump
+    if not own.presser:
+        return stuck * multiplier + sliding, stuck, ZERO
+    share, jump = stuck + struck, struck * argument(f"impulse{own.suffix}")
+    return share * multiplier + sliding, share, jump
 
 
 @lru_cache(maxsize=1024)
@@ -344,26 +337,23 @@ def _stop_weights(mode: Law) -> tuple[Law, Law, Law]:
     )
 
 
-def mode_weights(mode: Law, may_be_free: bool) -> tuple[Law, Law, Law, Law]:
+def _friction_weights(friction: Friction) -> tuple[Law, Law, Law, Law, Law]:
     """Return expressions that are each one in one mode of friction and zero in all others.
 
-    Doubles represent them exactly for the modes 0, 1, -1, 2: stuck, forwards, backwards, free.
+    Doubles represent them exactly for the modes 0, 1, -1, 2 and 3: stuck, forwards, backwards, free
+    and, if the normal force acts in a stop, sticking in an impact.
     """
-    if not may_be_free:
-        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, ZERO
-    return (
-        (1 - mode**2) * (2 - mode) / 2,
-        mode * (mode + 1) * (2 - mode) / 2,
-        mode * (mode - 1) * (2 - mode) / 6,
-        mode * (mode**2 - 1) / 6,
-    )
-
-
-def pressed_weights(mode: Law) -> tuple[Law, Law, Law, Law, Law]:
-    """Return weights like :func:`mode_weights` for friction whose normal force acts in a stop.
-
-    The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
-    """
+    mode = argument(friction.mode)
+    if not friction.presser and friction.grip is None:
+        return 1 - mode**2, mode * (mode + 1) / 2, mode * (mode - 1) / 2, ZERO, ZERO
+    if not friction.presser:
+        return (
+            (1 - mode**2) * (2 - mode) / 2,
+            mode * (mode + 1) * (2 - mode) / 2,
+            mode * (mode - 1) * (2 - mode) / 6,
+            mode * (mode**2 - 1) / 6,
+            ZERO,
+        )
     return (
         (1 - mode**2) * (2 - mode) * (3 - mode) / 6,
         mode * (mode + 1) * (2 - mode) * (3 - mode) / 4,

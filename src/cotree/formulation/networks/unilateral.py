@@ -138,9 +138,7 @@ def reacting_fields(
     )
 
 
-def holding_of(
-    port: Port, name: str, multiplier: Node, fields: Mapping[tuple[str, str], Node]
-) -> Holding:
+def holding_of(port: Port, multiplier: Node, fields: Mapping[tuple[str, str], Node]) -> Holding:
     """Return share and jump of a port's unilateral constraint, with its multiplier."""
 
     def value(law: Law) -> Node:
@@ -148,7 +146,7 @@ def holding_of(
         return law.value(multiplier.dag, own)
 
     _, share, jump = holding_laws(port.terminal)
-    return Holding(name, multiplier, value(share), value(jump))
+    return Holding(port.name, multiplier, value(share), value(jump))
 
 
 def limit_law(port: Port, which: str) -> Law:
