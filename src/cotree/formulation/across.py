@@ -28,28 +28,25 @@ if TYPE_CHECKING:
 class Circuits:
     """Sums of an across variable along paths of the tree, each computed once."""
 
-    #: Topology and bases of the clusters.
-    clusters: Clusters
-    frames: Frames
+    motion: Motion
     #: Returns the across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
     #: In a sensitivity graph: the first graph's circuits, which supply unchanged values.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
-    def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
+    def between(self, ancestor: int, cluster: int) -> Vector:
         """Return the sum between two origins, in the basis of the ancestor ([1] eq. 2)."""
-        if self.known is not None and self.frames.is_kept(cluster):
-            return self.known.between(ancestor, cluster, zero)
-        total = zero
-        for branch in self.clusters.path(cluster, ancestor):
+        clusters, frames = self.motion.clusters, self.motion.frames
+        if self.known is not None and frames.is_kept(cluster):
+            return self.known.between(ancestor, cluster)
+        total = vector.zeros(self.motion.system.dag)
+        for branch in clusters.path(cluster, ancestor):
             # Paths from one ancestor share inner parts: each sum adds one term to a known sum.
             key = (ancestor, branch.child)
             if key not in self._sums:
                 # Sums are in the ancestor's basis, each term in its parent's basis.
-                step = inwards(
-                    self.clusters, self.frames, self.across(branch), branch.parent, ancestor
-                )
+                step = inwards(clusters, frames, self.across(branch), branch.parent, ancestor)
                 self._sums[key] = vector.add(total, step)
             total = self._sums[key]
         return total
@@ -92,15 +89,13 @@ class Motion:
     def positions(self) -> Circuits:
         """Position circuits between cluster origins."""
         known = None if self.first is None else self.first.positions
-        return Circuits(
-            self.clusters, self.frames, lambda branch: self.to(branch.child).offset, known
-        )
+        return Circuits(self, lambda branch: self.to(branch.child).offset, known)
 
     @cached_property
     def velocities(self) -> Circuits:
         """Velocity circuits between cluster origins."""
         known = None if self.first is None else self.first.velocities
-        return Circuits(self.clusters, self.frames, self._branch_velocity, known)
+        return Circuits(self, self._branch_velocity, known)
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
@@ -117,15 +112,13 @@ class Motion:
     def position(self, point: Point, ancestor: int = 0) -> Vector:
         """Return the vector from an ancestor's origin to a point, in the ancestor's basis."""
         arm = inwards(self.clusters, self.frames, self.arm(point), point.cluster, ancestor)
-        zero = vector.zeros(self.system.dag)
-        return vector.add(self.positions.between(ancestor, point.cluster, zero), arm)
+        return vector.add(self.positions.between(ancestor, point.cluster), arm)
 
     def velocity(self, point: Point, ancestor: int = 0) -> Vector:
         """Return a point's velocity relative to an ancestor's origin, in the ancestor's basis."""
         own = vector.cross(self.omega[point.cluster], self.arm(point))
         own = inwards(self.clusters, self.frames, own, point.cluster, ancestor)
-        zero = vector.zeros(self.system.dag)
-        return vector.add(self.velocities.between(ancestor, point.cluster, zero), own)
+        return vector.add(self.velocities.between(ancestor, point.cluster), own)
 
 
 @dataclass(frozen=True)
@@ -276,12 +269,8 @@ class View:
 
     @cached_property
     def _accelerations(self) -> Circuits:
-        return Circuits(
-            self.motion.clusters,
-            self.motion.frames,
-            lambda branch: self.across.across[branch.child - 1],
-            None if self.first is None else self.first._accelerations,
-        )
+        known = None if self.first is None else self.first._accelerations
+        return Circuits(self.motion, lambda branch: self.across.across[branch.child - 1], known)
 
     @cached_property
     def _rates(self) -> dict[Node, Node]:
@@ -313,11 +302,10 @@ class View:
 
     def acceleration(self, point: Point, ancestor: int) -> Vector:
         """Return a point's acceleration relative to an ancestor's origin."""
-        zero = vector.zeros(self.motion.system.dag)
         # Only the ground's origin accelerates against gravity: sums from an ancestor exclude it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
-        return vector.add(self._accelerations.between(ancestor, point.cluster, zero), own)
+        return vector.add(self._accelerations.between(ancestor, point.cluster), own)
 
     def omega(self, cluster: int, ancestor: int) -> Vector:
         """Return a cluster's angular velocity relative to an ancestor."""

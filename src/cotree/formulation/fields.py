@@ -46,28 +46,13 @@ class BoundEdge:
     expressions: Mapping[str, Expression]
 
 
-@dataclass(frozen=True)
-class Resolvers:
-    """Functions from names to nodes with increasing scope: parameters; time; all variables."""
-
-    constant: Resolver
-    timed: Resolver
-    signal: Resolver
-
-    def of(self, row: Field) -> Resolver:
-        """Return the function for the names that a field may use."""
-        if row.timed:
-            return self.timed
-        return self.constant if row.constant else self.signal
-
-
 def bind_edge(
-    edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
+    edge: Edge, dag: Dag, names_of: Callable[[Field], Resolver], at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
     """Bind the fields of an edge to nodes, and normalise its axes; also return the guards.
 
-    ``at_scene`` evaluates nodes of parameters at scene values. Raise ParameterError if an axis has
-    no direction or a constant has the wrong sign.
+    ``names_of`` returns the nodes of the names that a field may use; ``at_scene`` evaluates nodes
+    of parameters. Raise ParameterError if an axis has no direction or a constant has a wrong sign.
     """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
@@ -77,7 +62,7 @@ def bind_edge(
     for name, value in edge.fields.items():
         row = edge.component.field(name)
         assert row is not None  # the scene has checked that the component has this field
-        resolve = resolvers.of(row)
+        resolve = names_of(row)
         if row.shape is Shape.EXPRESSION:
             assert isinstance(value, Expression)
             expressions[name] = value

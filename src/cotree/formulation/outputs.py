@@ -269,8 +269,7 @@ class Observer:
         self, cluster: int, sign: int, force: Vector, torque: Vector, second: Point
     ) -> Wrench:
         """Move a wrench from a cluster's origin to the second node; transform it to ground axes."""
-        zero = vector.zeros(self.motion.system.dag)
-        origin = self.motion.positions.between(0, cluster, zero)
+        origin = self.motion.positions.between(0, cluster)
         force = vector.signed(sign, _in_ground(self.motion, force, cluster))
         torque = vector.signed(sign, _in_ground(self.motion, torque, cluster))
         arm = vector.sub(origin, self.motion.position(second))
@@ -297,14 +296,13 @@ class Observer:
     def _kinetic(self) -> Node:
         """Return the sum of (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over all clusters."""
         motion = self.motion
-        zero = vector.zeros(motion.system.dag)
         total = motion.system.dag.zero
         for cluster, inertia in enumerate(self.loads.inertias[1:], start=1):
             if inertia is None:
                 continue
             omega = motion.omega[cluster]
             # h and J refer to the cluster's origin, hence the mixed term.
-            v = motion.velocities.between(0, cluster, zero)
+            v = motion.velocities.between(0, cluster)
             carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
             spin = vector.dot(omega, vector.times(inertia.tensor, omega))
             total = total + 0.5 * (inertia.mass * vector.dot(v, v) + spin) + vector.dot(v, carried)
@@ -313,13 +311,12 @@ class Observer:
     def _potential(self) -> Node:
         """Return the potential energy of gravity and of linear springs."""
         motion, system = self.motion, self.motion.system
-        zero = vector.zeros(system.dag)
         total = system.dag.zero
         for cluster, inertia in enumerate(self.loads.inertias[1:], start=1):
             if inertia is None:
                 continue
             # First moment about the ground's origin: m r + h.
-            place = vector.scale(inertia.mass, motion.positions.between(0, cluster, zero))
+            place = vector.scale(inertia.mass, motion.positions.between(0, cluster))
             first = vector.add(place, _in_ground(motion, inertia.moment, cluster))
             total = total - vector.dot(system.gravity, first)
         for action in self.loads.actions:

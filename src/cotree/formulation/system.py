@@ -15,7 +15,6 @@ from cotree.equations import State
 from cotree.formulation.fields import (
     FieldNames,
     Resolver,
-    Resolvers,
     bind_edge,
     initial_values,
     lower_vector,
@@ -28,7 +27,7 @@ from cotree.scene.parameters import parameter_nodes, parameter_values
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from cotree.components import MotionStep
+    from cotree.components import Field, MotionStep
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.vector import Vector
     from cotree.equations import Guard
@@ -177,12 +176,17 @@ def bind(
         of_modes | dict.fromkeys((*scene.inputs, *scene.outputs), _DRIVEN),
         _DRIVEN,
     )
-    resolvers = Resolvers(of_parameters, held, signals.node)
+
+    def names_of(row: Field) -> Resolver:
+        if row.timed:
+            return held
+        return of_parameters if row.constant else signals.node
+
     edges: dict[str, BoundEdge] = {}
     guards: list[Guard] = []
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
-            edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
+            edges[edge.name], own = bind_edge(edge, dag, names_of, at_scene)
             # Two time derivatives of a prescribed motion enter the equations, so it must not jump.
             guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
