@@ -285,10 +285,7 @@ def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     forces = _ContactForces(_exponent(edge, given), "normal" in given, has_friction)
     own = replace(
-        CONTACT,
-        ports=forces.ports(n_spots),
-        measures=pushes(n_spots),
-        geometry=geometry_of(given),
+        CONTACT, ports=forces.ports(n_spots), measures=pushes(n_spots), geometry=geometry_of(given)
     )
     return own, nodes, {name: value for name, value in given.items() if name != "exponent"}
 
@@ -407,12 +404,7 @@ def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
 RIGID_CONTACT = scalar(
     "rigid_contact",
     "rigid contact of two bodies, with impacts and dry friction",
-    (
-        *SHAPES,
-        RESTITUTION,
-        _rest_speed("m/s"),
-        FRICTION,
-    ),
+    (*SHAPES, RESTITUTION, _rest_speed("m/s"), FRICTION),
     *_ports(1, True),
     adapt=_adapt_rigid,
     geometry=GEOMETRY,

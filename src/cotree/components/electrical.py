@@ -184,14 +184,7 @@ CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per contr
 
 # Infinite gain keeps input voltage and current zero. The rest of the network determines output
 # voltage and current.
-_INPUT = Terminal(
-    _DOMAIN,
-    Kind.NULLATOR,
-    "input",
-    across=ZERO,
-    through=ZERO,
-    is_passive=False,
-)
+_INPUT = Terminal(_DOMAIN, Kind.NULLATOR, "input", across=ZERO, through=ZERO, is_passive=False)
 _OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
 
 IDEAL_OP_AMP = scalar(
@@ -233,14 +226,7 @@ def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay
 
 
 def _pulse(
-    t: Any,
-    low: Any,
-    high: Any,
-    delay: Any,
-    rise: Any,
-    fall: Any,
-    width: Any,
-    period: Any,
+    t: Any, low: Any, high: Any, delay: Any, rise: Any, fall: Any, width: Any, period: Any
 ) -> Any:
     # ``s`` is the time since the start of the current period, negative before the first pulse.
     count = floor(larger((t - delay) / period, 0))

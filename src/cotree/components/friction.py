@@ -116,12 +116,7 @@ def _stribeck(unit: str) -> Field:
 
 def _dry(domain: str, force: str, force_unit: str, speed_unit: str) -> Component:
     dry = _DryFriction(
-        domain,
-        argument(force),
-        argument("breakaway"),
-        "breakaway",
-        (force,),
-        backward="backward",
+        domain, argument(force), argument("breakaway"), "breakaway", (force,), backward="backward"
     )
     fields = (
         value(force, force_unit, f"{force} of dry friction in sliding", "nonnegative"),

@@ -132,13 +132,7 @@ def _spring(m: _Motion) -> Component:
 
 
 def _stop_law(
-    stretch: Any,
-    across: Any,
-    lower: Any,
-    upper: Any,
-    stiffness: Any,
-    damping: Any,
-    transition: Any,
+    stretch: Any, across: Any, lower: Any, upper: Any, stiffness: Any, damping: Any, transition: Any
 ) -> Any:
     """Return the force of the stops at both limits, which sets in smoothly over ``transition``."""
     # The penetration (x + sqrt(x^2 + d^2)) / 2 tends to zero below the limit and to x beyond it,

@@ -215,10 +215,7 @@ def make_network_component(
 
 
 def _places(
-    name: str,
-    ports: Iterable[str],
-    terminals: Sequence[str],
-    between: Mapping[str, Sequence[str]],
+    name: str, ports: Iterable[str], terminals: Sequence[str], between: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, str]]:
     """Return the two nodes of each port, and check that they are terminals or the ground."""
     if not terminals:

@@ -82,11 +82,4 @@ HEAT_SOURCE = through_source(
     value("heat_flow", "W", "heat flow inside the source, positive from plus to minus", ""),
 )
 
-COMPONENTS = (
-    HEAT_CAPACITOR,
-    RESISTOR,
-    CONVECTION,
-    RADIATION,
-    TEMPERATURE_SOURCE,
-    HEAT_SOURCE,
-)
+COMPONENTS = (HEAT_CAPACITOR, RESISTOR, CONVECTION, RADIATION, TEMPERATURE_SOURCE, HEAT_SOURCE)

@@ -174,9 +174,7 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
         PortMeasure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
         PortMeasure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
         PortMeasure(
-            "vce",
-            "V",
-            (be, (-1, "across", "bc"), *drop(1, "collector"), *drop(-1, "emitter")),
+            "vce", "V", (be, (-1, "across", "bc"), *drop(1, "collector"), *drop(-1, "emitter"))
         ),
     )
 

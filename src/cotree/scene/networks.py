@@ -244,10 +244,6 @@ def _is_meter(port: Port) -> bool:
 
 def _open(source: Port, tail: str, head: str, measured: str) -> Port:
     terminal = Terminal(
-        source.terminal.domain,
-        Kind.THROUGH_SOURCE,
-        measured,
-        through=ZERO,
-        is_passive=False,
+        source.terminal.domain, Kind.THROUGH_SOURCE, measured, through=ZERO, is_passive=False
     )
     return Port(f"{source.name}.{measured}", source.edge, terminal, PortEnds(tail, head))
