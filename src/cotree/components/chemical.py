@@ -65,8 +65,7 @@ def _mass_action(
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
         concentrations = rest[-len(names) :] if names else ()
         powers = zip(concentrations, orders, products, strict=True)
-        # Law of mass action (Guldberg and Waage): the rate is a constant times the product of the
-        # reactant concentrations, each to the power of its stoichiometric number.
+        # Law of mass action (Guldberg and Waage): rate = k * product of concentrations ** orders.
         forth, back = rate, rest[0] if is_reversible else 0
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product

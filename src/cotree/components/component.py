@@ -210,8 +210,7 @@ class Component:
     @property
     def tree_weight(self) -> float | None:
         """Weight of the edge as a branch of the tree; None if it cannot be a branch."""
-        # Each branch adds as many coordinates as its motion space has dimensions, and a free body
-        # adds six, so that a tree of minimum weight has the fewest coordinates.
+        # The weight is the number of coordinates: dimensions of the motion space, six for a body.
         if self.role is Role.ARM:
             return 0.0
         if self.role is Role.JOINT:

@@ -33,8 +33,7 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (argument(f"{prefix}_{name}") for name in names)
     share = argument("forward_share") if share is None else share
-    # ``over`` is v/V - F if positive, else zero. It limits the base and is the argument of the
-    # tangent.
+    # ``over`` = max(v/V - F, 0) limits the base and is the argument of the tangent.
     over = larger(voltage / potential - share, 0)
     base = 1 - voltage / potential + over
     # Value and slope are continuous at the start of the tangent.

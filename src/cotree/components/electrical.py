@@ -50,8 +50,7 @@ RESISTOR = resistance(
     value("resistance", "ohm", "resistance R in v = R i", "nonzero"),
 )
 
-# The law is i = C dv/dt even if C depends on states. A nonlinear capacitor whose charge is a
-# function of voltage conserves charge, because its law is i = dq/dt.
+# i = C dv/dt even if C depends on states; a nonlinear capacitor has i = dq/dt instead.
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
@@ -90,8 +89,7 @@ def _charge(port: str) -> Terminal:
     )
 
 
-# Each charge depends on both voltages. The matrix of their derivatives need not be symmetric, so
-# that neither port is passive.
+# The capacitance matrix need not be symmetric, so that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
     "two charges relative to a common terminal, each a function of both voltages",
@@ -107,8 +105,7 @@ THREE_TERMINAL_CAPACITOR = scalar(
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
     """Return a contact's resistance, interpolated logarithmically between open and closed."""
-    # The two resistances differ by many decades. Interpolation of their logarithms keeps the slope
-    # moderate relative to the resistance.
+    # The resistances differ by decades: interpolated logarithms keep relative slopes moderate.
     share = select(-closed, 0, select(closed - 1, 1, closed))
     return off_resistance * exp(share * log(on_resistance / off_resistance))
 
@@ -159,8 +156,7 @@ def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
     """Build a source of voltage or current that is controlled by a voltage or current."""
-    # The controlled port exchanges power that the controlling port does not supply, so that these
-    # components are not passive.
+    # The controlling port does not supply the power of the controlled port: neither is passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
@@ -182,8 +178,7 @@ CCVS = _controlled(
 CCCS = _controlled("cccs", False, False, ("gain", "1", "output current per control current"))
 
 
-# Infinite gain keeps input voltage and current zero. The rest of the network determines output
-# voltage and current.
+# Infinite gain: input voltage and current are zero; the network determines the output.
 _INPUT = Terminal(_DOMAIN, Kind.NULLATOR, "input", across=ZERO, through=ZERO, is_passive=False)
 _OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
 

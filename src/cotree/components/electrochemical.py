@@ -38,8 +38,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
-        # ``voltage`` may depend on the state of charge, which is the integral of the through
-        # variable.
+        # ``voltage`` may depend on the state of charge, the integral of the through variable.
         across=argument("voltage"),
         integral=STATE_OF_CHARGE,
     ),
@@ -93,8 +92,7 @@ DOUBLE_LAYER = scalar(
 def _nernst(
     standard_potential: Any, oxidised: Any, reduced: Any, electrons: Any, temperature: Any
 ) -> Any:
-    # Nernst equation E = E0 + R T / (n F) ln(oxidised / reduced). Units of the two concentrations
-    # cancel.
+    # Nernst equation E = E0 + R T / (n F) ln(oxidised / reduced), with any concentration unit.
     return standard_potential + _thermal_voltage(temperature) / electrons * log(oxidised / reduced)
 
 
@@ -143,8 +141,7 @@ def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
 
 
 def _measures(pairs: Sequence[int]) -> tuple[PortMeasure, ...]:
-    # Terminal voltage is the sum along the chain. The voltage of an RC pair is that of its
-    # capacitor.
+    # Terminal voltage is the sum along the chain; that of an RC pair is that of its capacitor.
     parts = ("series", *(f"pair{i}" for i in pairs), "")
     return (
         PortMeasure("v", "V", tuple((1, "across", part) for part in parts)),

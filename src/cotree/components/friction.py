@@ -34,8 +34,7 @@ class _DryFriction:
     force: Law  # dry friction force while sliding
     raised: Law  # maximum force at rest, if the field named by ``peak`` is given
     peak: str  # name of the field with the maximum force at rest
-    #: Fields that are factors of the force: friction is disengaged if one of them is zero. The last
-    #: one may be a table over speeds.
+    #: Factors of the force: friction is disengaged if one is zero. The last may be a speed table.
     factors: tuple[str, ...]
     is_one_way: bool = False
     backward: str = ""  # field with the force of backward sliding, if that may differ
@@ -54,8 +53,7 @@ class _DryFriction:
         upper, lower = (pressed(self.raised),) * 2 if self.peak in given else (sliding, back)
         forward, backward = sliding, back
         if "stribeck_speed" in given:
-            # Stribeck curve from the force at rest to the sliding force (L. C. Bo, D. Pavelescu,
-            # Wear 82 (1982) 277, with exponent two).
+            # Stribeck curve with exponent two (L. C. Bo, D. Pavelescu, Wear 82 (1982) 277).
             share = exp(-((across / argument("stribeck_speed")) ** 2))
             forward += (upper - sliding) * share
             backward += (lower - back) * share

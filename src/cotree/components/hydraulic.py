@@ -39,8 +39,7 @@ def _root(pressure: Any, transition: Any) -> Any:
     return sqrt(size) * u * (45 - 18 * u**2 + 5 * u**4) / 32
 
 
-# Turbulent flow by Torricelli's law, Q = Cd A sqrt(2 dp / rho), with the sign of dp. The root alone
-# would have an infinite slope at zero, where Newton steps and sensitivities would fail.
+# Torricelli: Q = Cd A sqrt(2 dp / rho). The root alone has an infinite slope at dp = 0.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
     return coefficient * area * sqrt(2 / density) * _root(across, transition)
 

@@ -158,8 +158,7 @@ class Law:
         value: Node
         partials: dict[str, Node]
         value, partials = dag.formed[key]
-        # Chain rule of the sensitivity terminal equation (Eq. (4)): partial derivatives times
-        # tangents.
+        # Sensitivity terminal equation (Eq. (4)): partial derivatives times tangents.
         d = dag.zero
         for name, partial in partials.items():
             if name in changing:

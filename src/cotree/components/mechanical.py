@@ -135,8 +135,7 @@ def _stop_law(
     stretch: Any, across: Any, lower: Any, upper: Any, stiffness: Any, damping: Any, transition: Any
 ) -> Any:
     """Return the force of the stops at both limits, which sets in smoothly over ``transition``."""
-    # The penetration (x + sqrt(x^2 + d^2)) / 2 tends to zero below the limit and to x beyond it,
-    # and is d / 2 at the limit.
+    # (x + sqrt(x^2 + d^2)) / 2 tends to 0 below the limit and to x beyond it, and is d / 2 at it.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sqrt(x**2 + transition**2) for x in (above, below))
     # Damping is proportional to the derivative of the penetration, which rises from 0 to 1.
@@ -190,8 +189,7 @@ def _backlash(m: _Motion) -> Component:
         def law(stretch: Any, across: Any, lower: Any, upper: Any, k: Any, d: Any) -> Any:
             above = k * larger(stretch - upper, 0) if has_upper else 0
             below = k * larger(lower - stretch, 0) if has_lower else 0
-            # The damping force is at most as large as the elastic force, so that contact never
-            # pulls and the force does not jump when contact begins.
+            # Damping is at most the elastic force: contact never pulls and begins without a jump.
             reach = above + below
             return above - below + larger(-reach, smaller(reach, d * across))
 
@@ -273,8 +271,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Velocity sources, which are constraints if they act on joints: whether they rotate, and their
-#: field.
+#: Velocity sources, constraints if they act on joints: whether they rotate, and their field.
 VELOCITY_SOURCES = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
@@ -295,8 +292,7 @@ INERTIA = storage(
     is_absolute=True,
 )
 
-# The damper in parallel with the spring makes the shaft a dissipator, because torque and stretch
-# determine the relative speed.
+# Torque and stretch determine the relative speed of the damper: the shaft is a dissipator.
 SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",

@@ -42,8 +42,7 @@ def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionSte
     return sliding if is_particle else (*sliding, FreeRotation())
 
 
-# The inertia edge runs from the ground to the centre of mass, for which Newton's equation contains
-# only translation and Euler's equation only rotation.
+# The inertia edge ends at the centre of mass, which decouples translation and rotation.
 RIGID_BODY = Component(
     "rigid_body",
     Role.BODY,
@@ -68,8 +67,7 @@ _ROTATION = Field(
     Shape.ROTATION,
 )
 
-# An arm adds no coordinate, since its motion space is empty. It keeps a plane only if its vector is
-# in the plane.
+# An arm has no coordinate. It keeps a plane only if its vector is in the plane.
 ARM = Component(
     "arm",
     Role.ARM,
@@ -162,8 +160,7 @@ CYLINDRICAL = Component(
     ),
 )
 
-# The order of the freedoms matters, because each axis is fixed in the frame that the previous
-# freedoms have moved. Rotations about two different axes keep no plane.
+# Each axis is fixed in the frame moved by previous freedoms; two rotations keep no plane.
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
@@ -203,8 +200,7 @@ FREE = Component(
     motion_space=body_space("", is_particle=False),
 )
 
-# A screw has one freedom: the pitch relates translation to rotation, and the reaction wrench does
-# no work on the combined motion.
+# A screw has one freedom: pitch relates translation to rotation, and reactions do no work.
 SCREW = Component(
     "screw",
     Role.JOINT,
@@ -252,8 +248,7 @@ SLOT = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# The constraint is nonholonomic: it restricts a velocity but no position, since a blade that turns
-# can reach every point.
+# Nonholonomic: restricts a velocity but no position, since a turning blade reaches all points.
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
@@ -270,8 +265,7 @@ KNIFE_EDGE = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# One equation constrains the height of the disc's centre, and two constrain the slip velocity in
-# the plane.
+# One equation for the height of the disc's centre, two for the slip velocity in the plane.
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,

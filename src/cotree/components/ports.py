@@ -98,8 +98,7 @@ def ideal_coupling(
     """
     sign = -1 if reverses else 1
     laws = (
-        # The laws v1 = r v2 and f2 = -r f1, each solved for both variables, because the tree
-        # determines which form is needed. The order is v1, f1, v2, f2.
+        # v1 = r v2 and f2 = -r f1, each solved for both variables; the tree selects a form.
         (f"across_{second[1]}", lambda v, r: sign * r * v),
         (f"through_{second[1]}", lambda f, r: -f / (sign * r)),
         (f"across_{first[1]}", lambda v, r: v / (sign * r)),
@@ -160,8 +159,7 @@ def loss_of(component: Component) -> Law | None:
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
-        # A single port has an empty name, so that the heat port calls its variables ``across_`` and
-        # ``through_``.
+        # A single port has an empty name: its variables are ``across_`` and ``through_`` here.
         return Law(lambda across_, through_: across_ * through_)
     return None
 

@@ -278,8 +278,7 @@ def _terminal(
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
-        # The rate is tested first, because a storage may also depend on across, such as a leaky
-        # capacitor.
+        # The rate comes first, since storages may also depend on across, as leaky capacitors do.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -295,8 +294,7 @@ def _terminal(
         across=None if is_through else law,
         through=law if is_through else None,
         storage=storage,
-        # The slopes of a user-defined law are unknown, so that its equations are not assumed to be
-        # symmetric and positive definite.
+        # Slopes of user-defined laws are unknown: equations may be neither symmetric nor definite.
         is_passive=False,
         between=between,
     )

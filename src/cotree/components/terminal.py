@@ -81,11 +81,9 @@ class Friction:
     #: upper limit, and backwards below the lower one. None if it never slides in that direction.
     upper: Law
     lower: Law | None
-    #: Law that is positive while friction is engaged; otherwise through is zero. None if friction
-    #: is always engaged.
+    #: Law that is positive while friction is engaged; otherwise through is zero. None: always.
     grip: Law | None = None
-    #: Law whose sign is the argument ``side`` of the sliding laws. These are continuous where it is
-    #: zero.
+    #: Law whose sign is the argument ``side`` of the sliding laws, continuous where it is zero.
     load: Law | None = None
     #: Port of the same component whose rigid stop provides the normal force; empty if there is
     #: none. Friction is disengaged while the stop is open, and also acts in impacts at the stop.
@@ -139,14 +137,11 @@ class Terminal:
     domain: str  # domain of the graph that contains the port's edge
     kind: Kind  # kind of the port in the normal tree
     port: str = ""  # name of the port; empty if the component has only one port
-    #: Explicit law of the across variable; for through storages, the term that is added to
-    #: ``inertance * rate``.
+    #: Explicit law of across; for through storages, the term added to ``inertance * rate``.
     across: Law | None = None
-    #: Explicit law of the through variable; for across storages, the term that is added to
-    #: ``capacity * rate``.
+    #: Explicit law of through; for across storages, the term added to ``capacity * rate``.
     through: Law | None = None
-    #: Capacity or inertance of a storage; for a spring whose law is linear in ``stretch``, its
-    #: stiffness.
+    #: Capacity or inertance of a storage; stiffness of a spring that is linear in ``stretch``.
     storage: Law | None = None
     #: For a storage given by its content, the content as a function of the port's state variable,
     #: of those of sibling ports and of fields. Examples are charge as a function of voltage, flux
@@ -155,19 +150,15 @@ class Terminal:
     content: Law | None = None
     #: Whether the linear equations of the terminal are symmetric and positive definite.
     is_passive: bool = True
-    #: Terminals at head and tail if ports of the component share nodes. ``ground`` is the
-    #: reference; names that are not terminals are inner nodes.
+    #: Terminals or inner nodes at head and tail if ports share nodes; ``ground`` is the reference.
     between: tuple[str, str] = ("", "")
-    #: The state called ``stretch``, by default the integral of across if the domain has a name for
-    #: it.
+    #: The state called ``stretch``, by default the integral of across if the domain names it.
     integral: Integral | None = None
     #: Whether the tail must be the ground, the reference of motion and concentrations.
     is_absolute: bool = False
-    #: Laws of dry friction. The field ``mode``, which :mod:`cotree.scene.unilateral` adds,
-    #: selects one.
+    #: Laws of dry friction; the field ``mode`` of :mod:`cotree.scene.unilateral` selects one.
     friction: Friction | None = None
-    #: Laws of a rigid stop. The field ``mode``, which :mod:`cotree.scene.unilateral` adds, is
-    #: zero if the stop is open.
+    #: Laws of a rigid stop; the field ``mode`` of :mod:`cotree.scene.unilateral` is 0 if open.
     stop: Stop | None = None
     touch: Touch | None = None  # for a contact of two bodies: the direction in which the port acts
 

@@ -30,8 +30,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     current = Law.taking(
         ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
     )
-    # The coupling with the moving part makes the winding's equations unsymmetric, so that it is not
-    # passive.
+    # Coupling with the moving part makes the winding's equations unsymmetric: it is not passive.
     resistive = Terminal(
         "electrical",
         Kind.DISSIPATOR,
@@ -116,8 +115,7 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
-    # In v = R i + d(L(s) i)/dt the storage provides L di/dt. This law provides the remaining terms,
-    # R i + L'(s) s_dot i.
+    # v = R i + d(L(s) i)/dt: the storage provides L di/dt, this law R i + L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 

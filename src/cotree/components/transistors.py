@@ -161,8 +161,7 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
         return ((sign, "across", end),) if end in inner else ()
 
-    # ``drop`` is the voltage from a terminal to its inner node; at the emitter it has the opposite
-    # sign.
+    # ``drop`` is the voltage from a terminal to its inner node; the emitter has the opposite sign.
     be, bc = (1, "across", "be"), (1, "across", "bc")
     # The substrate current flows to the collector in npn transistors, and to the base in pnp ones.
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
@@ -212,11 +211,9 @@ class _Laws:
         return q1 / 2 * (1 + sqrt(larger(1 + 4 * q2, 1e-6)))
 
     def _current(self, own: str) -> Any:
-        # Transport current from collector to emitter through the base, without recombination in the
-        # base.
+        # Transport current from collector to emitter, without recombination in the base.
         transport = (self.forward - self.reverse) / self._base_charge()
-        # The transport current is positive at the be port and negative at the bc port. It cancels
-        # in the base current, which is the sum of both port currents.
+        # The transport current has opposite signs at the be and bc ports; it cancels in the base.
         if own == "be":
             total = transport + self.forward / argument("forward_gain")
         else:
@@ -260,13 +257,11 @@ class _Laws:
 
     def substrate(self, between: tuple[str, str]) -> Terminal:
         """Build the port of the substrate junction, which never conducts forwards."""
-        # The p substrate adjoins n material, which is the collector of npn and the base of pnp
-        # transistors. Both have the same polarity, so that no sign enters.
+        # The p substrate adjoins n material, the collector of npn and the base of pnp: equal signs.
         v, storage, kind = argument("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
-            # The junction is always reverse biased, so that the linear continuation begins at zero
-            # voltage.
+            # The junction is reverse biased: its linear continuation begins at zero voltage.
             storage = depletion_capacity(v, "substrate", share=0)
         leakage = argument("leakage") * v if "leakage" in self.has else ZERO
         return Terminal(
@@ -300,8 +295,7 @@ def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
             )
         if not has and not has_substrate:
             return plain, nodes, rest
-        # The charge of the be junction then also depends on vbc, so that its current depends on the
-        # rate of vbc, which exists only if the bc port is a storage.
+        # The be charge then also depends on vbc, whose rate exists only if bc is a storage.
         is_coupled = "forward_transit_time" in has and has & BASE_CHARGE
         if is_coupled and not has & _CHARGES["bc"]:
             raise SceneError(
@@ -320,9 +314,8 @@ def _bipolar(name: str, doc: str, sign: int) -> Component:
     """
 
     def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
-        # The port current is the junction current times 1 + 1/gain, minus that of the other
-        # junction, because the transport current flows through the base from one junction to the
-        # other.
+        # Junction current times 1 + 1/gain, minus that of the other junction: the transport current
+        # flows through the base from one junction to the other.
         own = junction_current(sign * across, current, thermal_voltage)
         return sign * (
             own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
@@ -376,9 +369,8 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
         # region.
         at_source = vgs - sign * threshold
         a, b = (larger(above, 0) for above in (at_source, at_source - vds))
-        # In the ohmic region a - b equals vds, but the difference suffers from cancellation for
-        # small vds. At a gate voltage of 2 V, rounding would cause a current of about 1e-18 A at
-        # zero vds.
+        # In the ohmic region a - b equals vds, but cancellation would cause a current of about
+        # 1e-18 A at zero vds and a gate voltage of 2 V.
         is_open = smaller(at_source, at_source - vds)
         across_channel = select(-is_open, a - b, vds)
         channel = factor / 2 * (1 + modulation * magnitude(vds)) * ((a + b) * across_channel)
